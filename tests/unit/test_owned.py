@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The records and the files written by rename."""
+
+import os
+import signal
+import time
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _owned
+
+
+def test_write_replaces_content_and_mode(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"old")
+    _owned.write_by_rename(str(path), b"new", mode=0o640)
+    assert path.read_bytes() == b"new"
+    assert path.stat().st_mode & 0o777 == 0o640
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_failed_write_leaves_the_old_file(tmp_path):
+    folder = tmp_path / "target"
+    folder.mkdir()
+    (folder / "inside").touch()
+    with pytest.raises(OSError):
+        _owned.write_by_rename(str(folder), b"a file cannot replace a folder")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["target"]
+
+
+def test_killed_writer_leaves_old_or_new_and_no_leftover_after_the_next_run(tmp_path):
+    path = tmp_path / "file"
+    versions = [b"a" * 200_000, b"b" * 200_000]
+    path.write_bytes(versions[0])
+    for number in range(20):
+        child = os.fork()
+        if child == 0:
+            while True:
+                _owned.write_by_rename(str(path), versions[number % 2])
+        time.sleep(0.002 + number * 0.001)
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        assert path.read_bytes() in versions
+    _owned.write_by_rename(str(path), b"last")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_record_comes_and_goes_with_its_folder(tmp_path):
+    folder = tmp_path / "a" / "records"
+    first, second = _owned.Record("first", str(folder)), _owned.Record("second", str(folder))
+    assert first.load() == {}
+    first.save({"x": 1})
+    second.save({"y": 2})
+    assert first.load() == {"x": 1}
+    first.save({})
+    assert folder.is_dir()
+    second.save({})
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("content", [b"{", b"[1]", b"\xff"])
+def test_a_broken_record_is_a_sentence(tmp_path, content):
+    (tmp_path / "broken.json").write_bytes(content)
+    with pytest.raises(_owned.Problem, match="broken.json"):
+        _owned.Record("broken", str(tmp_path)).load()
+
+
+def test_make_folders_tells_what_it_made(tmp_path):
+    assert _owned.make_folders(str(tmp_path / "a" / "b")) == [str(tmp_path / "a"), str(tmp_path / "a" / "b")]
+    assert _owned.make_folders(str(tmp_path / "a" / "b")) == []
+    assert _owned.remove_folder_if_empty(str(tmp_path / "a")) is False
