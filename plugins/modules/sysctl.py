@@ -1,0 +1,313 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: sysctl
+short_description: Kernel settings, at run time and at boot
+version_added: "0.1.0"
+description:
+  - Sets kernel settings now, through C(/proc/sys), and at boot, by a drop-in that this module owns whole.
+    It never changes somebody else's file.
+  - Computes which file decides every setting at boot, over all folders of V(sysctl.d) in the order in which they are read,
+    C(/etc/sysctl.conf) where something reads it, ufw's own file, systemd-networkd and docker.
+    A setting that would have another value after the next boot is a conflict, see O(on_conflict).
+  - C(net/ipv4/ip_forward), C(-net.ipv4.ip_forward) and C(net.ipv4.ip_forward) are one key,
+    and so is C(net.ipv4.conf.all.forwarding), which is another name of the same variable of the kernel.
+  - The values from before are recorded. A setting that is no longer listed is taken back,
+    so that an empty list takes back everything. A value that somebody else has changed since then is left and named.
+  - When a write fails half way, the values that were written before it are put back, and the drop-in is untouched.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes
+options:
+  settings:
+    description:
+      - The kernel settings that this computer shall have; V([]) takes back everything that this module set.
+    type: list
+    elements: dict
+    required: true
+    suboptions:
+      name:
+        description:
+          - The key, with dots or slashes as in C(sysctl.d(5\)), for example V(net.ipv4.ip_forward)
+            or, where an interface has a dot in its name, V(net.ipv4.conf.eth0/100.rp_filter). Patterns are not allowed.
+        type: str
+        required: true
+      value:
+        description:
+          - The value as the kernel says it, for example V("1"); several numbers are separated by spaces, for example
+            V("4096 131072 6291456").
+        type: str
+        required: true
+  drop_in:
+    description:
+      - The file that sets the values at boot, for example V(/etc/sysctl.d/90-rosfleet-multimaster.conf).
+      - When it gets another name, the file of the earlier name is removed.
+    type: path
+    default: /etc/sysctl.d/90-rosfleet-multimaster.conf
+  on_conflict:
+    description:
+      - What to do when something else decides a setting at boot, with another value, for example V(report).
+    type: str
+    default: fail
+    choices:
+      fail: Fail before anything changes, naming key, file, line and value.
+      report: Apply the settings, warn, and return the conflicts.
+  root:
+    description:
+      - The root folder under which the configuration files lie, for example V(/mnt/image) for the image of a machine.
+        Values at run time and the record are those of O(proc) and O(records), not of the image.
+    type: path
+    default: /
+  proc:
+    description:
+      - The folder of the kernel's settings at run time, for example V(/proc/sys).
+    type: path
+    default: /proc/sys
+  records:
+    description:
+      - The folder of the record of the values from before, for example V(/var/lib/rosfleet-multimaster).
+    type: path
+    default: /var/lib/rosfleet-multimaster
+author:
+  - rosfleet contributors (@rosfleet)
+"""
+
+EXAMPLES = r"""
+- name: Answer the broadcast pings of section 3.2 and forward as section 4.2 of the report asks
+  rosfleet.multimaster.sysctl:
+    settings:
+      - name: net.ipv4.icmp_echo_ignore_broadcasts
+        value: "0"
+      - name: net.ipv4.ip_forward
+        value: "1"
+
+- name: Take everything back
+  rosfleet.multimaster.sysctl:
+    settings: []
+"""
+
+RETURN = r"""
+settings:
+  description: What was found and done per setting; those that change others come first.
+  returned: always, unless an option is wrong
+  type: list
+  elements: dict
+  contains:
+    name:
+      description: The key with dots.
+      type: str
+      returned: always
+      sample: net.ipv4.ip_forward
+    value:
+      description: The value that it shall have.
+      type: str
+      returned: always
+      sample: "1"
+    runtime_before:
+      description: The value before the run, null where there is no such key or it cannot be read.
+      type: str
+      returned: always
+      sample: "0"
+    runtime_after:
+      description: The value after the run, in check mode the planned one.
+      type: str
+      returned: always
+      sample: "1"
+    boot_value:
+      description: The value that the next boot sets, null where nothing sets it.
+      type: str
+      returned: always
+      sample: "1"
+    boot_file:
+      description: The file that decides at boot.
+      type: str
+      returned: always
+      sample: /etc/sysctl.d/90-rosfleet-multimaster.conf
+    changed:
+      description: Whether the value at run time or the line of the drop-in changed.
+      type: bool
+      returned: always
+      sample: true
+    state:
+      description:
+        - V(ok) or V(changed), or why it cannot be set. V(missing) means that this kernel has no such key,
+          V(read_only) that it lies on a read-only mount, V(denied) that the user may not write it,
+          V(invalid) that the kernel refuses the value.
+      type: str
+      returned: always
+      sample: changed
+    problem:
+      description: The sentence for a setting that cannot be set, else null.
+      type: str
+      returned: always
+      sample:
+    conflict:
+      description: Who else decides the setting at boot, with another value; null where nobody does.
+      type: dict
+      returned: always
+      sample:
+      contains:
+        file:
+          description: The file.
+          type: str
+          returned: always
+          sample: /etc/ufw/sysctl.conf
+        line:
+          description: The line, V(0) where the whole file decides.
+          type: int
+          returned: always
+          sample: 17
+        value:
+          description: The value that it sets, null where nothing sets any.
+          type: str
+          returned: always
+          sample: "1"
+        masks:
+          description: Whether the drop-in is not read at all, because a file of its name hides it or the service is masked.
+          type: bool
+          returned: always
+          sample: false
+conflicts:
+  description: One sentence per conflict.
+  returned: always, unless an option is wrong
+  type: list
+  elements: str
+  sample: []
+taken_back:
+  description: The settings that are no longer listed.
+  returned: always, unless an option is wrong
+  type: list
+  elements: dict
+  contains:
+    name:
+      description: The key with dots.
+      type: str
+      returned: always
+      sample: net.ipv4.ip_forward
+    runtime_before:
+      description: The value before the run, null where the key is gone.
+      type: str
+      returned: always
+      sample: "1"
+    runtime_after:
+      description: The value after the run.
+      type: str
+      returned: always
+      sample: "0"
+    expected:
+      description: The value that this module had set.
+      type: str
+      returned: always
+      sample: "1"
+    state:
+      description:
+        - V(restored) to the value from before, V(left) because somebody else has changed it since,
+          or V(missing) because the key is gone.
+      type: str
+      returned: always
+      sample: restored
+also_changed:
+  description: Keys that somebody had set apart and that the kernel changed with C(net.ipv4.ip_forward).
+  returned: always, unless an option is wrong
+  type: list
+  elements: dict
+  contains:
+    name:
+      description: The key with dots.
+      type: str
+      returned: always
+      sample: net.ipv4.conf.wlan0.forwarding
+    before:
+      description: The value before the run.
+      type: str
+      returned: always
+      sample: "1"
+    after:
+      description: The value after the run.
+      type: str
+      returned: always
+      sample: "0"
+drop_in:
+  description: The file of ours that sets the values at boot.
+  returned: always, unless an option is wrong
+  type: str
+  sample: /etc/sysctl.d/90-rosfleet-multimaster.conf
+msg:
+  description: What was done, in a sentence.
+  returned: always
+  type: str
+  sample: "1 of 2 kernel settings changed."
+"""
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import Run
+
+FATES = {
+    "restored": "{name} is {runtime_after} again.",
+    "left": "{name} is left at {runtime_after}: somebody else has changed it since this module set {expected}.",
+    "missing": "{name} is gone from this kernel, so there is nothing to take back.",
+}
+
+
+def summary(run):
+    """What the run does, in sentences."""
+    changed = sum(item["changed"] for item in run.items)
+    sentences = ["%d of %d kernel settings changed." % (changed, len(run.items))] if run.items else []
+    sentences += [FATES[item["state"]].format(**item) for item in run.plan.taken_back]
+    sentences += [
+        "The kernel changed {name} from {before} to {after} with it.".format(**item) for item in run.plan.also_changed
+    ]
+    return " ".join(sentences) or "No kernel settings are ours."
+
+
+def main():
+    module = AnsibleModule(
+        argument_spec={
+            "settings": {
+                "type": "list",
+                "elements": "dict",
+                "required": True,
+                "options": {
+                    "name": {"type": "str", "required": True},
+                    "value": {"type": "str", "required": True},
+                },
+            },
+            "drop_in": {"type": "path", "default": "/etc/sysctl.d/90-rosfleet-multimaster.conf"},
+            "on_conflict": {"type": "str", "default": "fail", "choices": ["fail", "report"]},
+            "root": {"type": "path", "default": "/"},
+            "proc": {"type": "path", "default": "/proc/sys"},
+            "records": {"type": "path", "default": "/var/lib/rosfleet-multimaster"},
+        },
+        supports_check_mode=True,
+    )
+    result = {}
+    try:
+        run = Run(module.params)
+        result = {
+            "settings": run.items,
+            "conflicts": run.conflicts,
+            "taken_back": run.plan.taken_back,
+            "also_changed": run.plan.also_changed,
+            "drop_in": run.drop_in,
+        }
+        refused = run.problems + (run.conflicts if module.params["on_conflict"] == "fail" else [])
+        if refused:
+            raise Problem(" ".join(refused))
+        for sentence in run.conflicts:
+            module.warn(sentence)
+        for item in run.plan.taken_back:
+            if item["state"] == "left":
+                module.warn(FATES["left"].format(**item))
+        if not module.check_mode:
+            run.apply()
+    except Problem as problem:
+        module.fail_json(msg=str(problem), **result)
+    if module._diff:
+        result["diff"] = run.difference
+    module.exit_json(changed=run.changed, msg=summary(run), **result)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,654 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The module sysctl: the plan, the module as a process on folders, and on the kernel in a network namespace."""
+
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _sysctl
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from hypothesis import given
+from hypothesis import strategies as st
+
+COLLECTION = pathlib.Path(_sysctl.__file__).parents[2]
+DROP_IN = "/etc/sysctl.d/90-rosfleet-multimaster.conf"
+FORWARD, BROADCASTS = "net/ipv4/ip_forward", "net/ipv4/icmp_echo_ignore_broadcasts"
+ETH0, LO = "net/ipv4/conf/eth0/forwarding", "net/ipv4/conf/lo/forwarding"
+REDIRECTS = "net/ipv4/conf/all/accept_redirects"
+
+as_root = pytest.mark.skipif(os.geteuid() != 0, reason="needs root for a network namespace")
+
+
+def listed(**settings):
+    return [{"name": "net.ipv4." + name, "value": value} for name, value in settings.items()]
+
+
+def settings_of(**settings):
+    return _sysctl.settings_of(listed(**settings))
+
+
+# The plan
+
+
+def plan(settings, current, record=None):
+    return _sysctl.plan(settings, current, record or {}, DROP_IN)
+
+
+def test_what_is_as_wanted_is_not_written_but_recorded():
+    done = plan(settings_of(ip_forward="1"), {FORWARD: "1"})
+    assert done.writes == []
+    assert done.text == _sysctl.HEADER + "net.ipv4.ip_forward = 1\n"
+    assert done.final["settings"][FORWARD]["before"] == "1"
+
+
+def test_the_first_value_from_before_stays_in_the_record():
+    first = plan(settings_of(ip_forward="1"), {FORWARD: "0"})
+    second = plan(settings_of(ip_forward="2"), {FORWARD: "1"}, first.final)
+    assert second.final["settings"][FORWARD]["before"] == "0"
+    assert second.interim["settings"][FORWARD]["set"] == ["1", "2"]  # either may be there if the run is killed
+    assert second.final["settings"][FORWARD]["set"] == ["2"]
+
+
+def test_taking_back_restores_a_value_of_ours():
+    record = plan(settings_of(ip_forward="1"), {FORWARD: "0"}).final
+    back = plan([], {FORWARD: "1"}, record)
+    assert back.writes == [(FORWARD, "0")]
+    assert (back.text, back.final) == (None, {})
+    assert [(item["state"], item["runtime_after"]) for item in back.taken_back] == [("restored", "0")]
+
+
+@pytest.mark.parametrize(
+    ("found", "state", "after"), [("7", "left", "7"), ("0", "restored", "0"), (None, "missing", None)]
+)
+def test_taking_back_leaves_a_value_of_somebody_else(found, state, after):
+    record = plan(settings_of(ip_forward="1"), {FORWARD: "0"}).final
+    back = plan([], {FORWARD: found}, record)
+    assert back.writes == []
+    assert [(item["state"], item["runtime_after"]) for item in back.taken_back] == [(state, after)]
+
+
+def test_the_other_name_of_a_key_is_the_same_setting():
+    record = plan(settings_of(ip_forward="1"), {FORWARD: "0"}).final
+    other = plan(
+        settings_of(**{"conf.all.forwarding": "1"}), {"net/ipv4/conf/all/forwarding": "1", FORWARD: "1"}, record
+    )
+    assert (other.taken_back, other.writes) == ([], [])
+    assert other.final["settings"][FORWARD]["before"] == "0"
+    assert other.text.endswith("net.ipv4.conf.all.forwarding = 1\n")
+
+
+def test_a_key_that_forwarding_changes_is_set_after_it_in_one_run():
+    settings = settings_of(**{"conf.eth0.forwarding": "0", "ip_forward": "1"})
+    assert [setting.key for setting in settings] == [FORWARD, ETH0]
+    done = plan(settings, {FORWARD: "0", ETH0: "0", LO: "0"})
+    assert done.writes == [(FORWARD, "1"), (ETH0, "0")]
+    assert done.after == {FORWARD: "1", ETH0: "0", LO: "1"}
+
+
+def test_keys_set_apart_are_named_and_come_back():
+    before = {FORWARD: "0", ETH0: "1", LO: "0", REDIRECTS: "0"}
+    done = plan(settings_of(ip_forward="1"), before)
+    assert done.after == {FORWARD: "1", ETH0: "1", LO: "1", REDIRECTS: "0"}
+    assert done.also_changed == []
+    back = plan([], done.after, done.final)
+    assert back.after == before
+    off = plan(settings_of(ip_forward="0"), {FORWARD: "1", ETH0: "0", LO: "1", REDIRECTS: "1"})
+    assert [(item["name"], item["before"], item["after"]) for item in off.also_changed] == []
+    off = plan(settings_of(ip_forward="0"), {FORWARD: "1", ETH0: "1", LO: "1", REDIRECTS: "0"})
+    assert off.also_changed == []
+    on = plan(settings_of(ip_forward="1"), {FORWARD: "0", ETH0: "0", LO: "0", REDIRECTS: "1"})
+    assert on.also_changed == []  # the rest follows by itself, which is no news
+    two = plan(settings_of(ip_forward="2"), {FORWARD: "0", ETH0: "1", LO: "0"})
+    assert [(item["name"], item["before"], item["after"]) for item in two.also_changed] == [
+        ("net.ipv4.conf.eth0.forwarding", "1", "2")
+    ]
+
+
+def test_a_beside_key_that_somebody_changed_meanwhile_stays():
+    done = plan(settings_of(ip_forward="0"), {FORWARD: "1", ETH0: "1", LO: "1", REDIRECTS: "0"})
+    meanwhile = {**done.after, ETH0: "1"}
+    assert done.after[ETH0] == "0"
+    back = plan([], {**meanwhile, LO: "0"}, done.final)
+    assert back.after == {FORWARD: "1", ETH0: "1", LO: "1", REDIRECTS: "0"}
+    on = plan(settings_of(ip_forward="1"), {FORWARD: "0", ETH0: "0", LO: "0", REDIRECTS: "1"})
+    back = plan([], {**on.after, REDIRECTS: "1"}, on.final)
+    assert back.after == {FORWARD: "0", ETH0: "0", LO: "0", REDIRECTS: "1"}
+
+
+def test_the_value_from_before_is_not_our_own_doing():
+    first = plan(settings_of(ip_forward="1"), {FORWARD: "0", ETH0: "0"})
+    both = settings_of(**{"ip_forward": "1", "conf.eth0.forwarding": "1"})
+    second = plan(both, {FORWARD: "1", ETH0: "1"}, first.final)
+    assert second.final["settings"][ETH0]["before"] == "0"
+    assert plan([], second.after, second.final).after == {FORWARD: "0", ETH0: "0"}
+
+
+values = st.fixed_dictionaries({key: st.sampled_from(["0", "1"]) for key in (FORWARD, ETH0, LO, REDIRECTS, BROADCASTS)})
+some_settings = st.dictionaries(
+    st.sampled_from(["ip_forward", "conf.eth0.forwarding", "icmp_echo_ignore_broadcasts", "conf.all.accept_redirects"]),
+    st.sampled_from(["0", "1"]),
+)
+
+
+@given(values, st.lists(some_settings, min_size=1, max_size=4))
+def test_any_runs_reach_the_settings_do_nothing_twice_and_can_be_taken_back(before, runs):
+    current, record = before, {}
+    for wanted in runs:
+        settings = settings_of(**wanted)
+        done = plan(settings, current, record)
+        current, record = done.after, done.final
+        assert {setting.key: current[setting.key] for setting in settings} == dict(settings)
+        again = plan(settings, current, record)
+        assert (again.writes, again.final) == ([], record)
+    assert plan([], current, record).after == before
+
+
+@pytest.mark.parametrize(
+    ("items", "said"),
+    [
+        (listed(**{"conf.*.rp_filter": "1"}), "'net.ipv4.conf.*.rp_filter'"),
+        ([{"name": "../../etc/passwd", "value": "1"}], "'../../etc/passwd'"),
+        ([{"name": "net/../ipv4/x", "value": "1"}], "'net/../ipv4/x'"),
+        ([{"name": "net.ipv4.ip_forward = 1", "value": "1"}], "without patterns"),
+        ([{"name": "", "value": "1"}], "''"),
+        ([{"name": "ip_forward", "value": "1"}], "'ip_forward'"),
+        ([{"name": "net.ipv4.ip_forward", "value": "1\x00"}], "printable"),
+        (listed(ip_forward="1") + [{"name": "-net/ipv4/ip_forward", "value": "0"}], "-net/ipv4/ip_forward = 0"),
+        (listed(**{"ip_forward": "1", "conf.all.forwarding": "0"}), "one key of the kernel"),
+    ],
+)
+def test_settings_that_cannot_be_meant(items, said):
+    with pytest.raises(Problem, match="settings: ") as problem:
+        _sysctl.settings_of(items)
+    assert said in str(problem.value)
+
+
+def test_one_key_in_many_spellings_is_one_setting():
+    names = ["net/ipv4/tcp_rmem", "-net.ipv4.tcp_rmem", "net.ipv4.tcp_rmem"]
+    found = _sysctl.settings_of([{"name": name, "value": "4096 \t 8192  16384"} for name in names])
+    assert found == [("net/ipv4/tcp_rmem", "4096 8192 16384")]
+
+
+@given(st.text(alphabet="1\n\r=#; \x0b\u2028", max_size=8))
+def test_a_value_never_adds_a_line_to_the_drop_in(value):
+    try:
+        text = _sysctl.drop_in_text(_sysctl.settings_of([{"name": "net.ipv4.x", "value": value}]))
+    except Problem:
+        return
+    assert len(text.splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    "path", ["/etc/sysctl.conf", "/run/sysctl.d/90-a.conf", "/etc/sysctl.d/90-a", "/etc/sysctl.d/.conf"]
+)
+def test_a_drop_in_that_nothing_would_read(path):
+    with pytest.raises(Problem, match="drop_in: found " + path):
+        _sysctl.check_drop_in(path)
+
+
+# The module as a process, on folders
+
+
+class Machine:
+    """A machine of folders: configuration files, kernel values and records."""
+
+    def __init__(self, folder, prefix=(), proc=None):
+        self.folder, self.prefix = folder, list(prefix)
+        self.root, self.records = folder / "root", folder / "var/lib/rosfleet-multimaster"
+        self.proc = pathlib.Path(proc or folder / "proc")
+        (self.root / "sbin").mkdir(parents=True)
+        (self.root / "sbin/init").symlink_to("/lib/systemd/systemd")
+        self.records.parent.mkdir(parents=True)
+        self.drop_in = self.root / DROP_IN[1:]
+
+    def hold(self, **values):
+        for name, value in values.items():
+            path = self.proc / "net/ipv4" / name.replace("__", "/")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(value + "\n")
+        return self
+
+    def value(self, name):
+        return (self.proc / "net/ipv4" / name).read_text().strip()
+
+    def write(self, path, text):
+        place = self.root / path.lstrip("/")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text)
+
+    def options(self, settings, **options):
+        places = {"root": str(self.root), "proc": str(self.proc), "records": str(self.records)}
+        return {"settings": settings, "drop_in": DROP_IN, "on_conflict": "fail", **places, **options}
+
+    def run(self, settings, check=False, **options):
+        arguments = {"ANSIBLE_MODULE_ARGS": {**self.options(settings, **options), "_ansible_check_mode": check}}
+        arguments["ANSIBLE_MODULE_ARGS"]["_ansible_diff"] = True
+        file = self.folder / "args.json"
+        file.write_text(json.dumps(arguments))
+        command = [*self.prefix, sys.executable, str(COLLECTION / "plugins/modules/sysctl.py"), str(file)]
+        environment = {**os.environ, "PYTHONPATH": str(COLLECTION.parents[2])}
+        done = subprocess.run(
+            command, check=False, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, timeout=60
+        )
+        assert done.stdout, done.stderr.decode()
+        result = json.loads(done.stdout.decode())
+        assert bool(result.get("failed")) == bool(done.returncode), result
+        return result
+
+    def state(self):
+        """Everything that a run may change."""
+        places = [self.root, self.records.parent] + ([self.proc] if self.proc.is_relative_to(self.folder) else [])
+        found = {}
+        for place in places:
+            for path in sorted(place.rglob("*")):
+                found[str(path.relative_to(self.folder))] = path.read_bytes() if path.is_file() else None
+        return found
+
+
+@pytest.fixture
+def machine(tmp_path):
+    return Machine(tmp_path).hold(ip_forward="0", icmp_echo_ignore_broadcasts="1")
+
+
+REPORT = [{"name": "net.ipv4.icmp_echo_ignore_broadcasts", "value": "0"}, {"name": "net/ipv4/ip_forward", "value": "1"}]
+
+
+def test_check_apply_again_and_back(machine):
+    untouched = machine.state()
+    checked = machine.run(REPORT, check=True)
+    assert machine.state() == untouched
+    applied = machine.run(REPORT)
+    for result in (checked, applied):
+        assert result["changed"]
+        assert [item["state"] for item in result["settings"]] == ["changed", "changed"]
+        assert result["settings"][0]["name"] == "net.ipv4.ip_forward"
+        assert (result["settings"][0]["runtime_before"], result["settings"][0]["runtime_after"]) == ("0", "1")
+        assert result["settings"][0]["boot_value"] == "1"
+        assert result["settings"][0]["boot_file"] == DROP_IN
+        assert result["msg"] == "2 of 2 kernel settings changed."
+    assert checked["diff"] == applied["diff"]
+    assert machine.drop_in.read_text() == (
+        _sysctl.HEADER + "net.ipv4.ip_forward = 1\nnet.ipv4.icmp_echo_ignore_broadcasts = 0\n"
+    )
+    assert machine.drop_in.stat().st_mode & 0o777 == 0o644
+    assert (machine.value("ip_forward"), machine.value("icmp_echo_ignore_broadcasts")) == ("1", "0")
+
+    applied_state = machine.state()
+    again = machine.run(REPORT)
+    assert not again["changed"]
+    assert again["diff"] == []
+    assert {item["state"] for item in again["settings"]} == {"ok"}
+    assert machine.state() == applied_state
+
+    back = machine.run([])
+    assert back["changed"]
+    assert {item["state"] for item in back["taken_back"]} == {"restored"}
+    assert machine.state() == untouched  # also the folder sysctl.d, which was made for the drop-in
+    assert not machine.run([])["changed"]
+
+
+def test_diff_shows_the_file_and_the_values(machine):
+    first, second = machine.run(REPORT, check=True)["diff"]
+    assert (first["before"], first["before_header"]) == ("", DROP_IN + " (absent)")
+    assert "net.ipv4.ip_forward = 1\n" in first["after"]
+    assert second["before"] == "net.ipv4.icmp_echo_ignore_broadcasts = 1\nnet.ipv4.ip_forward = 0\n"
+    assert second["after"] == "net.ipv4.icmp_echo_ignore_broadcasts = 0\nnet.ipv4.ip_forward = 1\n"
+
+
+def test_what_is_changed_by_hand_comes_back(machine):
+    machine.run(REPORT)
+    good = machine.state()
+    machine.hold(ip_forward="0")
+    machine.drop_in.write_text(_sysctl.HEADER + "net.ipv4.ip_forward = 0\n")
+    result = machine.run(REPORT)
+    assert [(item["name"], item["changed"]) for item in result["settings"]] == [
+        ("net.ipv4.ip_forward", True),
+        ("net.ipv4.icmp_echo_ignore_broadcasts", True),
+    ]
+    assert machine.state() == good
+
+
+def test_an_item_that_is_no_longer_listed_is_taken_back(machine):
+    machine.run(REPORT)
+    result = machine.run(REPORT[1:])
+    assert [(item["name"], item["state"]) for item in result["taken_back"]] == [
+        ("net.ipv4.icmp_echo_ignore_broadcasts", "restored")
+    ]
+    assert "net.ipv4.icmp_echo_ignore_broadcasts is 1 again." in result["msg"]
+    assert machine.drop_in.read_text() == _sysctl.HEADER + "net.ipv4.ip_forward = 1\n"
+    assert (machine.value("ip_forward"), machine.value("icmp_echo_ignore_broadcasts")) == ("1", "1")
+
+
+def test_a_value_of_somebody_else_is_left_and_named(machine):
+    machine.run(REPORT)
+    machine.hold(ip_forward="2")
+    result = machine.run([])
+    assert machine.value("ip_forward") == "2"
+    said = "net.ipv4.ip_forward is left at 2: somebody else has changed it since this module set 1."
+    assert said in result["msg"]
+    assert said in json.dumps(result["warnings"])
+    assert not machine.drop_in.exists()
+    assert not machine.records.exists()
+
+
+def test_a_conflict_fails_before_anything_changes(machine):
+    machine.write("/etc/sysctl.d/99-site.conf", "# site\nnet/ipv4/ip_forward=0\n")
+    untouched = machine.state()
+    result = machine.run(REPORT)
+    assert result["failed"]
+    assert result["msg"] == (
+        "net.ipv4.ip_forward: /etc/sysctl.d/99-site.conf line 2 sets 0 at boot, after %s, expected 1: "
+        "correct or remove it there, or set on_conflict to report to go on." % DROP_IN
+    )
+    assert result["settings"][0]["conflict"] == {
+        "file": "/etc/sysctl.d/99-site.conf",
+        "line": 2,
+        "value": "0",
+        "masks": False,
+    }
+    assert result["settings"][1]["conflict"] is None
+    assert machine.state() == untouched
+    assert machine.run(REPORT, check=True)["failed"]
+
+
+def test_a_conflict_can_be_reported_instead(machine):
+    machine.write("/etc/sysctl.d/99-site.conf", "net/ipv4/ip_forward=0\n")
+    result = machine.run(REPORT, on_conflict="report")
+    assert result["changed"]
+    assert machine.value("ip_forward") == "1"
+    assert len(result["conflicts"]) == 1
+    assert result["conflicts"][0] in json.dumps(result["warnings"])
+    assert result["settings"][0]["boot_value"] == "0"
+    assert not machine.run(REPORT, on_conflict="report")["changed"]
+
+
+def test_a_masked_service_is_a_conflict(machine):
+    (machine.root / "etc/systemd/system").mkdir(parents=True)
+    (machine.root / "etc/systemd/system/systemd-sysctl.service").symlink_to("/dev/null")
+    result = machine.run(REPORT)
+    assert "/etc/systemd/system/systemd-sysctl.service keeps %s from being read at boot" % DROP_IN in result["msg"]
+    assert result["settings"][0]["conflict"]["masks"]
+
+
+def test_an_excluded_key_is_a_conflict_with_the_file_that_excludes_it(machine):
+    machine.write("/etc/sysctl.d/95-x.conf", "\n-net.ipv4.ip_forward\n")
+    result = machine.run(REPORT)
+    conflict = result["settings"][0]["conflict"]
+    assert (conflict["file"], conflict["line"], conflict["value"]) == ("/etc/sysctl.d/95-x.conf", 2, None)
+    assert "/etc/sysctl.d/95-x.conf line 2" in result["msg"]
+
+
+@pytest.mark.parametrize("content", ["net.ipv4.ip_forward = 1\n", "", None])
+def test_a_foreign_file_in_our_place_is_refused(machine, content):
+    machine.write(DROP_IN, content or "")
+    if content is None:
+        machine.drop_in.unlink()
+        machine.drop_in.symlink_to("/dev/null")
+    untouched = machine.state()
+    result = machine.run(REPORT)
+    assert result["msg"].startswith("drop_in: %s is there and not ours" % DROP_IN)
+    assert machine.state() == untouched
+
+
+def test_a_missing_key_is_named_before_anything_changes(machine):
+    untouched = machine.state()
+    result = machine.run([*REPORT, {"name": "net.ipv4.conf.wlan0.rp_filter", "value": "2"}])
+    assert [item["state"] for item in result["settings"]] == ["changed", "changed", "missing"]
+    assert result["msg"].startswith("net.ipv4.conf.wlan0.rp_filter: this kernel has no ")
+    assert machine.state() == untouched
+
+
+def test_a_folder_is_no_key(machine):
+    machine.hold(conf__eth0__rp_filter="0")
+    assert "missing" in [item["state"] for item in machine.run(listed(**{"conf.eth0": "1"}))["settings"]]
+
+
+def test_a_new_name_of_the_drop_in_moves_it(machine):
+    machine.run(REPORT)
+    other = "/etc/sysctl.d/95-other.conf"
+    result = machine.run(REPORT, drop_in=other)
+    assert result["changed"]
+    assert not machine.drop_in.exists()
+    assert (machine.root / other[1:]).exists()
+    machine.run([])  # knows from the record where the drop-in is
+    assert not (machine.root / other[1:]).exists()
+    assert not machine.records.exists()
+
+
+def test_a_record_that_is_no_json_is_named(machine):
+    machine.records.mkdir()
+    (machine.records / "sysctl.json").write_text("{")
+    assert "is not readable as JSON" in machine.run(REPORT)["msg"]
+
+
+@as_root
+def test_a_full_disk_leaves_the_machine_as_it_was(tmp_path):
+    """The folder of the drop-in is a file system without room, mounted in a mount namespace."""
+    folder = tmp_path / "root/etc/sysctl.d"
+    script = 'mount -t tmpfs -o nr_inodes=1 none "%s" && exec "$@"' % folder
+    machine = Machine(tmp_path, ["unshare", "--mount", "sh", "-c", script, "sh"])
+    machine.hold(ip_forward="0", icmp_echo_ignore_broadcasts="1")
+    folder.mkdir(parents=True)
+    untouched = machine.state()
+    result = machine.run(REPORT)
+    assert "No space left on device" in result["msg"]
+    assert result["msg"].endswith("Everything is as it was before.")
+    assert machine.state() == untouched
+
+
+def killed_at(step, options):
+    """Run the module in a child that gets SIGKILL instead of its `step`-th call that changes something; False when it
+    ended before."""
+    child = os.fork()
+    if child == 0:
+        calls, real_write = iter(range(step)), os.write
+
+        def dying(real):
+            def call(*args, **kwargs):
+                # The kernel takes a value whole: nothing comes between the opening and the writing of such a file.
+                value = real is real_write and "/proc/net/" in os.readlink("/proc/self/fd/%d" % args[0])
+                if not value and next(calls, None) is None:
+                    os.kill(os.getpid(), signal.SIGKILL)
+                return real(*args, **kwargs)
+
+            return call
+
+        for name in ("open", "write", "rename", "unlink", "mkdir", "rmdir", "fsync"):
+            setattr(os, name, dying(getattr(os, name)))
+        try:
+            run = _sysctl.Run(options)
+            run.apply()
+        finally:
+            os._exit(0)
+    return os.WIFSIGNALED(os.waitpid(child, 0)[1])
+
+
+@pytest.mark.parametrize("wanted", [REPORT, REPORT[1:], [], [{"name": "net.ipv4.ip_forward", "value": "2"}]])
+def test_kill_at_any_moment_leaves_what_the_next_run_mends(tmp_path, wanted):
+    """From a first state of ours to `wanted`, killed at every step, then mended, then taken back: as it was."""
+    for first in ([], REPORT):
+        step = 0
+        while True:
+            machine = Machine(tmp_path / ("%d-%d" % (len(first), step)))
+            machine.hold(ip_forward="0", icmp_echo_ignore_broadcasts="1")
+            untouched = machine.state()
+            _sysctl.Run(machine.options(first)).apply()
+            killed = killed_at(step, machine.options(wanted))
+            _sysctl.Run(machine.options(wanted)).apply()
+            for setting in _sysctl.settings_of(wanted):
+                assert (machine.proc / setting.key).read_text().strip() == setting.value
+            assert not _sysctl.Run(machine.options(wanted)).changed
+            _sysctl.Run(machine.options([])).apply()
+            assert machine.state() == untouched, step
+            if not killed:
+                break
+            step += 1
+        assert step > 10 or wanted == first
+
+
+# On the kernel
+
+
+@pytest.fixture
+def namespace(tmp_path):
+    """A machine of folders with the real kernel of a fresh network namespace."""
+    name = "rosfleet-sysctl-%d" % os.getpid()
+    enter = ["ip", "netns", "exec", name]
+    before = {key: pathlib.Path("/proc/sys", key).read_text() for key in (FORWARD, BROADCASTS)}
+    subprocess.run(["ip", "netns", "add", name], check=True)
+    try:
+        subprocess.run([*enter, "ip", "link", "add", "eth0", "type", "bridge"], check=True)
+        machine = Machine(tmp_path, enter, "/proc/sys")
+
+        def held(key, value=None):
+            program = 'echo "$2" >"/proc/sys/$1"' if value is not None else 'cat "/proc/sys/$1"'
+            command = [*enter, "sh", "-c", program, "sh", key, str(value)]
+            return subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout.decode().strip()
+
+        machine.held = held
+        held(FORWARD, 1)  # whatever the namespace began with, forwarding is off and its neighbours are as after a boot
+        held(FORWARD, 0)
+        held(BROADCASTS, 1)
+        yield machine
+    finally:
+        subprocess.run(["ip", "netns", "delete", name], check=True)
+    assert {key: pathlib.Path("/proc/sys", key).read_text() for key in before} == before, "the test changed the host"
+
+
+@as_root
+def test_kernel_apply_again_and_back(namespace):
+    keys = [FORWARD, BROADCASTS, ETH0, LO, REDIRECTS, "net/ipv4/conf/default/forwarding"]
+    namespace.held(REDIRECTS, 0)  # somebody's own choice, which turning forwarding off would undo
+    before = {key: namespace.held(key) for key in keys}
+    assert (before[FORWARD], before[BROADCASTS]) == ("0", "1")
+    assert namespace.run(REPORT, check=True)["changed"]
+    assert {key: namespace.held(key) for key in keys} == before
+    assert namespace.run(REPORT)["changed"]
+    assert (namespace.held(FORWARD), namespace.held(BROADCASTS), namespace.held(ETH0)) == ("1", "0", "1")
+    assert not namespace.run(REPORT)["changed"]
+    namespace.held(BROADCASTS, 1)
+    assert [item["changed"] for item in namespace.run(REPORT)["settings"]] == [False, True]
+    assert namespace.held(BROADCASTS) == "0"
+    assert namespace.run([])["changed"]
+    assert {key: namespace.held(key) for key in keys} == before
+
+
+@as_root
+def test_kernel_does_beside_a_key_what_the_table_says(namespace):
+    """The table of what the kernel changes beside a key, against this kernel."""
+    for key in _sysctl.BESIDE:
+        if subprocess.run([*namespace.prefix, "test", "-e", "/proc/sys/" + key], check=False).returncode:
+            continue
+        for value in ("1", "0"):
+            names = [FORWARD, ETH0, LO, REDIRECTS, "net/ipv4/conf/all/forwarding", "net/ipv4/conf/default/forwarding"]
+            if "ipv6" in key:
+                names = ["net/ipv6/conf/%s/forwarding" % name for name in ("all", "default", "eth0", "lo")]
+            namespace.held(key, value)
+            expected = _sysctl.beside(key, value, names)
+            assert {other: namespace.held(other) for other in expected} == expected
+
+
+@as_root
+def test_kernel_keeps_interfaces_that_are_set_apart(namespace):
+    settings = [{"name": "net.ipv4.conf.eth0.forwarding", "value": "0"}, {"name": "net.ipv4.ip_forward", "value": "1"}]
+    namespace.run(settings)
+    assert (namespace.held(FORWARD), namespace.held(ETH0), namespace.held(LO)) == ("1", "0", "1")
+    assert not namespace.run(settings)["changed"]
+
+
+@as_root
+def test_kernel_refuses_a_value_and_everything_is_as_before(namespace):
+    untouched = namespace.state()
+    result = namespace.run([{"name": "net.ipv4.ip_forward", "value": "1"}, {"name": BROADCASTS, "value": "many"}])
+    assert result["msg"] == (
+        "net.ipv4.icmp_echo_ignore_broadcasts: the kernel refuses the value many (Invalid argument) and keeps 1: "
+        "give a value that it accepts. Everything is as it was before."
+    )
+    assert namespace.held(FORWARD) == "0"
+    assert namespace.state() == untouched
+
+
+@as_root
+def test_kernel_reads_a_value_otherwise(namespace):
+    result = namespace.run([{"name": "net.ipv4.ip_forward", "value": "01"}])
+    assert "the kernel was given 01 and holds 1" in result["msg"]
+    assert namespace.held(FORWARD) == "0"
+
+
+@as_root
+def test_kernel_several_numbers(namespace):
+    key = "net/ipv4/ip_local_port_range"
+    before = namespace.held(key)
+    assert "\t" in before
+    result = namespace.run([{"name": key, "value": " ".join(before.split())}])
+    assert result["settings"][0]["runtime_before"] == result["settings"][0]["runtime_after"] == "32768 60999"
+    namespace.run([{"name": key, "value": "33000  60000"}])
+    assert namespace.held(key).split() == ["33000", "60000"]
+    namespace.run([])
+    assert namespace.held(key) == before
+
+
+@as_root
+def test_kernel_interface_with_a_dot(namespace):
+    subprocess.run([*namespace.prefix, "ip", "link", "add", "eth0.100", "type", "bridge"], check=True)
+    key = "net/ipv4/conf/eth0.100/rp_filter"
+    namespace.run([{"name": "net.ipv4.conf.eth0/100.rp_filter", "value": "2"}])
+    assert namespace.held(key) == "2"
+    assert not namespace.run([{"name": key, "value": "2"}])["changed"]
+    subprocess.run([*namespace.prefix, "ip", "link", "delete", "eth0.100"], check=True)
+    result = namespace.run([])
+    assert [item["state"] for item in result["taken_back"]] == ["missing"]
+    assert not namespace.records.exists()
+
+
+READ_ONLY = 'mount --bind /proc/sys /proc/sys && mount -o remount,ro,bind /proc/sys && exec "$@"'
+
+
+@as_root
+def test_kernel_read_only(namespace):
+    namespace.prefix += ["unshare", "--mount", "sh", "-c", READ_ONLY, "sh"]
+    untouched = namespace.state()
+    result = namespace.run(REPORT)
+    assert [item["state"] for item in result["settings"]] == ["read_only", "read_only"]
+    assert result["msg"].startswith("net.ipv4.ip_forward: /proc/sys/net/ipv4/ip_forward is on a read-only mount")
+    assert "holds 0, expected 1" in result["msg"]
+    assert namespace.state() == untouched
+    as_it_is = [{"name": "net.ipv4.ip_forward", "value": "0"}]
+    assert namespace.run(as_it_is)["settings"][0]["state"] == "changed"  # the drop-in; the value needs no write
+    assert not namespace.run(as_it_is)["changed"]
+
+
+@as_root
+def test_kernel_taking_back_that_is_refused_keeps_the_record(namespace):
+    namespace.run(REPORT)
+    applied = namespace.state()
+    namespace.prefix += ["unshare", "--mount", "sh", "-c", READ_ONLY, "sh"]
+    result = namespace.run([])
+    assert "Taking back net.ipv4.ip_forward: " in result["msg"]
+    assert namespace.state() == applied
+
+
+@as_root
+def test_kernel_denied(namespace):
+    """Another user than root, in the same network namespace."""
+    if shutil.which("setpriv") is None:
+        pytest.skip("needs setpriv")
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        machine = Machine(pathlib.Path(folder) / "machine", namespace.prefix, "/proc/sys")
+        machine.prefix += ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
+        if subprocess.run([*machine.prefix, sys.executable, "-c", "import ansible"], check=False).returncode:
+            pytest.skip("another user cannot run this Python")
+        untouched = machine.state()
+        result = machine.run(REPORT)
+        assert [item["state"] for item in result["settings"]] == ["denied", "denied"]
+        assert "net.ipv4.ip_forward: user 65534 may not change /proc/sys/net/ipv4/ip_forward" in result["msg"]
+        assert machine.state() == untouched
