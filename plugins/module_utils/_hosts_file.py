@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+# Private to this collection: may change at any time.
+
+"""Reading and replacing the file, also where it is a mount point; what boots and what libc make of it."""
+
+import errno
+import glob
+import itertools
+import os
+import re
+import socket
+import stat
+import time
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _owned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts_entries import Binding
+
+# Renaming is refused on a mount point, and there is no writing beside a file that is mounted writable alone.
+_NO_RENAME = (errno.EBUSY, errno.EROFS)
+
+
+class HostsFile:
+    """The file behind a path. It is replaced by rename; where it is a mount point, it is written in place.
+
+    Whatever ends a writer in place leaves a file that is torn between the old and the new content. Both stand in
+    the record from before the first byte until the file is read back, so the next reader knows a torn file and
+    goes on from the old content.
+    """
+
+    def __init__(self, path: str, records: str) -> None:
+        self.path = os.path.realpath(path)
+        self.record = _owned.Record("hosts_entries", records)
+        self.found = _owned.read_bytes(self.path)
+        self.content = self._repaired()
+
+    @property
+    def torn(self) -> bool:
+        """Whether a writer in place was ended, so that content is not what was found."""
+        return self.found != self.content
+
+    def _repaired(self) -> typing.Optional[bytes]:
+        under_way = self.record.load().get(self.path)
+        if under_way is None or self.found is None:
+            return self.found
+        before, after = (under_way[when].encode("latin-1") for when in ("before", "after"))
+        return before if self.found != after and is_torn(self.found, before, after) else self.found
+
+    def clean(self) -> None:
+        """Remove what an ended run left beside the file and in the record."""
+        _owned.remove_leftovers(self.path)
+        _owned.remove_leftovers(self.record.path)
+        self._remember(None)
+
+    def replace(self, content: typing.Optional[bytes]) -> str:
+        """Give the file this content (None: remove it); returns how, as V(written) says. Raises OSError, Problem."""
+        if _owned.read_bytes(self.path) != self.found:
+            raise _owned.Problem(
+                f"{self.path} was changed by something else while this module was looking at it; expected it to stand "
+                "still: run again. This module changed nothing."
+            )
+        if content is None:
+            os.unlink(self.path)
+            _owned.sync_folder(os.path.dirname(self.path))
+            return "removed"
+        if self.found is None:
+            _owned.write_by_rename(self.path, content)
+            return "rename"
+        old = os.stat(self.path)
+        try:
+            _owned.write_by_rename(self.path, content, stat.S_IMODE(old.st_mode), (old.st_uid, old.st_gid))
+            return "rename"
+        except OSError as problem:
+            if problem.errno not in _NO_RENAME:
+                raise
+        self._replace_in_place(content)
+        return "in_place"
+
+    def _replace_in_place(self, content: bytes) -> None:
+        before = self.content or b""
+        with open(self.path, "r+b", buffering=0) as stream:
+            self._remember({"before": before.decode("latin-1"), "after": content.decode("latin-1")})
+            try:
+                _overwrite(stream, content)
+            except OSError:
+                self._take_back(stream, before)
+                raise
+        if _owned.read_bytes(self.path) != content:
+            raise _owned.Problem(
+                f"{self.path} does not read back as it was written in place; expected the new content: look for what "
+                f"else writes it, and run again. The old content is kept in {self.record.path}."
+            )
+        self._remember(None)
+
+    def _take_back(self, stream: typing.IO[bytes], before: bytes) -> None:
+        try:
+            _overwrite(stream, before)
+        except OSError as problem:
+            raise _owned.Problem(
+                f"{self.path} could neither be written in place nor given its old content again ({problem.strerror}); "
+                "expected a file system with room: make room and run again, which repairs the file. "
+                f"The old content is kept in {self.record.path}."
+            ) from problem
+        self._remember(None)
+
+    def _remember(self, under_way: typing.Optional[typing.Dict[str, str]]) -> None:
+        data = self.record.load()
+        wanted = {path: item for path, item in data.items() if path != self.path}
+        if under_way:
+            wanted[self.path] = under_way
+        if wanted != data:
+            self.record.save(wanted)
+
+
+def is_torn(found: bytes, before: bytes, after: bytes) -> bool:
+    """Whether content is a writing in place that did not end: each byte is the old, the new or never written (0).
+
+    Anything else was written by somebody else since, and is theirs.
+    """
+    length = max(len(before), len(after))
+    either = zip(found, before.ljust(length, b"\0"), after.ljust(length, b"\0"))
+    return len(found) <= length and all(byte in (old, new, 0) for byte, old, new in either)
+
+
+def _overwrite(stream: typing.IO[bytes], content: bytes) -> None:
+    """Not truncated first, so that a reader in between finds as much of the file as possible."""
+    stream.seek(0)
+    rest = memoryview(content)
+    while rest:
+        rest = rest[stream.write(rest) :]
+    stream.truncate()
+    os.fsync(stream.fileno())
+
+
+def boot_rewriter(folder: str = "/etc/cloud") -> str:
+    """The file in which cloud-init is told to write /etc/hosts at every boot, or an empty text.
+
+    Its last file that sets manage_etc_hosts wins (true, template: from a template; localhost: the 127.0.1.1 line).
+    """
+    if os.path.exists(os.path.join(folder, "cloud-init.disabled")):
+        return ""
+    winner = ""
+    files = sorted(glob.glob(os.path.join(glob.escape(folder), "cloud.cfg.d", "*.cfg")))
+    for path in itertools.chain([os.path.join(folder, "cloud.cfg")], files[:100]):
+        for value in re.findall(rb"(?m)^manage_etc_hosts[ \t]*:[ \t]*['\"]?(\w+)", _owned.read_bytes(path) or b""):
+            winner = path if value.lower() in (b"true", b"yes", b"on", b"template", b"localhost") else ""
+    return winner
+
+
+def resolve(
+    bindings: typing.List[Binding], seconds: float = 10.0
+) -> typing.Iterator[typing.Dict[str, typing.List[str]]]:
+    """For each binding: its names, and the addresses of its family that libc answers, best first.
+
+    No question is begun after so many seconds: a machine that asks a dead server first answers with nothing.
+    """
+    end = time.monotonic() + seconds
+    for binding in bindings:
+        family = socket.AF_INET if binding.address.version == 4 else socket.AF_INET6
+        yield {name: _ask(name, family) if time.monotonic() < end else [] for name in binding.names}
+
+
+def _ask(name: str, family: int) -> typing.List[str]:
+    try:
+        return [str(answer[4][0]) for answer in socket.getaddrinfo(name, None, family, socket.SOCK_DGRAM)]
+    except (OSError, UnicodeError):
+        return []

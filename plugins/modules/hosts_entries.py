@@ -1,0 +1,443 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: hosts_entries
+short_description: Bind the names of all computers to their addresses in /etc/hosts
+version_added: "0.1.0"
+description:
+  - Gives C(/etc/hosts) all bindings of the fleet in one run, as sections 3.2 and 4.2 of the report IRI-TR-15-1 ask for
+    (its Fig. 6 and Fig. 12), and returns what libc then answers.
+  - A line of ours ends with C(# rosfleet.multimaster). It is put right or taken back as a whole, wherever it stands;
+    who wants to own such a line takes this mark away. All other lines are kept byte for byte.
+  - A binding that another line already gives is left to that line.
+  - A managed name on a loopback line, such as the C(127.0.1.1) line that installers write and the report keeps
+    (erratum E5), would resolve to the computer itself. The name is taken out of that line; the other names stay, and
+    C(localhost) always does. The old line stands behind the mark, and is put back when we are taken back.
+  - Names that are no longer listed are taken back, so O(entries=[]) gives the file its old content.
+  - The file is written by rename, so there is the old or the new one at any moment. Where it is a mount point, as in
+    containers, it is written in place, from a copy; when such a run is ended half way, the next one repairs the file.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes
+options:
+  entries:
+    description:
+      - >-
+        All bindings of the fleet, for example V([{address: 192.168.1.229, names: [kobuki1computer]}]). With V([])
+        everything of ours is taken back.
+      - A name may have one IPv4 and one IPv6 address; an address has one entry.
+    type: list
+    elements: dict
+    required: true
+    suboptions:
+      address:
+        description:
+          - The IPv4 or IPv6 address at which other computers reach this one, for example V(192.168.1.229).
+        type: str
+        required: true
+      names:
+        description:
+          - The names of the computer, for example V([kobuki1computer, kobuki1]). The first is the canonical one, the
+            others are aliases.
+        type: list
+        elements: str
+        required: true
+  path:
+    description:
+      - The file, for example V(/etc/hosts). Of a symbolic link, the target is written.
+    type: path
+    default: /etc/hosts
+  own_name:
+    description:
+      - The name of this computer, for example V(kobuki1computer). By default its host name.
+      - It only serves to say what becomes of the own name.
+    type: str
+  on_conflict:
+    description:
+      - What to do when another line gives a name of O(entries) another address of the same family, for example
+        V(report).
+      - With V(fail), the module fails before it changes anything. With V(report), it warns and goes on.
+    type: str
+    choices: [fail, report]
+    default: fail
+  records:
+    description:
+      - The folder for the copy from which a mounted file is written, for example V(/var/lib/rosfleet-multimaster).
+        It is made when needed, and removed when empty.
+    type: path
+    default: /var/lib/rosfleet-multimaster
+author:
+  - rosfleet contributors (@rosfleet)
+"""
+
+EXAMPLES = r"""
+- name: Bind the names of both robots, as in Fig. 6 of the report
+  rosfleet.multimaster.hosts_entries:
+    entries:
+      - {address: 192.168.1.229, names: [kobuki1computer]}
+      - {address: 192.168.1.239, names: [kobuki2computer]}
+
+- name: Go on when a line of somebody else's gives another address, with a warning
+  rosfleet.multimaster.hosts_entries:
+    entries:
+      - {address: 192.168.11.202, names: [tibi-monitor, tibi]}
+      - {address: "fd00:11::202", names: [tibi-monitor]}
+    on_conflict: report
+
+- name: Take all our bindings back
+  rosfleet.multimaster.hosts_entries:
+    entries: []
+"""
+
+RETURN = r"""
+entries:
+  description: Each entry of O(entries), and the line that gives it.
+  returned: when the options are right
+  type: list
+  elements: dict
+  sample:
+    - address: 192.168.1.229
+      names: [kobuki1computer]
+      state: added
+      ours: true
+      line: 3
+      resolved: {kobuki1computer: [192.168.1.229]}
+  contains:
+    address:
+      description: The address in its normal form.
+      returned: always
+      type: str
+      sample: 192.168.1.229
+    names:
+      description: The names, the canonical one first.
+      returned: always
+      type: list
+      elements: str
+      sample: [kobuki1computer]
+    state:
+      description: V(unchanged), V(added) or V(changed).
+      returned: always
+      type: str
+      sample: added
+    ours:
+      description: Whether the line is ours. If not, somebody else's line already gives the address all these names.
+      returned: always
+      type: bool
+      sample: true
+    line:
+      description: The number of the line in the new file, from 1.
+      returned: always
+      type: int
+      sample: 3
+    resolved:
+      description:
+        - For each name, the addresses of this family that libc answers after the change, best first. No more names
+          are asked after 10 seconds.
+        - Empty in check mode, and when O(path) is not the file that libc reads.
+      returned: always
+      type: dict
+      sample: {kobuki1computer: [192.168.1.229]}
+unresolved:
+  description: The names for which libc's best answer is not the planned address. Empty where RV(entries[].resolved) is.
+  returned: when the options are right
+  type: list
+  elements: dict
+  sample: []
+  contains:
+    name:
+      description: The name that was asked for.
+      returned: always
+      type: str
+      sample: kobuki1computer
+    found:
+      description: The addresses that libc answers.
+      returned: always
+      type: list
+      elements: str
+      sample: [127.0.1.1]
+    expected:
+      description: The planned address.
+      returned: always
+      type: str
+      sample: 192.168.1.229
+removed:
+  description: The lines of ours that were taken back, as no entry needs them any more.
+  returned: when the options are right
+  type: list
+  elements: dict
+  sample: [{line: 3, text: "192.168.1.230\tkobuki3computer # rosfleet.multimaster"}]
+  contains:
+    line:
+      description: The number of the line in the old file, from 1.
+      returned: always
+      type: int
+      sample: 3
+    text:
+      description: The line.
+      returned: always
+      type: str
+      sample: "192.168.1.230\tkobuki3computer # rosfleet.multimaster"
+replaced:
+  description: The loopback lines that are not ours, out of which managed names are taken, or which were put back.
+  returned: when the options are right
+  type: list
+  elements: dict
+  sample: [{before: 127.0.1.1 kobuki1computer, after: "", line: 2, state: replaced}]
+  contains:
+    before:
+      description: The line without us.
+      returned: always
+      type: str
+      sample: 127.0.1.1 kobuki1computer
+    after:
+      description: What the line says now; empty where no name is left.
+      returned: always
+      type: str
+      sample: ""
+    line:
+      description: The number of the line in the new file, from 1.
+      returned: always
+      type: int
+      sample: 2
+    state:
+      description: V(replaced) or V(restored) in this run, or V(unchanged) when it was replaced before.
+      returned: always
+      type: str
+      sample: replaced
+conflicts:
+  description: The names to which a line of somebody else's gives another address.
+  returned: when the options are right
+  type: list
+  elements: dict
+  sample:
+    - line: 7
+      text: 192.168.1.99 kobuki1computer
+      name: kobuki1computer
+      found: 192.168.1.99
+      expected: 192.168.1.229
+      effect: shadows
+  contains:
+    line:
+      description: The number of the line in the old file, from 1.
+      returned: always
+      type: int
+      sample: 7
+    text:
+      description: The line.
+      returned: always
+      type: str
+      sample: 192.168.1.99 kobuki1computer
+    name:
+      description: The name as it stands there.
+      returned: always
+      type: str
+      sample: kobuki1computer
+    found:
+      description: The address that the line gives.
+      returned: always
+      type: str
+      sample: 192.168.1.99
+    expected:
+      description: The address in O(entries).
+      returned: always
+      type: str
+      sample: 192.168.1.229
+    effect:
+      description: V(shadows) when the line comes before the right one, V(adds) when it adds a second address behind it.
+      returned: always
+      type: str
+      sample: shadows
+written:
+  description:
+    - How the file was written, V(rename), V(in_place) where it is a mount point, or V(removed) where the file was
+      ours alone. Empty when it was not.
+  returned: when the options are right
+  type: str
+  sample: rename
+repaired:
+  description:
+    - Whether the file was found torn by a run that was ended while it wrote in place, and repaired (not in check mode).
+  returned: when the options are right
+  type: bool
+  sample: false
+path:
+  description: The file, after symbolic links.
+  returned: when the options are right
+  type: str
+  sample: /etc/hosts
+diff:
+  description: The file before and after.
+  returned: when the options are right
+  type: dict
+  sample:
+    before_header: /etc/hosts
+    after_header: /etc/hosts
+    before: "127.0.0.1 localhost\n"
+    after: "127.0.0.1 localhost\n192.168.1.229\tkobuki1computer # rosfleet.multimaster\n"
+msg:
+  description: What was found and done, in sentences.
+  returned: always
+  type: str
+  sample: >-
+    /etc/hosts: 2 added. Line 2 (127.0.1.1 kobuki1computer) no longer binds this computer's own name to loopback; of it
+    remains: nothing.
+"""
+
+import os
+import socket
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _hosts, _hosts_file
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts_entries import bindings_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem, difference
+
+SYSTEM = "/etc/hosts"
+EFFECTS = {
+    "shadows": "which hides the planned one",
+    "adds": "which is answered beside the planned one",
+}
+
+
+def explain_conflict(path, conflict):
+    """One sentence on a line of somebody else's that gives a managed name another address."""
+    return (
+        "{path} line {line} gives {name} the address {found}, {what}; expected {expected} (entries): "
+        "correct or remove that line, or correct the entry."
+    ).format(path=path, what=EFFECTS[conflict["effect"]], **conflict)
+
+
+def explain(file, plan, own_name):
+    """What was found and done, in sentences, the state of the whole first."""
+    states = [entry["state"] for entry in plan.entries]
+    counts = [f"{states.count(state)} {state}" for state in ("added", "changed", "unchanged") if state in states]
+    counts += [f"{len(plan.removed)} removed"] if plan.removed else []
+    said = ["{}: {}.".format(file.path, ", ".join(counts) or "no binding of ours")]
+    if file.torn:
+        said.append("The file was torn by a run that was ended while it wrote in place; the old content is taken up.")
+    said += [explain_replaced(item, own_name) for item in plan.replaced if item["state"] != "unchanged"]
+    others = ["{} (line {})".format(entry["names"][0], entry["line"]) for entry in plan.entries if not entry["ours"]]
+    if others:
+        said.append("Left to lines that are not ours and already right: {}.".format(", ".join(others)))
+    names = [name.lower() for entry in plan.entries for name in entry["names"]]
+    if names and own_name.lower() not in names:
+        said.append(f"This computer's own name {own_name} is not among the entries, and resolves as before.")
+    return " ".join(said)
+
+
+def explain_replaced(item, own_name):
+    """One sentence on a loopback line."""
+    before, after = (" ".join(item[when].split()) for when in ("before", "after"))
+    if item["state"] == "restored":
+        return "Line {} is again: {}.".format(item["line"], before)
+    own = own_name.lower() in before.lower().split()
+    return "Line {} ({}) no longer binds {} to loopback; of it remains: {}.".format(
+        item["line"], before, "this computer's own name" if own else "a name of the fleet", after or "nothing"
+    )
+
+
+def look(module):
+    """The bindings and the file, both found fit, or a failure."""
+    params = module.params
+    for option in ("path", "records"):
+        if not os.path.isabs(params[option]):
+            module.fail_json(msg=f"{option} is {params[option]!r}, expected an absolute path.")
+    try:
+        bindings = bindings_of(params["entries"])
+        return bindings, _hosts_file.HostsFile(params["path"], params["records"])
+    except Problem as problem:
+        module.fail_json(msg=str(problem))
+    except OSError as problem:
+        module.fail_json(
+            msg=f"Cannot read {problem.filename} ({problem.strerror}); expected a file: correct path, or run as root "
+            "(become: true)."
+        )
+
+
+def write(module, file, content):
+    """The plan's content into the file; returns how it was written."""
+    try:
+        written = file.replace(content) if content != file.found else ""
+        file.clean()
+        return written
+    except Problem as problem:
+        module.fail_json(msg=str(problem))
+    except OSError as problem:
+        module.fail_json(
+            msg=f"Cannot write {file.path} ({problem.strerror}: {problem.filename}), which has its old content; "
+            "expected a writable folder: run as root (become: true), and look at the mount."
+        )
+
+
+def warn(module, result):
+    """What would undo the result, or makes it less than planned."""
+    for conflict in result["conflicts"]:
+        module.warn(explain_conflict(result["path"], conflict))
+    rewriter = _hosts_file.boot_rewriter() if result["entries"] and result["path"] == SYSTEM else ""
+    if rewriter:
+        module.warn(
+            f"{rewriter} sets manage_etc_hosts, so cloud-init writes {SYSTEM} at every boot and undoes the bindings; "
+            "expected manage_etc_hosts: false: set it in a later file of /etc/cloud/cloud.cfg.d."
+        )
+
+
+def ask(result, bindings):
+    """What libc answers for each name, into the entries, and where it is not what was planned."""
+    for entry, answers in zip(result["entries"], _hosts_file.resolve(bindings)):
+        entry["resolved"] = answers
+        result["unresolved"] += [
+            {"name": name, "found": found, "expected": entry["address"]}
+            for name, found in answers.items()
+            if found[:1] != [entry["address"]]
+        ]
+
+
+def main():
+    module = AnsibleModule(
+        argument_spec={
+            "entries": {
+                "type": "list",
+                "elements": "dict",
+                "required": True,
+                "options": {
+                    "address": {"type": "str", "required": True},
+                    "names": {"type": "list", "elements": "str", "required": True},
+                },
+            },
+            "path": {"type": "path", "default": "/etc/hosts"},
+            "own_name": {"type": "str"},
+            "on_conflict": {"type": "str", "choices": ["fail", "report"], "default": "fail"},
+            "records": {"type": "path", "default": "/var/lib/rosfleet-multimaster"},
+        },
+        supports_check_mode=True,
+    )
+    bindings, file = look(module)
+    plan = _hosts.plan(file.content, bindings)
+    result = {
+        "changed": plan.content != file.found,
+        "entries": [dict(entry, resolved={}) for entry in plan.entries],
+        "unresolved": [],
+        "removed": plan.removed,
+        "replaced": plan.replaced,
+        "conflicts": plan.conflicts,
+        "written": "",
+        "repaired": file.torn,
+        "path": file.path,
+        "diff": difference(file.path, file.found, plan.content),
+        "msg": explain(file, plan, module.params["own_name"] or socket.gethostname()),
+    }
+    if plan.conflicts and module.params["on_conflict"] == "fail":
+        said = [explain_conflict(file.path, conflict) for conflict in plan.conflicts]
+        said.append("Nothing was changed; with on_conflict: report the module goes on.")
+        result.update(changed=False, repaired=False, msg=" ".join(said))
+        module.fail_json(**result)
+    warn(module, result)
+    if not module.check_mode:
+        result["written"] = write(module, file, plan.content)
+        if file.path == os.path.realpath(SYSTEM):
+            ask(result, bindings)
+    module.exit_json(**result)
+
+
+if __name__ == "__main__":
+    main()
