@@ -1,0 +1,698 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: multicast_verify
+short_description: Measure who hears whom on a multicast group
+version_added: "0.1.0"
+description:
+  - Sends and receives real UDP datagrams on the multicast group and port of the fleet, on a chosen interface, between
+    all computers in the same seconds, and returns for every other computer whether it is heard, from which source
+    address, whether it hears this computer, how much was lost, the round-trip time and the difference of the clocks.
+  - Does the rounds of C(ping 224.0.0.1) of the report IRI-TR-15-1 as well, and lists the multicast groups of every
+    interface.
+  - It takes two tasks, so that any number of C(--forks) works. The first, with O(state=started), leaves a helper on
+    every computer that sends a small datagram twice a second and counts those of the others. The second, with
+    O(state=collected), lets the helper of this computer measure and returns the result. Use the C(linear) strategy
+    (the default), so that the first task is through on every computer before the second begins.
+  - The helper ends by itself when all helpers that it knows of have measured, or after O(lifetime). It opens no port
+    of its own for the group. Its datagrams are empty, which a discovery node ignores silently, and it receives copies
+    on a raw socket, so a discovery node of any user keeps its port, its datagrams, its log and its list of masters.
+  - It is a measurement, so a missing computer is a result and no failure, unless O(fail_on_missing=true).
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.info
+attributes:
+  check_mode:
+    support: full
+    details: In check mode nothing is sent and no helper is started; the result is that of O(state=listed).
+options:
+  state:
+    description:
+      - With V(listed), only the memberships of every interface and the route to O(group) are returned; nothing is
+        sent.
+      - With V(started), a helper is left running on this computer; an older one of this computer is ended.
+      - With V(collected), the helper of the same O(run) measures, and the result is returned.
+    type: str
+    choices: [listed, started, collected]
+    default: listed
+  run:
+    description:
+      - The label of the run, for example V(verify-1730000000), of 1 to 64 letters, digits, dots, hyphens and
+        underscores. Helpers with another label are not understood. A label that nobody else knows keeps others out.
+    type: str
+    default: default
+  group:
+    description:
+      - The IPv4 multicast group to use, for example V(226.0.0.0) as upstream's nodes or V(224.0.0.1) as the report.
+    type: str
+    default: 226.0.0.0
+  port:
+    description:
+      - The UDP port of the group, for example V(11511).
+    type: int
+    default: 11511
+  interface_address:
+    description:
+      - The IPv4 address, for example V(192.168.1.229), of the interface of this computer to send and receive on.
+      - Required unless O(state=listed).
+    type: str
+  name:
+    description:
+      - The name of this computer as in O(computers), for example V(kobuki1computer).
+      - Required unless O(state=listed).
+    type: str
+  computers:
+    description:
+      - All computers of the fleet that are to hear each other on O(group), this one included.
+      - Required unless O(state=listed).
+    type: list
+    elements: dict
+    suboptions:
+      name:
+        description: The name of the computer, for example V(kobuki2computer).
+        type: str
+        required: true
+      address:
+        description: The IPv4 address, for example V(192.168.1.239), from which the computer is to be heard.
+        type: str
+        required: true
+  rounds:
+    description:
+      - How many datagrams this computer sends to the group when it measures, for example V(20); from 1 to 1000.
+    type: int
+    default: 10
+  interval:
+    description:
+      - The time between two of these datagrams in seconds, for example V(0.1); from 0.02 to 10.
+        O(rounds) times O(interval) may be 120 seconds at most.
+    type: float
+    default: 0.2
+  unicast:
+    description:
+      - Whether to send each datagram also to the address and O(port) of every other computer, for example V(true). It
+        shows whether the network drops only the group, and lets computers that do not hear each other on the group
+        exchange their counts.
+    type: bool
+    default: true
+  icmp:
+    description:
+      - Whether to do the rounds of ICMP echo requests of the report too, for example V(false) for UDP alone.
+    type: bool
+    default: true
+  icmp_group:
+    description:
+      - The IPv4 multicast group for these requests, for example V(224.0.0.1), which every host is a member of.
+    type: str
+    default: 224.0.0.1
+  lifetime:
+    description:
+      - How long a helper lives at most, in seconds, for example V(300); from 1 to 3600.
+        It must cover the time from the first computer's first task to the last computer's second one.
+    type: int
+    default: 120
+  fail_on_missing:
+    description:
+      - Whether to fail, with O(state=collected), when it is not proven for every other computer that it is heard and
+        hears this one, for example V(true). The message names the computers and the likely causes.
+    type: bool
+    default: false
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - name: Guide
+    description: What the measurement proves, and how to read it.
+    link: https://github.com/rosfleet/multimaster/tree/main/docs/multicast_verify.md
+"""
+
+EXAMPLES = r"""
+- name: List the multicast groups of every interface
+  rosfleet.multimaster.multicast_verify:
+
+- name: Measure who hears whom
+  hosts: robots
+  gather_facts: false
+  become: true
+  module_defaults:
+    rosfleet.multimaster.multicast_verify:
+      run: morning
+      group: 226.0.0.0
+      port: 11511
+      name: "{{ inventory_hostname }}"
+      interface_address: "{{ common_address }}"
+      computers:
+        - {name: kobuki1computer, address: 192.168.1.229}
+        - {name: kobuki2computer, address: 192.168.1.239}
+  tasks:
+    - name: Listen on every computer
+      rosfleet.multimaster.multicast_verify:
+        state: started
+    - name: Measure from every computer
+      rosfleet.multimaster.multicast_verify:
+        state: collected
+        rounds: 20
+        interval: 0.1
+        fail_on_missing: true
+"""
+
+RETURN = r"""
+memberships:
+  description:
+    - The multicast groups of every interface, from C(/proc/net/igmp) and C(/proc/net/igmp6), without the helper's own
+      membership.
+  returned: always
+  type: list
+  elements: dict
+  sample: [{interface: eth0, family: ipv4, group: 226.0.0.0, users: 1, querier: V2}]
+  contains:
+    interface:
+      description: The name of the interface.
+      returned: always
+      type: str
+      sample: eth0
+    family:
+      description: V(ipv4) or V(ipv6).
+      returned: always
+      type: str
+      sample: ipv4
+    group:
+      description: The address of the group.
+      returned: always
+      type: str
+      sample: 226.0.0.0
+    users:
+      description: How many sockets, or parts of the kernel, are members.
+      returned: always
+      type: int
+      sample: 1
+    querier:
+      description:
+        - The IGMP version that the interface speaks, after the queries it last heard. No proof that a querier lives.
+          Null for IPv6.
+      returned: always
+      type: str
+      sample: V2
+route:
+  description: Where a program's datagrams to the group go, when it does not choose an interface itself.
+  returned: always
+  type: dict
+  sample: {device: eth0, source: 192.168.1.229}
+  contains:
+    device:
+      description: The interface, or null when there is no route.
+      returned: always
+      type: str
+      sample: eth0
+    source:
+      description: The source address, or null when there is no route.
+      returned: always
+      type: str
+      sample: 192.168.1.229
+interface:
+  description: The interface that has O(interface_address), or null when that option is not given.
+  returned: always
+  type: str
+  sample: eth0
+udp:
+  description: For every other computer, what UDP datagrams on the group and port showed.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample:
+    - name: kobuki2computer
+      address: 192.168.1.239
+      heard_from: true
+      heard: 14
+      source_address: 192.168.1.239
+      other_interfaces: []
+      heard_by: true
+      loss: 0.0
+      own_source_address: 192.168.1.229
+      unicast: true
+      rtt_ms: {min: 0.4, median: 0.6, max: 1.9}
+      clock_offset_s: -0.0021
+  contains:
+    name:
+      description: The name of the other computer.
+      returned: always
+      type: str
+      sample: kobuki2computer
+    address:
+      description: Its planned address.
+      returned: always
+      type: str
+      sample: 192.168.1.239
+    heard_from:
+      description: Whether its datagrams to the group arrive here, on the planned interface.
+      returned: always
+      type: bool
+      sample: true
+    heard:
+      description: How many of them arrived since this computer's helper was started.
+      returned: always
+      type: int
+      sample: 14
+    source_address:
+      description:
+        - The source address of these datagrams, or null without any. Another one than RV(udp[].address) means address
+          translation.
+      returned: always
+      type: str
+      sample: 192.168.1.239
+    other_interfaces:
+      description: Other interfaces of this computer on which they arrive.
+      returned: always
+      type: list
+      elements: str
+      sample: []
+    heard_by:
+      description:
+        - Whether the other computer heard this computer's datagrams to the group while it measured, by its own count.
+          Null when no count came back, which proves nothing; its own RV(udp[].heard_from) then tells.
+      returned: always
+      type: bool
+      sample: true
+    loss:
+      description:
+        - The share of this computer's datagrams to the group that the other did not hear, from 0 to 1, or null
+          without a count.
+      returned: always
+      type: float
+      sample: 0.0
+    own_source_address:
+      description: The source address from which the other computer sees this one, or null without an answer.
+      returned: always
+      type: str
+      sample: 192.168.1.229
+    unicast:
+      description:
+        - Whether it received unicast datagrams from this computer on O(port), or null without an answer or with
+          O(unicast=false).
+      returned: always
+      type: bool
+      sample: true
+    rtt_ms:
+      description:
+        - The round-trip time of unicast datagrams between the two helpers, in milliseconds, or null without an
+          answer.
+      returned: always
+      type: dict
+      sample: {min: 0.4, median: 0.6, max: 1.9}
+      contains:
+        min:
+          description: The shortest.
+          returned: always
+          type: float
+          sample: 0.4
+        median:
+          description: The median.
+          returned: always
+          type: float
+          sample: 0.6
+        max:
+          description: The longest.
+          returned: always
+          type: float
+          sample: 1.9
+    clock_offset_s:
+      description: How many seconds the other computer's clock is ahead of this one's, or null without an answer.
+      returned: always
+      type: float
+      sample: -0.0021
+heard:
+  description: The names of the computers that are heard.
+  returned: when O(state=collected)
+  type: list
+  elements: str
+  sample: [kobuki2computer]
+missing:
+  description: The names of the computers that are not heard, or that counted none of this computer's datagrams.
+  returned: when O(state=collected)
+  type: list
+  elements: str
+  sample: []
+unanswered:
+  description:
+    - The names of the computers that are heard, but gave no count, so that it is unknown here whether they hear this
+      one.
+  returned: when O(state=collected)
+  type: list
+  elements: str
+  sample: []
+unexpected:
+  description: Sources of datagrams on the group and port that are no computers of the fleet.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample: [{address: 192.168.1.77, interface: eth0, datagrams: 3}]
+  contains:
+    address:
+      description: The source address.
+      returned: always
+      type: str
+      sample: 192.168.1.77
+    interface:
+      description: The interface on which they arrived.
+      returned: always
+      type: str
+      sample: eth0
+    datagrams:
+      description: How many arrived since this computer's helper was started.
+      returned: always
+      type: int
+      sample: 3
+multicast_ok:
+  description:
+    - Whether it is proven for every other computer that it is heard and hears this one, that is, none is missing or
+      unanswered.
+  returned: when O(state=collected)
+  type: bool
+  sample: true
+send_errors:
+  description:
+    - How many datagrams this computer's kernel refused to send, for example because of a firewall's output rule.
+  returned: when O(state=collected)
+  type: dict
+  sample: {count: 0, last: null}
+  contains:
+    count:
+      description: How many.
+      returned: always
+      type: int
+      sample: 0
+    last:
+      description: The destination and the error of the last one, or null.
+      returned: always
+      type: str
+      sample: "226.0.0.0:11511: Operation not permitted"
+icmp:
+  description:
+    - The rounds of ICMP echo requests. A host whose C(net.ipv4.icmp_echo_ignore_broadcasts) is 1, the kernel's
+      default, never answers, though multicast works; and an answer says nothing on UDP and another group. Null with
+      O(icmp=false).
+  returned: when O(state=collected)
+  type: dict
+  sample:
+    group: 224.0.0.1
+    echo_ignore_broadcasts: 0
+    error: null
+    rounds: [{round: 1, answered: [kobuki2computer], missing: [], unexpected: []}]
+  contains:
+    group:
+      description: The group that was asked.
+      returned: always
+      type: str
+      sample: 224.0.0.1
+    echo_ignore_broadcasts:
+      description:
+        - The value of C(net.ipv4.icmp_echo_ignore_broadcasts) on this computer; with 1 it does not answer the others.
+      returned: always
+      type: int
+      sample: 0
+    error:
+      description: Why the rounds could not be done, or null.
+      returned: always
+      type: str
+      sample: null
+    rounds:
+      description: At most five rounds.
+      returned: always
+      type: list
+      elements: dict
+      sample: [{round: 1, answered: [kobuki2computer], missing: [], unexpected: []}]
+      contains:
+        round:
+          description: The number of the round, from 1.
+          returned: always
+          type: int
+          sample: 1
+        answered:
+          description: The names of the computers that answered.
+          returned: always
+          type: list
+          elements: str
+          sample: [kobuki2computer]
+        missing:
+          description: The names of the computers that did not answer.
+          returned: always
+          type: list
+          elements: str
+          sample: []
+        unexpected:
+          description: The addresses that answered and are no computers of the fleet.
+          returned: always
+          type: list
+          elements: str
+          sample: []
+msg:
+  description: What was found, in a sentence or a few; of missing computers also the likely causes.
+  returned: always
+  type: str
+  sample: Every other computer (1) is heard on the group and hears this one.
+"""
+
+import ipaddress
+import re
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import (
+    Settings,
+    explain,
+    icmp_round,
+    igmp6_memberships,
+    igmp_memberships,
+    interface_addresses,
+    route_of,
+    without_own,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast_sockets import (
+    Visit,
+    detach,
+    door_path,
+    end_others,
+    icmp_rounds,
+    open_sockets,
+    plain,
+)
+
+MOST_ICMP_ROUNDS = 5
+LONGEST_MEASUREMENT = 120  # seconds
+IGNORE_BROADCASTS = "/proc/sys/net/ipv4/icmp_echo_ignore_broadcasts"
+
+
+def ipv4(text):
+    """The IPv4Address of a text, or None."""
+    try:
+        return ipaddress.IPv4Address(text)
+    except ValueError:
+        return None
+
+
+def wrong(params):
+    """One sentence on the first option that cannot be used, or None."""
+    if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
+        return "run is {run!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores.".format(**params)
+    for option in ("group", "icmp_group"):
+        group = ipv4(params[option])
+        if group is None or not group.is_multicast:
+            return f"{option} is {params[option]!r}, expected an IPv4 multicast group (224.0.0.0 to 239.255.255.255)."
+    for option, least, most in (
+        ("port", 1, 65535),
+        ("rounds", 1, 1000),
+        ("interval", 0.02, 10),
+        ("lifetime", 1, 3600),
+    ):
+        if not least <= params[option] <= most:
+            return f"{option} is {params[option]}, expected {least} to {most}."
+    if params["rounds"] * params["interval"] > LONGEST_MEASUREMENT:
+        return "rounds ({rounds}) times interval ({interval} s) is more than {0} s; lower one of them.".format(
+            LONGEST_MEASUREMENT, **params
+        )
+    if params["interface_address"] is not None and ipv4(params["interface_address"]) is None:
+        return "interface_address is {interface_address!r}, expected an IPv4 address.".format(**params)
+    return wrong_computers(params)
+
+
+def wrong_computers(params):
+    """One sentence on what is wrong with computers, name and interface_address together, or None."""
+    names, addresses = {}, {}
+    for computer in params["computers"] or []:
+        name, address = computer["name"], computer["address"]
+        if ipv4(address) is None:
+            return f"computers: the address of {name} is {address!r}, expected an IPv4 address."
+        if name in names:
+            return f"computers: the name {name} is given twice; every computer needs a name of its own."
+        if address in addresses:
+            return (
+                f"computers: {addresses[address]} and {name} both have the address {address}; "
+                "every computer needs an address of its own."
+            )
+        names[name], addresses[address] = address, name
+    if params["state"] == "listed":
+        return None
+    if params["name"] not in names:
+        return "name is {!r}, which is not among computers ({}); add this computer to the list.".format(
+            params["name"], ", ".join(names)
+        )
+    if names[params["name"]] != params["interface_address"]:
+        return "interface_address is {}, but computers gives {} the address {}; the two must be the same.".format(
+            params["interface_address"], params["name"], names[params["name"]]
+        )
+    return None
+
+
+def read(path):
+    """The text of a file of the kernel's; empty where there is none, as without IPv6."""
+    try:
+        with open(path) as lines:
+            return lines.read()
+    except OSError:
+        return ""
+
+
+def look(module):
+    """memberships and route of this computer, its addresses, and the interface that was asked for."""
+    tool = module.get_bin_path("ip", required=True)
+    text = module.run_command([tool, "-oneline", "-4", "address", "show"], check_rc=True)[1]
+    addresses = interface_addresses(text)
+    address = module.params["interface_address"]
+    if address is not None and address not in addresses:
+        module.fail_json(
+            msg="No interface of this computer has the address {} (interface_address); it has {}. "
+            "Give it the address, or correct the inventory.".format(address, ", ".join(sorted(addresses)) or "none")
+        )
+    index, interface = addresses.get(address, (None, None))
+    device, source = route_of(module.run_command([tool, "route", "get", module.params["group"]])[1])
+    seen = {
+        "memberships": igmp_memberships(read("/proc/net/igmp")) + igmp6_memberships(read("/proc/net/igmp6")),
+        "route": {"device": device, "source": source},
+        "interface": interface,
+    }
+    return seen, addresses, index
+
+
+def listed(seen, group):
+    """The message of state listed."""
+    members = sorted({item["interface"] for item in seen["memberships"] if item["group"] == group})
+    return "{} has members on {}.".format(group, ", ".join(members) or "no interface")
+
+
+def start(module, settings, index):
+    """Leave a helper behind; what cannot be opened is said before there is one."""
+    path = door_path(settings.run)
+    where = f"{settings.group}:{settings.port} on {settings.interface} ({settings.address})"
+    try:
+        end_others()
+        sockets = open_sockets(settings, index, path)
+    except OSError as error:
+        why = error.strerror or error
+        if isinstance(error, PermissionError):
+            why = f"{why}; it needs root, so set become: true"
+        module.fail_json(msg=f"Cannot listen for {where}: {why}.")
+    detach(sockets, settings, path)
+    return {"msg": f"Listening for {where}, for {settings.lifetime} s at most."}
+
+
+def collect(module, settings, index):
+    """Let the helper measure, do the ICMP rounds meanwhile, and return both."""
+    params = module.params
+    request = {"do": "measure", "settings": plain(settings)}
+    request.update((option, params[option]) for option in ("rounds", "interval", "unicast"))
+    ended = (
+        "No helper of the run {!r} is listening on this computer: its task with state=started did not run, "
+        "or its lifetime ({} s) was over; run that task before this one, or raise lifetime."
+    ).format(settings.run, params["lifetime"])
+    try:
+        visit = Visit(door_path(settings.run), request)
+    except OSError as error:
+        module.fail_json(msg=f"{ended} ({error.strerror or error})")
+    icmp = ping(settings, index, params) if params["icmp"] else None
+    reply = visit.reply(params["rounds"] * params["interval"] + 15)
+    if reply is None:
+        module.fail_json(msg=ended)
+    if "settings" in reply:
+        module.fail_json(
+            msg="The helper of the run {!r} was started with other options ({}) than this task has ({}); "
+            "give both tasks the same.".format(settings.run, reply["settings"], plain(settings))
+        )
+    if not params["unicast"]:
+        reply["udp"] = [dict(entry, unicast=None) for entry in reply["udp"]]
+    ok = not reply["missing"] and not reply["unanswered"]
+    return dict(reply, icmp=icmp, multicast_ok=ok, msg=explain(reply, settings.port))
+
+
+def ping(settings, index, params):
+    """The ICMP rounds; they are an addition, so their error is returned beside the rest."""
+    answered, error = [], None
+    try:
+        answered = icmp_rounds(settings.address, index, params["icmp_group"], min(params["rounds"], MOST_ICMP_ROUNDS))
+    except OSError as refused:
+        error = "Cannot send ICMP echo requests to {}: {}.".format(params["icmp_group"], refused.strerror or refused)
+    return {
+        "group": params["icmp_group"],
+        "echo_ignore_broadcasts": int(read(IGNORE_BROADCASTS) or 1),
+        "error": error,
+        "rounds": [
+            icmp_round(number, sources, settings.computers, settings.address)
+            for number, sources in enumerate(answered, 1)
+        ],
+    }
+
+
+def main():
+    needed = ["interface_address", "name", "computers"]
+    module = AnsibleModule(
+        argument_spec={
+            "state": {"type": "str", "choices": ["listed", "started", "collected"], "default": "listed"},
+            "run": {"type": "str", "default": "default"},
+            "group": {"type": "str", "default": "226.0.0.0"},
+            "port": {"type": "int", "default": 11511},
+            "interface_address": {"type": "str"},
+            "name": {"type": "str"},
+            "computers": {
+                "type": "list",
+                "elements": "dict",
+                "options": {"name": {"type": "str", "required": True}, "address": {"type": "str", "required": True}},
+            },
+            "rounds": {"type": "int", "default": 10},
+            "interval": {"type": "float", "default": 0.2},
+            "unicast": {"type": "bool", "default": True},
+            "icmp": {"type": "bool", "default": True},
+            "icmp_group": {"type": "str", "default": "224.0.0.1"},
+            "lifetime": {"type": "int", "default": 120},
+            "fail_on_missing": {"type": "bool", "default": False},
+        },
+        required_if=[("state", "started", needed), ("state", "collected", needed)],
+        supports_check_mode=True,
+    )
+    params = module.params
+    error = wrong(params)
+    if error:
+        module.fail_json(msg=error)
+    seen, addresses, index = look(module)
+    result = dict(seen, changed=False, msg=listed(seen, params["group"]))
+    if params["state"] != "listed" and module.check_mode:
+        result["msg"] += " Check mode: nothing was sent, and no helper was started or asked."
+    elif params["state"] != "listed":
+        settings = Settings(
+            run=params["run"],
+            group=params["group"],
+            port=params["port"],
+            interface=seen["interface"],
+            address=params["interface_address"],
+            own=tuple(addresses),
+            computers={computer["address"]: computer["name"] for computer in params["computers"]},
+            lifetime=params["lifetime"],
+        )
+        if params["state"] == "started":
+            result.update(start(module, settings, index))
+        else:
+            result["memberships"] = without_own(seen["memberships"], seen["interface"], params["group"])
+            result.update(collect(module, settings, index))
+            if params["fail_on_missing"] and not result["multicast_ok"]:
+                module.fail_json(**result)
+    module.exit_json(**result)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,395 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What multicast_verify knows without a socket: tables, record, accounting; between helpers on a simulated network."""
+
+import random
+import struct
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _multicast as m
+from ansible_collections.rosfleet.multimaster.plugins.modules.multicast_verify import wrong
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+# The kernel's tables
+
+IGMP = """Idx\tDevice    : Count Querier\tGroup    Users Timer\tReporter
+1\tlo        :     1      V3
+\t\t\t\t010000E0     1 0:00000000\t\t0
+4\teth0      :     3      V2
+\t\t\t\t000000E2     2 0:00000000\t\t1
+\t\t\t\t010000E0     1 0:00000000\t\t0
+7\tenp0s31f6.1234:     1      V3
+\t\t\t\tFB0000E0     1 1:00000A1F\t\t0
+"""
+IGMP6 = """2    eth0            ff0200000000000000000001ff000002     1 00000004 0
+2    eth0            ff020000000000000000000000000001     1 0000000C 0
+"""
+
+
+def test_memberships_of_the_kernels_tables():
+    found = [tuple(item.values()) for item in m.igmp_memberships(IGMP, "little") + m.igmp6_memberships(IGMP6)]
+    assert found == [
+        ("lo", "ipv4", "224.0.0.1", 1, "V3"),
+        ("eth0", "ipv4", "226.0.0.0", 2, "V2"),
+        ("eth0", "ipv4", "224.0.0.1", 1, "V2"),
+        ("enp0s31f6.1234", "ipv4", "224.0.0.251", 1, "V3"),
+        ("eth0", "ipv6", "ff02::1:ff00:2", 1, None),
+        ("eth0", "ipv6", "ff02::1", 1, None),
+    ]
+    assert m.igmp_memberships(IGMP.replace("000000E2", "E2000000"), "big")[1]["group"] == "226.0.0.0"
+    assert m.igmp_memberships("") == m.igmp6_memberships("") == []
+
+
+def test_own_membership_is_not_counted():
+    found = m.igmp_memberships(IGMP, "little")
+    assert m.without_own(found, "eth0", "226.0.0.0")[1]["users"] == 1
+    assert len(m.without_own(found, "eth0", "224.0.0.1")) == len(found) - 1
+    assert found == m.igmp_memberships(IGMP, "little")
+
+
+def test_addresses_and_route_of_iproute2():
+    text = (
+        "1: lo    inet 127.0.0.1/8 scope host lo\\       valid_lft forever preferred_lft forever\n"
+        "2: eth0@if9    inet 192.168.1.229/24 brd 192.168.1.255 scope global eth0\\       valid_lft forever\n"
+        "2: eth0    inet 192.168.1.77/24 scope global secondary eth0:1\\       valid_lft forever\n"
+        "5: tun0    inet 10.8.0.2 peer 10.8.0.1/32 scope global tun0\\       valid_lft forever\n"
+    )
+    assert m.interface_addresses(text) == {
+        "127.0.0.1": (1, "lo"),
+        "192.168.1.229": (2, "eth0"),
+        "192.168.1.77": (2, "eth0"),
+        "10.8.0.2": (5, "tun0"),
+    }
+    assert m.route_of("multicast 226.0.0.0 dev eth0 src 192.168.1.229 uid 0 \n    cache <mc> \n") == (
+        "eth0",
+        "192.168.1.229",
+    )
+    assert m.route_of("") == (None, None)
+
+
+# Packets
+
+
+def test_echo_request_and_reply():
+    request = m.echo_request(0x1234, 7)
+    assert request == bytes.fromhex("0800e5c412340007") and m.checksum(request) == 0
+    head = bytes([0x46]) + bytes(11) + bytes([192, 168, 1, 239]) + bytes([192, 168, 1, 229]) + bytes(4)
+    assert m.echo_reply(head + b"\0" + request[1:], 0x1234) == ("192.168.1.239", 7)
+    assert m.echo_reply(head + request, 0x1234) is None
+    assert m.echo_reply(head + b"\0" + request[1:], 0x4321) is None
+    assert m.echo_reply(head + b"\0\0", 0x1234) is None
+
+
+@given(st.binary(max_size=200))
+def test_arbitrary_bytes_are_refused(data):
+    m.packet(data)
+    m.echo_reply(data, 1)
+    assert m.decode(data, "run") is None
+
+
+@given(st.integers(1, 3), st.booleans(), st.integers(0, 2**32 - 1), st.floats(0, 4e9))
+def test_a_record_comes_back_and_only_to_its_own_run(kind, done, number, time):
+    record = m.Record(kind, done, "192.168.1.229", number, number, number, "10.0.0.1", time, time + 1)
+    data = m.encode(record, "morning")
+    assert m.decode(data, "morning") == record
+    assert m.decode(data, "evening") is None
+    flipped = bytes([data[0] ^ 1]) + data[1:]
+    assert m.decode(flipped, "morning") is None
+
+
+def test_an_answer_is_not_larger_than_its_question():
+    sizes = {len(m.encode(m.Record(kind, False, "10.0.0.1"), "run")) for kind in (m.HELLO, m.ASK, m.ANSWER)}
+    assert sizes == {60}
+
+
+def test_times_of_the_quickest_round_trip():
+    assert m.times([]) == {"rtt_ms": None, "clock_offset_s": None}
+    found = m.times([(0.2, 3600.09), (0.001, 3600.0), (0.003, 3599.9)])
+    assert found == {"rtt_ms": {"min": 1, "median": 3, "max": 200}, "clock_offset_s": 3600}
+
+
+def test_an_icmp_round_names_who_answered():
+    computers = {"10.0.0.1": "a", "10.0.0.2": "b", "10.0.0.3": "c"}
+    assert m.icmp_round(1, {"10.0.0.2", "10.0.0.9"}, computers, "10.0.0.1") == {
+        "round": 1,
+        "answered": ["b"],
+        "missing": ["c"],
+        "unexpected": ["10.0.0.9"],
+    }
+
+
+# Helpers on a simulated network
+
+
+class Air:
+    """Carries the datagrams of helpers that are stepped in simulated time. passes(sender, receiver, group?) -> bool."""
+
+    def __init__(self, count, passes=lambda sender, receiver, group: True, clocks=(), delay=0.01, **options):
+        self.addresses = [f"10.0.0.{number}" for number in range(1, count + 1)]
+        self.passes, self.delay = passes, delay
+        self.clocks = list(clocks) + [0] * (count - len(clocks))
+        computers = {address: f"c{number}" for number, address in enumerate(self.addresses)}
+        self.helpers = [
+            m.Helper(m.Settings("run", "226.0.0.0", 11511, "eth0", address, (address,), computers, 100), 0.0)
+            for address in self.addresses
+        ]
+        self.translated = options.get("translated", {})
+        self.flying, self.sent, self.now = [], [], 0.0
+        self.ended = [False] * count
+
+    def send(self, number, datagrams):
+        for payload, (address, port) in datagrams:
+            self.sent.append((self.now, number, payload, address))
+            group = address == "226.0.0.0"
+            for other, own in enumerate(self.addresses):
+                target = group or address == own or self.translated.get(other) == address
+                if target and other != number and self.passes(number, other, group):
+                    source = (self.translated.get(number, self.addresses[number]), 40000 + number)
+                    self.flying.append((self.now + self.delay, other, source, address, port, payload))
+
+    def step(self):
+        landed = [item for item in self.flying if item[0] <= self.now]
+        self.flying = [item for item in self.flying if item[0] > self.now]
+        for unused, number, source, address, port, payload in landed:
+            helper = self.helpers[number]
+            if self.ended[number]:
+                continue
+            if port == 11511:
+                destination = address if address == "226.0.0.0" else self.addresses[number]
+                self.send(number, helper.datagram(self.now, source, destination, "eth0", len(payload)))
+            else:
+                self.send(number, helper.record(self.now, self.now + self.clocks[number], source, payload))
+        for number, helper in enumerate(self.helpers):
+            self.ended[number] = self.ended[number] or helper.over(self.now)
+            if not self.ended[number]:
+                self.send(number, helper.poll(self.now, self.now + self.clocks[number]))
+        self.now += 0.005
+
+    def run(self, seconds):
+        end = self.now + seconds
+        while self.now < end:
+            self.step()
+
+    def measure(self, numbers, rounds=10, unicast=True):
+        for number in numbers:
+            self.helpers[number].measure(self.now, rounds, 0.1, unicast)
+        while any(self.helpers[number].rounds for number in numbers):
+            self.step()
+        return [self.helpers[number].result() for number in numbers]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(2, 5), st.integers(1, 5), st.floats(0.005, 0.04))
+def test_any_number_of_forks_gives_the_whole_matrix(count, forks, delay):
+    air = Air(count, delay=delay)
+    air.run(1)
+    for first in range(0, count, forks):
+        for result in air.measure(range(first, min(first + forks, count))):
+            assert result["missing"] == result["unanswered"] == result["unexpected"] == []
+            assert len(result["heard"]) == count - 1
+            assert all(entry["loss"] == 0 for entry in result["udp"])
+            assert all(entry["rtt_ms"]["min"] == pytest.approx(2000 * delay, abs=11) for entry in result["udp"])
+    assert not all(air.ended)
+    air.run(3)
+    assert all(air.ended)
+
+
+def test_offset_of_clocks_an_hour_apart():
+    air = Air(3, clocks=[0, 3600, -3600])
+    air.run(1)
+    (result,) = air.measure([0])
+    assert [entry["clock_offset_s"] for entry in result["udp"]] == pytest.approx([3600, -3600], abs=0.01)
+
+
+def test_a_lost_direction_is_found_on_both_sides():
+    air = Air(3, passes=lambda sender, receiver, group: (sender, receiver, group) != (0, 1, True))
+    air.run(1)
+    first, second, third = air.measure([0, 1, 2])
+    assert first["missing"] == ["c1"] and first["udp"][0]["heard_by"] is False and first["udp"][0]["loss"] == 1
+    assert second["missing"] == ["c0"] and second["heard"] == ["c2"]
+    assert third["missing"] == []
+    assert "Do not hear this computer on the group: c1." in m.explain(first, 11511)
+    assert "Unicast datagrams reach c1" in m.explain(first, 11511)
+
+
+def test_loss_is_measured_where_it_happens():
+    luck = random.Random(1)
+    air = Air(2, passes=lambda sender, receiver, group: not (group and sender == 0) or luck.random() < 0.7)
+    air.run(1)
+    (result,) = air.measure([0], rounds=400)
+    assert result["udp"][0]["loss"] == pytest.approx(0.3, abs=0.07)
+    (result,) = air.measure([1], rounds=50)
+    assert result["udp"][0]["loss"] == 0
+
+
+def test_lost_counts_are_asked_for_again():
+    luck = random.Random(2)
+    air = Air(4, passes=lambda sender, receiver, group: group or luck.random() < 0.6)
+    air.run(3)
+    for result in air.measure(range(4)):
+        assert result["missing"] == result["unanswered"] == []
+        assert all(entry["loss"] in (0, None) for entry in result["udp"])
+
+
+def test_without_any_answer_nothing_is_claimed():
+    air = Air(2, passes=lambda sender, receiver, group: group)
+    air.run(1)
+    (result,) = air.measure([0])
+    assert result["heard"] == ["c1"] and result["missing"] == [] and result["unanswered"] == ["c1"]
+    assert result["udp"][0]["loss"] is result["udp"][0]["heard_by"] is result["udp"][0]["unicast"] is None
+    assert "their own result tells" in m.explain(result, 11511)
+
+
+def test_a_dead_computer_is_named_and_not_waited_for():
+    air = Air(3)
+    air.ended[2] = True
+    air.run(1)
+    first, second = air.measure([0, 1])
+    assert first["missing"] == second["missing"] == ["c2"]
+    assert "No answer came from c2" in m.explain(first, 11511) and "11511" in m.explain(first, 11511)
+    air.run(3)
+    assert all(air.ended)
+
+
+def test_a_helper_that_dies_later_is_waited_for_only_a_while():
+    air = Air(2)
+    air.run(1)
+    air.ended[1] = True
+    air.measure([0])
+    air.run(3)
+    assert not air.ended[0]
+    air.run(8)
+    assert air.ended[0]
+
+
+def test_address_translation_is_seen():
+    air = Air(2, translated={0: "10.9.9.9"})
+    air.run(1)
+    first, second = air.measure([0, 1])
+    assert first["udp"][0]["own_source_address"] == "10.9.9.9" and first["missing"] == []
+    assert second["udp"][0]["source_address"] == "10.9.9.9" and second["udp"][0]["heard_from"]
+    assert second["unexpected"] == []
+
+
+def helper():
+    computers = {"10.0.0.1": "own", "10.0.0.2": "other"}
+    return m.Helper(m.Settings("run", "226.0.0.0", 11511, "eth0", "10.0.0.1", ("10.0.0.1",), computers, 100), 0.0)
+
+
+def test_strangers_are_counted_and_never_answered():
+    one = helper()
+    for port in range(10000):
+        assert one.datagram(0, ("10.0.0.66", port), "226.0.0.0", "eth0", 0) == []
+        assert one.record(0, 0, ("10.0.0.66", port), b"x" * 60) == []
+    assert one.result()["unexpected"] == [{"address": "10.0.0.66", "interface": "eth0", "datagrams": m.SOURCES}]
+    assert one.result()["heard"] == []
+
+
+def test_answers_and_introductions_are_bounded():
+    one = helper()
+    ask = m.encode(m.Record(m.ASK, False, "10.0.0.2", 1), "run")
+    answers = [one.record(0, 0, ("10.0.0.2", 5000), ask) for unused in range(1000)]
+    assert sum(map(len, answers)) == 2 * m.ANSWERS
+    assert one.record(1, 0, ("10.0.0.2", 5000), ask)
+    told = [one.datagram(0, ("10.0.0.2", port), "226.0.0.0", "eth0", 0) for port in range(1000)]
+    assert sum(map(len, told)) == m.PORTS
+    assert [len(payload) for payload, unused in one.datagram(0, ("10.0.0.2", 1), "226.0.0.0", "eth0", 24)] == []
+
+
+def test_heartbeats_of_a_discovery_node_are_no_probes():
+    one = helper()
+    one.datagram(0, ("10.0.0.2", 11511), "226.0.0.0", "eth0", 24)
+    one.datagram(0, ("10.0.0.77", 11511), "226.0.0.0", "eth0", 24)
+    one.datagram(0, ("10.0.0.1", 11511), "226.0.0.0", "eth0", 24)
+    result = one.result()
+    assert result["heard"] == []
+    assert [item["address"] for item in result["unexpected"]] == ["10.0.0.77"]
+
+
+def test_another_interface_than_the_planned_one_is_named():
+    one = helper()
+    one.datagram(0, ("10.0.0.2", 5000), "226.0.0.0", "wlan0", 0)
+    result = one.result()
+    assert result["missing"] == ["other"] and result["udp"][0]["other_interfaces"] == ["wlan0"]
+    assert "other (wlan0)" in m.explain(result, 11511)
+
+
+def test_probes_are_empty_and_slow_while_nobody_measures():
+    air = Air(2)
+    air.run(10)
+    group = [payload for unused, number, payload, address in air.sent if address == "226.0.0.0" and number == 0]
+    assert set(group) == {b""} and len(group) == pytest.approx(20, abs=1)
+    unicast = [payload for unused, number, payload, address in air.sent if address != "226.0.0.0"]
+    assert len(unicast) == 2 * m.TELLS
+
+
+def test_lifetime_ends_a_helper_but_not_in_the_middle_of_a_measurement():
+    one = helper()
+    assert not one.over(99) and one.over(100)
+    one.measure(99, 1, 0.1, False)
+    assert not one.over(100)
+
+
+# The module's options
+
+GOOD = {
+    "state": "started",
+    "run": "default",
+    "group": "226.0.0.0",
+    "icmp_group": "224.0.0.1",
+    "port": 11511,
+    "rounds": 10,
+    "interval": 0.2,
+    "lifetime": 120,
+    "interface_address": "10.0.0.1",
+    "name": "own",
+    "computers": [{"name": "own", "address": "10.0.0.1"}, {"name": "other", "address": "10.0.0.2"}],
+}
+
+
+def test_good_options_are_good():
+    assert wrong(GOOD) is None
+    assert wrong({**GOOD, "state": "listed", "name": None, "interface_address": None, "computers": None}) is None
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("run", "a/b", "run is 'a/b'"),
+        ("group", "192.168.1.1", "group is '192.168.1.1'"),
+        ("group", "ff02::1", "group is 'ff02::1'"),
+        ("icmp_group", "all", "icmp_group is 'all'"),
+        ("port", 0, "port is 0, expected 1 to 65535"),
+        ("rounds", 0, "rounds is 0"),
+        ("interval", 0.001, "interval is 0.001"),
+        ("interval", 100.0, "interval is 100.0"),
+        ("rounds", 1000, "rounds (1000) times interval (0.2 s)"),
+        ("lifetime", 4000, "lifetime is 4000"),
+        ("interface_address", "eth0", "interface_address is 'eth0'"),
+        (
+            "interface_address",
+            "10.0.0.9",
+            "interface_address is 10.0.0.9, but computers gives own the address 10.0.0.1",
+        ),
+        ("name", "nobody", "name is 'nobody'"),
+        ("computers", [{"name": "a", "address": "x"}], "the address of a is 'x'"),
+        ("computers", [{"name": "a", "address": "10.0.0.1"}] * 2, "the name a is given twice"),
+        (
+            "computers",
+            [{"name": "a", "address": "10.0.0.1"}, {"name": "b", "address": "10.0.0.1"}],
+            "a and b both have the address 10.0.0.1",
+        ),
+    ],
+)
+def test_wrong_options_are_named_in_one_sentence(option, value, said):
+    sentence = wrong({**GOOD, option: value})
+    assert said in sentence and sentence.endswith(".") and "expected" in sentence or ";" in sentence
+
+
+def test_the_record_has_the_documented_layout():
+    body = m.encode(m.Record(m.ANSWER, True, "10.0.0.1", 1, 2, 3, "10.0.0.2", 1.5, 2.5), "run")[16:]
+    assert struct.unpack("!4sBB2x4sIII4sdd", body) == (
+        b"RFMV", 3, 1, bytes([10, 0, 0, 1]), 1, 2, 3, bytes([10, 0, 0, 2]), 1.5, 2.5,
+    )  # fmt: skip

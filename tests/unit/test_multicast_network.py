@@ -1,0 +1,328 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""multicast_verify between computers: each is a network and mount namespace of its own, on a bridge in another."""
+
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import ansible_collections
+import pytest
+
+TOOLS = ("ip", "unshare", "nsenter")
+GROUP, PORT = "226.0.0.0", 11511
+MODULE = "ansible_collections.rosfleet.multimaster.plugins.modules.multicast_verify"
+COLLECTIONS = Path(next(iter(ansible_collections.__path__))).parent
+QUICK = {"rounds": 5, "interval": 0.05, "icmp": False}
+
+
+def why_not():
+    if os.geteuid() != 0:
+        return "needs root, to make network namespaces"
+    absent = [tool for tool in TOOLS if not shutil.which(tool)]
+    if absent:
+        return f"needs {', '.join(absent)}"
+    if subprocess.run(["unshare", "--net", "--mount", "true"], check=False, capture_output=True).returncode:
+        return "needs the right to make network namespaces"
+    return ""
+
+
+pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not() or "can run")
+
+
+class Host:
+    """A computer; it lives as long as the process that holds its namespaces."""
+
+    def __init__(self, name, address):
+        self.name, self.address = name, address
+        self.holder = subprocess.Popen(["unshare", "--net", "--mount", "sleep", "300"])
+        own = os.readlink("/proc/self/ns/net")
+        while os.readlink(f"/proc/{self.holder.pid}/ns/net") == own:
+            time.sleep(0.005)
+        self.net = os.readlink(f"/proc/{self.holder.pid}/ns/net")
+        self.enter = ["nsenter", "--target", str(self.holder.pid), "--net", "--mount"]
+        self.extra = {}
+
+    def run(self, *command, **options):
+        return subprocess.run([*self.enter, *command], check=True, capture_output=True, text=True, **options).stdout
+
+    def popen(self, *command):
+        return subprocess.Popen([*self.enter, *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def processes(self):
+        """The processes of this computer, without the one that holds it."""
+        found = set()
+        for entry in Path("/proc").glob("[0-9]*/ns/net"):
+            with contextlib.suppress(OSError):
+                if os.readlink(entry) == self.net:
+                    found.add(int(entry.parts[2]))
+        return found - {self.holder.pid}
+
+    def end(self):
+        for pid in self.processes():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, 9)
+        self.holder.kill()
+        self.holder.wait()
+
+
+class Network:
+    """Computers on one bridge."""
+
+    def __init__(self, count, folder):
+        self.folder = folder
+        self.switch = Host("switch", None)
+        self.switch.run("ip", "link", "add", "br0", "up", "type", "bridge", "mcast_snooping", "0")
+        self.hosts = [self.add(number) for number in range(1, count + 1)]
+
+    def add(self, number):
+        host = Host(f"robot{number}computer", f"192.168.1.{number}")
+        self.switch.run(
+            "ip", "-batch", "-",
+            input=f"link add s{number} type veth peer name eth0 netns {host.holder.pid}\n"
+            f"link set s{number} master br0 up\n",
+        )  # fmt: skip
+        host.run(
+            "ip", "-batch", "-",
+            input=f"link set lo up\nlink set eth0 up\naddress add {host.address}/24 dev eth0\n"
+            "route add 224.0.0.0/4 dev eth0\n",
+        )  # fmt: skip
+        host.run("mount", "-t", "tmpfs", "tmpfs", "/run")
+        return host
+
+    def module(self, host, fails=False, **options):
+        """Run the module on host; its result."""
+        computers = [{"name": item.name, "address": item.address} for item in self.hosts]
+        arguments = {"name": host.name, "interface_address": host.address, "computers": computers, "run": "test"}
+        path = self.folder / f"{host.name}.json"
+        path.write_text(json.dumps({"ANSIBLE_MODULE_ARGS": {**arguments, **options}}))
+        done = subprocess.run(
+            [*host.enter, sys.executable, "-m", MODULE, str(path)],
+            env={**os.environ, "PYTHONPATH": str(COLLECTIONS), **host.extra},
+            capture_output=True, text=True, timeout=30, check=False,
+        )  # fmt: skip
+        result = json.loads(done.stdout)
+        assert bool(result.get("failed")) == fails, result
+        return result
+
+    def task(self, forks, **options):
+        """Run the module on every computer, as a task with --forks."""
+        with ThreadPoolExecutor(forks) as pool:
+            return list(pool.map(lambda host: self.module(host, **options), self.hosts))
+
+    def measure(self, forks):
+        self.task(forks, state="started")
+        return self.task(forks, state="collected", **QUICK)
+
+    def end(self):
+        for host in [*self.hosts, self.switch]:
+            host.end()
+
+
+@pytest.fixture
+def network(tmp_path):
+    made = []
+
+    def make(count):
+        made.append(Network(count, tmp_path))
+        return made[0]
+
+    yield make
+    for item in made:
+        item.end()
+
+
+def until(condition, seconds):
+    """Wait until condition holds; whether it did in time."""
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.05)
+    return condition()
+
+
+# A discovery node's sockets, held by another user; it prints the length and the source of all that it receives.
+NODE = """
+import os, select, socket, struct, sys
+group, port, address, names = sys.argv[1], int(sys.argv[2]), sys.argv[3], sys.argv[4:]
+os.setgid(65534); os.setuid(65534)
+sockets = []
+for name in names:
+    one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+    one.bind((name, port))
+    sockets.append(one)
+member = struct.pack('4s4s', socket.inet_aton(group), socket.inet_aton(address))
+sockets[-1].setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+print('ready', flush=True)
+while True:
+    for one in select.select([*sockets, sys.stdin], [], [])[0]:
+        if one is sys.stdin:
+            sys.exit()
+        data, source = one.recvfrom(1024)
+        print(len(data), source[0], data.decode() or '-', flush=True)
+"""
+
+
+def node(host, *names):
+    """Start the sockets of a discovery node: bound to these addresses, the last one joins the group."""
+    process = host.popen(sys.executable, "-c", NODE, GROUP, str(PORT), host.address, *names)
+    assert process.stdout.readline() == "ready\n"
+    return process
+
+
+def received(process):
+    return [line.split() for line in process.communicate(timeout=5)[0].splitlines()]
+
+
+def test_everyone_hears_everyone_one_after_the_other(network):
+    net = network(3)
+    for host in net.hosts:
+        host.run("sh", "-c", "echo 0 > /proc/sys/net/ipv4/icmp_echo_ignore_broadcasts")
+    net.hosts[2].run("sh", "-c", "echo 1 > /proc/sys/net/ipv4/icmp_echo_ignore_broadcasts")
+    net.hosts[1].run("ip", "address", "add", "192.168.1.77/24", "dev", "eth0")
+    net.task(3, state="started")
+    stranger = (
+        "import socket; s = socket.socket(2, 2); s.bind(('192.168.1.77', 0)); s.sendto(b'x', ('226.0.0.0', 11511))"
+    )
+    net.hosts[1].run(sys.executable, "-c", stranger)
+    first, *rest = net.hosts
+    results = [net.module(first, state="collected", **{**QUICK, "icmp": True, "rounds": 1})]
+    results += [net.module(host, state="collected", **QUICK) for host in rest]
+    for host, result in zip(net.hosts, results):
+        others = [item for item in net.hosts if item is not host]
+        assert result["multicast_ok"], result["msg"]
+        assert result["heard"] == [item.name for item in others]
+        assert result["missing"] == result["unanswered"] == []
+        assert not result["changed"]
+        assert result["send_errors"] == {"count": 0, "last": None}
+        assert result["route"] == {"device": "eth0", "source": host.address}
+        for entry, other in zip(result["udp"], others):
+            assert entry["heard_from"] and entry["heard_by"] and entry["unicast"]
+            assert (entry["loss"], entry["heard"] > 0) == (0, True)
+            assert entry["source_address"] == entry["address"] == other.address
+            assert entry["own_source_address"] == host.address
+            assert 0 < entry["rtt_ms"]["min"] <= entry["rtt_ms"]["median"] <= entry["rtt_ms"]["max"] < 1000
+            assert abs(entry["clock_offset_s"]) < 0.1
+        # what the measurement itself joined is not in the list
+        assert [item["group"] for item in result["memberships"] if item["interface"] == "eth0"].count(GROUP) == 0
+    assert [item["address"] for item in results[0]["unexpected"]] == ["192.168.1.77"]
+    assert results[1]["unexpected"] == []  # its own second address
+    icmp = results[0]["icmp"]
+    assert icmp["echo_ignore_broadcasts"] == 0 and icmp["error"] is None
+    names = [host.name for host in net.hosts]
+    assert icmp["rounds"] == [{"round": 1, "answered": names[1:2], "missing": names[2:], "unexpected": []}]
+    # everybody has measured: the helpers end by themselves and leave nothing
+    assert until(lambda: not any(host.processes() for host in net.hosts), 5)
+    assert first.run("ls", "/run") == ""
+    assert "lifetime" in net.module(first, fails=True, state="collected")["msg"]
+
+
+@pytest.mark.skipif(not shutil.which("iptables"), reason="needs iptables, to drop the group")
+def test_a_dropped_group_is_missing_in_its_direction(network):
+    net = network(3)
+    first, second, deaf = net.hosts
+    deaf.run("iptables", "-A", "INPUT", "-d", GROUP, "-j", "DROP")
+    results = net.measure(forks=2)
+    for result in results[:2]:
+        assert result["missing"] == [deaf.name] and not result["multicast_ok"]
+        entry = result["udp"][-1]
+        assert (entry["heard_from"], entry["heard_by"], entry["loss"], entry["unicast"]) == (True, False, 1, True)
+        assert f"Do not hear this computer on the group: {deaf.name}." in result["msg"]
+        assert "IGMP snooping" in result["msg"]
+    assert results[2]["missing"] == [first.name, second.name] and results[2]["heard"] == []
+    assert [entry["heard_by"] for entry in results[2]["udp"]] == [True, True]
+
+
+@pytest.mark.skipif(not shutil.which("iptables"), reason="needs iptables, to drop the group")
+def test_without_the_group_unicast_still_tells(network):
+    net = network(2)
+    first, second = net.hosts
+    first.run("iptables", "-A", "OUTPUT", "-d", GROUP, "-j", "DROP")
+    second.run("iptables", "-A", "OUTPUT", "-d", GROUP, "-j", "DROP")
+    net.task(2, state="started")
+    for host, other, fails in ((first, second, False), (second, first, True)):
+        result = net.module(host, fails=fails, state="collected", fail_on_missing=fails, **QUICK)
+        entry = result["udp"][0]
+        assert (entry["heard_from"], entry["heard_by"], entry["unicast"]) == (False, False, True)
+        assert "not permitted" in result["send_errors"]["last"]
+        assert result["missing"] == [other.name] and f"Not heard on the group: {other.name}." in result["msg"]
+
+
+def test_a_discovery_node_of_another_user_keeps_its_port(network):
+    net = network(3)
+    first, second, third = net.hosts
+    nodes = [node(second, second.address, GROUP), node(third, "")]
+    sender = (
+        "import socket, time\nfor n in range(60):\n for a in ('192.168.1.2', '192.168.1.3'):\n"
+        "  socket.socket(2, 2).sendto(b'%d' % n, (a, 11511))\n time.sleep(0.05)\n"
+    )
+    sending = first.popen(sys.executable, "-c", sender)
+    results = net.measure(forks=3)
+    sending.wait(timeout=10)
+    assert all(result["multicast_ok"] for result in results)
+    for process in nodes:
+        lines = received(process)
+        # every unicast datagram from outside arrived, though each came from a new port
+        assert [int(text) for length, source, text in lines if text != "-"] == list(range(60))
+        # and all that the measurement brought is empty
+        assert {source for length, source, text in lines if text == "-"} >= {first.address}
+        assert all(length == "0" for length, source, text in lines if text == "-")
+    assert second.name in results[0]["heard"]
+
+
+def test_clocks_an_hour_apart(network, tmp_path):
+    net = network(2)
+    hour = tmp_path / "hour"
+    hour.mkdir()
+    (hour / "sitecustomize.py").write_text("import time\nreal = time.time\ntime.time = lambda: real() + 3600\n")
+    net.hosts[1].extra = {"PYTHONPATH": f"{hour}:{COLLECTIONS}"}
+    offsets = [result["udp"][0]["clock_offset_s"] for result in net.measure(forks=2)]
+    assert offsets == pytest.approx([3600, -3600], abs=0.1)
+
+
+def test_a_computer_that_is_down_is_missing(network):
+    net = network(2)
+    first, down = net.hosts
+    net.module(first, state="started")
+    result = net.module(first, state="collected", **QUICK)
+    assert result["missing"] == [down.name] and result["udp"][0]["heard_by"] is None
+    assert f"No answer came from {down.name}" in result["msg"]
+
+
+def test_a_new_helper_ends_the_older_one_and_lifetime_ends_it(network):
+    net = network(2)
+    host = net.hosts[0]
+    net.module(host, state="started", run="killed")
+    for pid in host.processes():
+        os.kill(pid, 9)  # leaves its door behind, which does not hinder the next one
+    net.module(host, state="started", run="yesterday")
+    older = host.processes()
+    other = net.module(host, fails=True, state="collected", run="yesterday", port=11512)
+    assert "started with other options" in other["msg"]
+    net.module(host, state="started", lifetime=2)
+    newer = host.processes()
+    assert len(older) == len(newer) == 1 and older != newer
+    assert host.run("sh", "-c", "echo /run/rosfleet-multimaster/*") == "/run/rosfleet-multimaster/multicast-test.sock\n"
+    assert host.run("stat", "-c", "%a %u", "/run/rosfleet-multimaster/multicast-test.sock") == "600 0\n"
+    assert until(lambda: not host.processes(), 5)
+
+
+def test_check_mode_and_listed_send_nothing(network):
+    net = network(2)
+    host = net.hosts[0]
+    result = net.module(host, state="started", _ansible_check_mode=True)
+    assert "Check mode" in result["msg"] and not host.processes()
+    assert {"interface": "eth0", "family": "ipv4", "group": "224.0.0.1"}.items() <= next(
+        item for item in result["memberships"] if item["interface"] == "eth0"
+    ).items()
+    assert any(item["family"] == "ipv6" and item["group"] == "ff02::1" for item in result["memberships"])
+    assert result["interface"] == "eth0"
+    wrong = net.module(host, fails=True, state="started", computers=[{"name": host.name, "address": "10.9.9.9"}])
+    assert "10.9.9.9" in wrong["msg"] and host.address in wrong["msg"]
