@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+"""The door from Ansible to the pure renderers of the environment."""
+
+from __future__ import annotations
+
+DOCUMENTATION = r"""
+name: environment_files
+short_description: The files that carry one environment of ROS to everything that reads one
+version_added: "0.1.0"
+description:
+  - Merges the variables of an installation of ROS with those of the plan, and renders the result for systemd's units,
+    login shells, desktops, commands by ssh, and shells that source the set-up file of ROS.
+author:
+  - rosfleet contributors (@rosfleet)
+positional: _input, machine
+options:
+  _input:
+    description:
+      - The variables of the plan, for example C(ROS_MASTER_URI) V(http://kobuki1computer:11311) and C(ROS_HOSTNAME)
+        V(kobuki1computer).
+    type: dict
+    required: true
+  machine:
+    description: The return of M(rosfleet.multimaster.multimaster_info) for the machine.
+    type: dict
+    required: true
+  ros:
+    description: The variables that the installation of ROS needs, for example C(ROS_DISTRO) V(noetic) and C(PATH)
+      V(/opt/ros/noetic/bin).
+    type: dict
+    default: {}
+"""
+
+EXAMPLES = r"""
+- name: Own the files of the environment
+  rosfleet.multimaster.managed_files:
+    bundle: environment
+    files: "{{ rendered.files }}"
+  vars:
+    ros: "{{ multimaster_info.ros.chosen.environment }}"
+    rendered: "{{ multimaster_plan.environment | rosfleet.multimaster.environment_files(multimaster_info, ros=ros) }}"
+"""
+
+RETURN = r"""
+_value:
+  description: The files, and a sentence for each way that this machine does not let the environment take.
+  type: dict
+  contains:
+    files:
+      description: The files to own, each with C(path), C(content) and C(mode).
+      type: list
+      elements: dict
+    notes:
+      description: The sentences.
+      type: list
+      elements: str
+    digest:
+      description: A SHA-256 over what systemd's units read, to restart them exactly when that changes.
+      type: str
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ansible.errors import AnsibleFilterError
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _environment
+
+
+def environment_files(ours: Any, machine: Any, ros: Any = None) -> dict[str, Any]:
+    """Files and notes for one machine; see DOCUMENTATION."""
+    if not isinstance(ours, Mapping) or not ours.get("ROS_MASTER_URI"):
+        raise AnsibleFilterError(
+            f"The environment to render is {ours!r}; expected a mapping with ROS_MASTER_URI: "
+            "set environment_variables, or let the role preflight make the plan first."
+        )
+    if not isinstance(machine, Mapping) or "sshd" not in machine:
+        raise AnsibleFilterError(
+            f"The machine is described by {machine!r}; expected the return of "
+            "rosfleet.multimaster.multimaster_info: set environment_machine, or let the role preflight look first."
+        )
+    environment = _environment.merge(ros or {}, ours)
+    return {
+        "files": _environment.files(environment, _environment.machine(machine)),
+        "notes": _environment.notes(machine),
+        "digest": _environment.digest(environment),
+    }
+
+
+class FilterModule:
+    """Ansible's way to find the filter."""
+
+    def filters(self) -> dict[str, Any]:
+        """The filters by name."""
+        return {"environment_files": environment_files}

@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+# Private to this collection: may change at any time.
+
+"""Who holds a port: the kernel's tables of sockets, and the processes that have them open (proc(5))."""
+
+import os
+import pwd
+import re
+import socket
+import struct
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import text
+
+_TABLES = (("tcp", "tcp"), ("tcp", "tcp6"), ("udp", "udp"), ("udp", "udp6"))
+_LISTEN = "0A"  # include/net/tcp_states.h
+_UNIT = re.compile(r"[^/]+\.(?:service|scope|socket)")
+
+Socket = typing.NamedTuple("Socket", [("protocol", str), ("port", int), ("address", str), ("uid", int), ("inode", str)])
+
+
+def holders(wanted, proc="/proc"):
+    # type: (typing.Iterable[typing.Dict[str, typing.Any]], str) -> typing.List[typing.Dict[str, typing.Any]]
+    """The listening TCP and bound UDP sockets on the wanted {protocol, port}, with process, user and unit."""
+    asked = {(entry["protocol"], entry["port"]) for entry in wanted}
+    sockets = [
+        entry
+        for protocol, table in _TABLES
+        for entry in parse(protocol, text(os.path.join(proc, "net", table), 1 << 24))
+        if (entry.protocol, entry.port) in asked
+    ]
+    owners = _owners({entry.inode for entry in sockets}, proc)
+    return [_holder(entry, owners.get(entry.inode, 0), proc) for entry in sockets]
+
+
+def parse(protocol, table):
+    # type: (str, str) -> typing.List[Socket]
+    """The sockets of one table of /proc/net that wait for others: TCP in LISTEN, UDP in any state."""
+    sockets = []
+    for line in table.splitlines()[1:]:
+        fields = line.split()
+        if len(fields) < 10 or (protocol == "tcp" and fields[3] != _LISTEN):
+            continue
+        address, _separator, port = fields[1].partition(":")
+        sockets.append(Socket(protocol, int(port, 16), _address(address), int(fields[7]), fields[9]))
+    return sockets
+
+
+def _address(digits):
+    # type: (str) -> str
+    # 32-bit words, each printed in the byte order of the machine
+    words = [int(digits[start : start + 8], 16) for start in range(0, len(digits), 8)]
+    family = socket.AF_INET if len(words) == 1 else socket.AF_INET6
+    return socket.inet_ntop(family, struct.pack("=%dI" % len(words), *words))
+
+
+def _owners(inodes, proc):
+    # type: (typing.Set[str], str) -> typing.Dict[str, int]
+    """Which process has which socket open; of several, the last started, which is not systemd's own copy."""
+    owners = {}  # type: typing.Dict[str, int]
+    if not inodes:
+        return owners
+    wanted = {"socket:[%s]" % inode: inode for inode in inodes}
+    for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
+        folder = os.path.join(proc, str(pid), "fd")
+        try:
+            descriptors = os.listdir(folder)
+        except OSError:
+            continue  # it ended, or is not ours to look at
+        for descriptor in descriptors:
+            try:
+                inode = wanted.get(os.readlink(os.path.join(folder, descriptor)))
+            except OSError:
+                continue
+            if inode is not None:
+                owners[inode] = pid
+    return owners
+
+
+def _holder(entry, pid, proc):
+    # type: (Socket, int, str) -> typing.Dict[str, typing.Any]
+    folder = os.path.join(proc, str(pid))
+    try:
+        user = pwd.getpwuid(entry.uid).pw_name
+    except KeyError:
+        user = str(entry.uid)
+    return {
+        "protocol": entry.protocol,
+        "port": entry.port,
+        "address": entry.address,
+        "pid": pid,
+        "command": text(os.path.join(folder, "cmdline")).replace("\0", " ").strip() if pid else "",
+        "user": user,
+        "unit": unit(text(os.path.join(folder, "cgroup"))) if pid else "",
+    }
+
+
+def unit(cgroups):
+    # type: (str) -> str
+    """The systemd unit in the text of /proc/PID/cgroup: of systemd's hierarchy (version 1), or of the only one."""
+    for line in cgroups.splitlines():
+        _number, controllers, path = (line.split(":", 2) + ["", ""])[:3]
+        if controllers in ("name=systemd", ""):
+            units = _UNIT.findall(path)
+            if units:
+                return units[-1]
+    return ""

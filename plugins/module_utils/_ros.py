@@ -1,0 +1,249 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+# Private to this collection: may change at any time.
+
+"""Where ROS 1 is on a machine, and what it gives to a program.
+
+A set-up file is really sourced, and rospy really imported, as the user nobody: the services run as such a user,
+and a person's workspace is no code for root.
+"""
+
+import glob
+import json
+import os
+import re
+import shlex
+import shutil
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import BASE_PATH, CLEAN, run
+
+PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
+MODULES = ("rospy", "genpy", "rosgraph", "std_msgs", "std_srvs")
+COMMANDS = ("roscore", "rostopic", "rosservice")
+HOOKS = "etc/catkin/profile.d"  # in a prefix: what its set-up file sources at its end
+_DEBIAN = "/usr/lib/python3/dist-packages/rospy"
+_IN_A_FOLDER = ("setup.bash", "setup.sh", "devel/setup.bash", "install/setup.bash")
+_SHELLS = {".bash": "bash", ".sh": "sh", ".zsh": "zsh"}
+_SOURCING = 10.0  # seconds; catkin's own file takes 0.2 on a PC
+_IMPORTING = 20.0  # seconds; 0.4 on a PC, cold on a small robot several
+
+_LISTS = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
+_OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "LC_ALL")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*$")
+_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
+
+_ASK = """
+import importlib, json, sys
+missing = []
+for name in sys.argv[1:]:
+    try:
+        importlib.import_module(name)
+    except Exception:
+        missing.append(name)
+print()
+print(json.dumps({"version": "%d.%d.%d" % sys.version_info[:3], "missing": missing}))
+"""
+_CLOSED = """
+import os, sys
+for path in sys.argv[1:]:
+    parts = path.split("/")
+    for end in range(2, len(parts) + 1):
+        part = "/".join(parts[:end])
+        folder = end < len(parts) or os.path.isdir(part)
+        if not os.access(part, os.X_OK if folder else os.R_OK):
+            print(part)
+            sys.exit()
+"""
+
+
+Record = typing.Dict[str, typing.Any]
+
+
+class NotFound(Exception):
+    """One sentence: what was looked for, where, and what to do."""
+
+
+def find(choice="auto", root="/opt/ros", debian=_DEBIAN):
+    # type: (str, str, str) -> Record
+    """`found`, `chosen` and `problem`: the installations of ROS, the one to use, and one sentence where that fails.
+
+    `choice` is "auto", "debian", or the path of a set-up file or of the folder that holds it.
+    """
+    try:
+        found = [examine(kind, setup) for kind, setup in candidates(choice, root, debian)]
+    except NotFound as problem:
+        return {"found": [], "chosen": None, "problem": str(problem)}
+    chosen, problem = choose(found, root)
+    return {"found": found, "chosen": chosen, "problem": problem}
+
+
+def candidates(choice, root="/opt/ros", debian=_DEBIAN):
+    # type: (str, str, str) -> typing.List[typing.Tuple[str, str]]
+    """(kind, set-up file) of what `choice` may mean, in the order of preference. Raises NotFound."""
+    if choice == "auto":
+        prefixes = [("prefix", setup_file(os.path.dirname(path))) for path in sorted(glob.glob(root + "/*/setup.sh"))]
+        return prefixes + ([("debian", "")] if os.path.isdir(debian) else [])
+    if choice == "debian":
+        if not os.path.isdir(debian):
+            raise NotFound(
+                "multimaster_ros_setup is debian, but %s is not there; install python3-rospy, or name a set-up file."
+                % debian
+            )
+        return [("debian", "")]
+    setup = setup_file(choice)
+    return [("prefix" if os.path.dirname(os.path.dirname(setup)) == root else "workspace", setup)]
+
+
+def setup_file(path):
+    # type: (str) -> str
+    """The set-up file that a path names, itself or as its folder. Raises NotFound."""
+    path = os.path.normpath(path)
+    if os.path.isfile(path):
+        return path
+    for name in _IN_A_FOLDER:
+        if os.path.isfile(os.path.join(path, name)):
+            return os.path.join(path, name)
+    raise NotFound(
+        "multimaster_ros_setup is %s, but that is neither a file nor a folder with %s; "
+        "name the set-up file that a person sources." % (path, " or ".join(_IN_A_FOLDER))
+    )
+
+
+def choose(found, root="/opt/ros"):
+    # type: (typing.List[Record], str) -> typing.Tuple[typing.Any, str]
+    """The installation to use, or None, and the sentence that says what is wrong with it."""
+    ros1 = [record for record in found if record["version"] != "2"]
+    prefixes = [record for record in ros1 if record["kind"] == "prefix"]
+    if not ros1:
+        others = ", ".join(record["setup"] for record in found)
+        return (
+            None,
+            "There is no ROS 1: %s; install it, or name a workspace's set-up file in multimaster_ros_setup."
+            % (
+                "only ROS 2 (%s)" % others
+                if others
+                else "neither %s/<distro>/setup.sh nor Debian's python3-rospy" % root
+            ),
+        )
+    if len(prefixes) > 1:
+        return None, "ROS 1 is here more than once (%s); name the one to use in multimaster_ros_setup." % ", ".join(
+            record["setup"] for record in prefixes
+        )
+    return ros1[0], ros1[0]["problem"]
+
+
+def examine(kind, setup):
+    # type: (str, str) -> Record
+    """One installation: its environment, its commands, and whether rospy is there for an unprivileged user."""
+    environment, problem = source(setup) if setup else ({}, "")
+    fallback = {"prefix": os.path.basename(os.path.dirname(setup)), "workspace": "", "debian": "debian"}
+    version = "2" if environment.get("ROS_VERSION") == "2" else "1"
+    record = {
+        "kind": kind,
+        "setup": setup,
+        "distro": environment.get("ROS_DISTRO") or fallback[kind],
+        "version": version,
+        "python": PYTHON,
+        "python_version": "",
+        "environment": environment,
+        "rospy": False,
+        "missing": list(MODULES),
+        "commands": {name: shutil.which(name, path=full(environment)["PATH"]) or "" for name in COMMANDS},
+        "hooks": hooks(environment),
+        "problem": problem,
+    }
+    if not problem and version == "1":
+        record.update(_import(setup, environment))
+    return record
+
+
+def source(setup):
+    # type: (str) -> typing.Tuple[typing.Dict[str, str], str]
+    """What sourcing a set-up file as nobody adds to a clean environment, and one sentence where it fails."""
+    shell = _SHELLS.get(os.path.splitext(setup)[1], "bash")
+    # No positional parameters: catkin's files hand theirs on. What they print is not the environment.
+    script = "{ . %s; } >&2; exec /usr/bin/env -0" % shlex.quote(setup)
+    answer = run([shell, "-c", script], limit=_SOURCING, unprivileged=True)
+    variables = added(answer.output)
+    if answer.status == 0 and variables:
+        return variables, ""
+    said = (answer.error.splitlines() or ["it says nothing"])[-1].rstrip(".")
+    return {}, closed([setup]) or "The set-up file %s, sourced by %s, sets no variables: %s." % (setup, shell, said)
+
+
+def added(output):
+    # type: (bytes) -> typing.Dict[str, str]
+    """The variables in the output of `env -0` that a set-up file made; of PATH only the entries that it added.
+
+    A value with a line break or another control character fits into no file of an environment and is left out.
+    """
+    variables = {}
+    for entry in output.decode("utf-8", "surrogateescape").split("\0"):
+        name, equals, value = entry.partition("=")
+        if not equals or name in _OF_THE_SHELL or not _NAME.match(name) or _CONTROL.search(value):
+            continue
+        if name in _LISTS:
+            base = BASE_PATH.split(":") if name == "PATH" else []
+            value = ":".join(item for item in value.split(":") if item and item not in base)
+        if value:
+            variables[name] = value
+    return variables
+
+
+def full(environment):
+    # type: (typing.Dict[str, str]) -> typing.Dict[str, str]
+    """A whole environment for a process out of the variables that a set-up file adds."""
+    path = ":".join(filter(None, [environment.get("PATH", ""), BASE_PATH]))
+    return dict(environment, **dict(CLEAN, PATH=path))
+
+
+def hooks(environment):
+    # type: (typing.Dict[str, str]) -> str
+    """The folder of shell files that the prefix's set-up file sources at its end, or an empty text."""
+    for prefix in reversed(environment.get("CMAKE_PREFIX_PATH", "").split(":")):
+        if prefix and os.path.isdir(os.path.join(prefix, HOOKS)):
+            return os.path.join(prefix, HOOKS)
+    return ""
+
+
+def _import(setup, environment):
+    # type: (str, typing.Dict[str, str]) -> Record
+    where = setup or "Debian's packages"
+    old = environment.get("ROS_PYTHON_VERSION") == "2" or "/python2." in environment.get("PYTHONPATH", "")
+    if old:
+        return {
+            "problem": "The rospy of %s is made for Python 2, but the bundled nodes need Python 3.8 or later; "
+            "use a ROS for Python 3 (Noetic, or Debian's packages)." % where
+        }
+    answer = run([PYTHON, "-c", _ASK] + list(MODULES), full(environment), _IMPORTING, unprivileged=True)
+    try:
+        told = json.loads(answer.output.decode("utf-8").splitlines()[-1])
+    except (ValueError, IndexError):
+        return {"problem": "The modules of %s cannot be imported: %s." % (where, answer.error or "no answer")}
+    result = {"python_version": told["version"], "missing": told["missing"], "rospy": "rospy" not in told["missing"]}
+    if told["missing"]:
+        folders = [item for item in environment.get("PYTHONPATH", "").split(":") if os.path.isabs(item)]
+        packages = ", ".join("python3-" + name.replace("_", "-") for name in told["missing"])
+        result["problem"] = closed(folders) or "%s cannot import %s out of %s; %s." % (
+            PYTHON,
+            ", ".join(told["missing"]),
+            where,
+            "install what is missing" if setup else "install " + packages,
+        )
+    return result
+
+
+def closed(paths):
+    # type: (typing.Iterable[str]) -> str
+    """A sentence about the first folder or file on the way to these paths that is closed to the user nobody."""
+    answer = run([PYTHON, "-c", _CLOSED] + [path for path in paths if os.path.exists(path)], unprivileged=True)
+    part = answer.output.decode("utf-8", "replace").strip()
+    if not part:
+        return ""
+    folder = os.path.isdir(part)
+    return (
+        "The %s %s (mode %04o) is closed to other users, but the services run as an unprivileged one: "
+        "open it (chmod o+%s %s), or use a ROS that is installed for everybody."
+        % ("folder" if folder else "file", part, os.stat(part).st_mode & 0o7777, "x" if folder else "r", part)
+    )

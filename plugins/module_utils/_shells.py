@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+# Private to this collection: may change at any time.
+
+"""Where shells get their variables from on a machine: older assignments, sshd's SetEnv, and what really arrives."""
+
+import fnmatch
+import glob
+import os
+import re
+import shlex
+import shutil
+import time
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import BASE_PATH, run, text
+
+Found = typing.List[typing.Dict[str, typing.Any]]
+
+VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME")
+_OURS = ("/etc/profile.d/rosfleet-multimaster.sh", "/etc/environment.d/90-rosfleet-multimaster.conf")
+OUR_DROP_IN = "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf"
+
+# What shells and sessions read, and of whom.
+_SYSTEM = (
+    "/etc/bash.bashrc",
+    "/etc/profile",
+    "/etc/profile.d/*.sh",
+    "/etc/environment",
+    "/etc/environment.d/*.conf",
+    "/etc/zsh/zshenv",
+    "/etc/zsh/zshrc",
+)
+_PERSONAL = (
+    ".bashrc",
+    ".bash_profile",
+    ".bash_login",
+    ".profile",
+    ".zshenv",
+    ".zshrc",
+    ".xsessionrc",
+    ".pam_environment",
+    ".ssh/environment",
+    ".config/environment.d/*.conf",
+)
+_NO_LOGIN = ("nologin", "false", "sync", "")
+_SETENV = re.compile(r"\s*(?:.*[;&\s])?setenv\s+(%s)\s+(\S+)" % "|".join(VARIABLES))
+_PAM = re.compile(r"\s*(%s)\s+(?:DEFAULT|OVERRIDE)=(\S+)" % "|".join(VARIABLES))
+_GENERATOR = "/systemd/user-environment-generators/30-systemd-environment-d-generator"
+_DEEPEST = 16  # sshd refuses files that include each other more deeply
+_OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "TERM")
+
+
+def exports(root="/"):
+    # type: (str) -> Found
+    """Older assignments of the variables that name a master or this computer, in the files that shells read."""
+    under = os.path.join(root, "")
+    people = homes(text(under + "etc/passwd"))
+    patterns = list(_SYSTEM) + [os.path.join(home, name) for home in people for name in _PERSONAL]
+    files = ["/" + path[len(under) :] for pattern in patterns for path in sorted(glob.glob(under + pattern[1:]))]
+    return [
+        dict(found, file=path) for path in files if path not in _OURS for found in assignments(text(under + path[1:]))
+    ]
+
+
+def homes(passwd):
+    # type: (str) -> typing.List[str]
+    """The home folders of root and of the people in the text of /etc/passwd."""
+    found = []
+    for line in passwd.splitlines():
+        fields = line.split(":")
+        if len(fields) != 7 or not fields[2].isdigit() or os.path.basename(fields[6]) in _NO_LOGIN:
+            continue
+        if (int(fields[2]) >= 1000 or fields[2] == "0") and os.path.isabs(fields[5]) and fields[5] not in found:
+            found.append(fields[5])
+    return found
+
+
+def assignments(content):
+    # type: (str) -> Found
+    """The lines of a shell's file (sh, csh, pam_env.conf(5)) that assign one of VARIABLES."""
+    found = []
+    for number, line in enumerate(content.splitlines(), 1):
+        if any(name in line for name in VARIABLES):
+            for variable, value in _assigned(line):
+                found.append({"line": number, "variable": variable, "value": value, "text": line.strip()})
+    return found
+
+
+def _assigned(line):
+    # type: (str) -> typing.List[typing.Tuple[str, str]]
+    words = _words(line)
+    other = None if not words else _SETENV.match(" ".join(words)) or _PAM.match(" ".join(words))
+    if other:
+        return [(other.group(1), other.group(2))]
+    pairs = [word.partition("=") for word in words]
+    return [(name, value) for name, equals, value in pairs if equals and name in VARIABLES]
+
+
+def _words(line):
+    # type: (str) -> typing.List[str]
+    lexer = shlex.shlex(line, posix=True, punctuation_chars=";&|(){}")
+    lexer.wordchars += ":$@%+,`!^[]\\"
+    try:
+        return list(lexer)
+    except ValueError:  # a quotation that goes on in the next line
+        return line.partition("#")[0].split()
+
+
+def sshd(root="/"):
+    # type: (str) -> typing.Dict[str, typing.Any]
+    """Whether sshd is here and reads drop-ins, which SetEnv lines it has, and whether it has read our file as it is."""
+    directives = list(_directives(os.path.join(root, "etc/ssh/sshd_config"), os.path.join(root, ""), False))
+    path = re.search(r"^PATH=[\"']?([^\"'\n]+)", text(os.path.join(root, "etc/environment")), re.MULTILINE)
+    service, since = _listener() if root == "/" else ("", 0.0)
+    return {
+        "installed": shutil.which("sshd", path=BASE_PATH if root == "/" else os.path.join(root, "usr/sbin"))
+        is not None,
+        "includes_drop_ins": any(
+            keyword == "include"
+            and not match
+            and any(fnmatch.fnmatch(OUR_DROP_IN, pattern) for pattern in _patterns(rest))
+            for file, line, keyword, rest, match in directives
+        ),
+        "other_setenv": [
+            {"file": file, "line": line, "text": "SetEnv " + rest, "match": match}
+            for file, line, keyword, rest, match in directives
+            if keyword == "setenv" and file != OUR_DROP_IN
+        ],
+        "path": path.group(1) if path else "",
+        "service": service,
+        "reload_due": bool(service) and since < _changed(os.path.join(root, OUR_DROP_IN[1:])),
+    }
+
+
+def _directives(path, root, match, depth=0):
+    # type: (str, str, bool, int) -> typing.Iterator[typing.Tuple[str, int, str, str, bool]]
+    """(file, line, keyword, arguments, inside a Match) of sshd_config(5) and its includes, in the order of reading."""
+    for number, line in enumerate(text(path).splitlines(), 1):
+        found = re.match(r"\s*([A-Za-z]+)[\s=]+(.*?)\s*$", line)
+        if not found:
+            continue  # a comment, or empty
+        keyword, rest = found.group(1).lower(), found.group(2)
+        if keyword == "match":
+            match = rest.split("#")[0].strip().lower() != "all"
+        yield "/" + path[len(root) :], number, keyword, rest, match
+        if keyword == "include" and depth < _DEEPEST:
+            for pattern in _patterns(rest):
+                for included in sorted(glob.glob(root + pattern[1:])):
+                    yield from _directives(included, root, match, depth + 1)
+
+
+def _patterns(rest):
+    # type: (str) -> typing.List[str]
+    return [os.path.join("/etc/ssh", word.strip('"')) for word in rest.split()]
+
+
+def _listener():
+    # type: () -> typing.Tuple[str, float]
+    """The active unit of sshd's daemon, or an empty text, and when (s since 1970) it last read its files."""
+    shown = run(
+        ["systemctl", "show", "-p", "Id,ActiveState,StateChangeTimestampMonotonic", "ssh.service", "sshd.service"]
+    )
+    for block in shown.output.decode("utf-8", "replace").split("\n\n"):
+        unit = dict(line.partition("=")[::2] for line in block.splitlines())
+        if unit.get("ActiveState") == "active":
+            # A reload is a change of state too (active, reloading, active).
+            age = time.monotonic() - int(unit.get("StateChangeTimestampMonotonic") or 0) / 1e6
+            return unit.get("Id", ""), time.time() - age
+    return "", 0.0
+
+
+def _changed(path):
+    # type: (str) -> float
+    """When a file was last written, or removed from its folder; a time in the future tells nothing."""
+    for place in (path, os.path.dirname(path)):
+        try:
+            changed = os.stat(place).st_mtime
+        except OSError:
+            continue
+        return changed if changed <= time.time() else 0.0
+    return 0.0
+
+
+def seen():
+    # type: () -> typing.Dict[str, typing.Optional[typing.Dict[str, str]]]
+    """The variables that really reach a new login shell, a command by ssh and a desktop's terminal.
+
+    They are read by the programs that read the files; as the user nobody, who has no files of his own.
+    None stands for a program that is not there, or cannot be asked.
+    """
+    return {"login": _login(), "ssh": _ssh(), "desktop": _desktop()}
+
+
+def _login():
+    # type: () -> typing.Optional[typing.Dict[str, str]]
+    clean = {"HOME": "/nonexistent", "PATH": BASE_PATH, "TERM": "dumb"}
+    # Whatever the files print comes before the mark.
+    answer = run(["bash", "-lc", "printf '\\0\\0'; exec /usr/bin/env -0"], clean, unprivileged=True)
+    if answer.status == -1:
+        return None
+    entries = answer.output.decode("utf-8", "replace").partition("\0\0")[2].split("\0")
+    pairs = [entry.partition("=") for entry in entries]
+    return {name: value for name, equals, value in pairs if equals and name not in _OF_THE_SHELL}
+
+
+def _ssh():
+    # type: () -> typing.Optional[typing.Dict[str, str]]
+    daemon = shutil.which("sshd", path=BASE_PATH)
+    if not daemon:
+        return None
+    answer = run([daemon, "-T", "-C", "user=nobody,host=localhost,addr=127.0.0.1"])
+    if answer.status != 0:
+        return None
+    lines = [
+        line[len("setenv ") :]
+        for line in answer.output.decode("utf-8", "replace").splitlines()
+        if line.startswith("setenv ")
+    ]
+    return dict(line.partition("=")[::2] for line in lines)
+
+
+def _desktop():
+    # type: () -> typing.Optional[typing.Dict[str, str]]
+    for folder in ("/usr/lib", "/lib"):
+        if os.path.exists(folder + _GENERATOR):
+            answer = run([folder + _GENERATOR], {"HOME": "/nonexistent", "PATH": BASE_PATH}, unprivileged=True)
+            return unquoted(answer.output.decode("utf-8", "replace")) if answer.status == 0 else None
+    return None
+
+
+def unquoted(output):
+    # type: (str) -> typing.Dict[str, str]
+    """Variables out of what an environment generator of systemd prints (systemd.environment-generator(7))."""
+    variables = {}
+    for line in output.splitlines():
+        name, _equals, value = line.partition("=")
+        if value[:1] == '"' and value[-1:] == '"':
+            value = re.sub(r"\\(.)", r"\1", value[1:-1])
+        variables[name] = value
+    return variables

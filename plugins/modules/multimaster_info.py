@@ -1,0 +1,499 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: multimaster_info
+short_description: Find out what a machine is before it becomes a computer of the fleet
+version_added: "0.1.0"
+description:
+  - Reads in one run what has to be known before a robot's computer is changed. Its interfaces and addresses, where
+    ROS 1 is, who holds the ports of the services, which files set other values of C(ROS_MASTER_URI), and what sshd is
+    set up for.
+  - A set-up file of ROS is really sourced, and rospy really imported, as the user V(nobody), since the services
+    run as such a user, and since a person's workspace is no code for root.
+  - Nothing here waits for more than some seconds, and a strange part of a machine is a sentence in RV(problems),
+    not a failure.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.info
+options:
+  ros_setup:
+    description:
+      - Where ROS 1 is. V(auto) takes the only C(/opt/ros/<distro>), and Debian's packages where there is none.
+        V(debian) takes Debian's packages.
+      - Anything else is the path of a set-up file, or of the folder that holds it, for example
+        V(/home/robot/ws/devel/setup.bash).
+    type: str
+    default: auto
+  ports:
+    description: The ports whose holders are looked for.
+    type: list
+    elements: dict
+    default:
+      - {protocol: tcp, port: 11311}
+      - {protocol: udp, port: 11511}
+      - {protocol: tcp, port: 11611}
+    suboptions:
+      protocol:
+        description: The protocol of the port, for example V(udp) for the heartbeats.
+        type: str
+        choices: [tcp, udp]
+        required: true
+      port:
+        description: The number of the port, 1 to 65535, for example V(11311) for the roscore.
+        type: int
+        required: true
+  parts:
+    description:
+      - What is looked at, for example only V(environment) to read back what shells see. A part that is not listed is
+        not returned.
+      - The part V(system) returns RV(hostname), RV(python), RV(os) and RV(systemd); every other part returns the value
+        of its name.
+    type: list
+    elements: str
+    choices: [system, interfaces, ros, ports, exports, sshd, environment]
+    default: [system, interfaces, ros, ports, exports, sshd, environment]
+author:
+  - rosfleet contributors (@rosfleet)
+"""
+
+EXAMPLES = r"""
+- name: Look at the machine
+  rosfleet.multimaster.multimaster_info:
+  register: multimaster_info
+
+- name: Look at a machine whose ROS is a person's workspace
+  rosfleet.multimaster.multimaster_info:
+    ros_setup: /home/robot/ws/devel/setup.bash
+    ports:
+      - {protocol: tcp, port: 11311}
+
+- name: Read back what a new login shell sees
+  rosfleet.multimaster.multimaster_info:
+    parts: [environment]
+"""
+
+RETURN = r"""
+hostname:
+  description: The name that the machine calls itself.
+  returned: with the part V(system)
+  type: str
+  sample: kobuki1computer
+python:
+  description: The version of the Python that runs the modules.
+  returned: with the part V(system)
+  type: str
+  sample: 3.11.2
+os:
+  description: The operating system, as C(/etc/os-release) says.
+  returned: with the part V(system)
+  type: dict
+  contains:
+    id:
+      description: Its short name.
+      returned: always
+      type: str
+      sample: debian
+    version:
+      description: Its version.
+      returned: always
+      type: str
+      sample: "12"
+    name:
+      description: Its name for people.
+      returned: always
+      type: str
+      sample: Debian GNU/Linux 12 (bookworm)
+systemd:
+  description: The service manager.
+  returned: with the part V(system)
+  type: dict
+  contains:
+    running:
+      description: Whether systemd runs this machine.
+      returned: always
+      type: bool
+      sample: true
+    version:
+      description: Its version, 0 where it is not installed.
+      returned: always
+      type: int
+      sample: 252
+interfaces:
+  description: The network interfaces.
+  returned: with the part V(interfaces)
+  type: list
+  elements: dict
+  contains:
+    name:
+      description: The name of the interface.
+      returned: always
+      type: str
+      sample: eth0
+    up:
+      description: Whether it is switched on.
+      returned: always
+      type: bool
+      sample: true
+    multicast:
+      description: Whether it does multicast.
+      returned: always
+      type: bool
+      sample: true
+    loopback:
+      description: Whether it is the loopback interface.
+      returned: always
+      type: bool
+      sample: false
+    mtu:
+      description: The largest packet, in bytes.
+      returned: always
+      type: int
+      sample: 1500
+    addresses:
+      description: Its addresses.
+      returned: always
+      type: list
+      elements: dict
+      contains:
+        address:
+          description: The address.
+          returned: always
+          type: str
+          sample: 192.168.1.229
+        prefix:
+          description: The length of its network's prefix, in bits.
+          returned: always
+          type: int
+          sample: 24
+        family:
+          description: V(inet) for IPv4, V(inet6) for IPv6.
+          returned: always
+          type: str
+          sample: inet
+ros:
+  description: ROS 1 on this machine.
+  returned: with the part V(ros)
+  type: dict
+  contains:
+    problem:
+      description: One sentence about why there is none to use, or what the chosen one lacks. Empty where all is well.
+      returned: always
+      type: str
+      sample: ""
+    chosen:
+      description: The installation to use, one of RV(ros.found), or null.
+      returned: always
+      type: dict
+      sample: {kind: debian, setup: "", distro: debian, rospy: true}
+    found:
+      description: The installations that O(ros_setup) may mean, the preferred one first.
+      returned: always
+      type: list
+      elements: dict
+      contains:
+        kind:
+          description: V(prefix) below C(/opt/ros), V(workspace) for another set-up file, V(debian) for Debian's
+            packages.
+          returned: always
+          type: str
+          sample: prefix
+        setup:
+          description: The set-up file, empty for Debian's packages, which need none.
+          returned: always
+          type: str
+          sample: /opt/ros/noetic/setup.bash
+        distro:
+          description: The distribution of ROS, V(debian) for Debian's packages.
+          returned: always
+          type: str
+          sample: noetic
+        version:
+          description: V(1) or V(2). A ROS 2 is never chosen.
+          returned: always
+          type: str
+          sample: "1"
+        python:
+          description: The interpreter that ROS is used with.
+          returned: always
+          type: str
+          sample: /usr/bin/python3
+        python_version:
+          description: The version of that interpreter, empty where it was not asked.
+          returned: always
+          type: str
+          sample: 3.8.10
+        environment:
+          description: The variables that the set-up file makes; of C(PATH) only the entries that it adds.
+          returned: always
+          type: dict
+          sample: {ROS_DISTRO: noetic, PATH: /opt/ros/noetic/bin}
+        rospy:
+          description: Whether an unprivileged user can import rospy.
+          returned: always
+          type: bool
+          sample: true
+        missing:
+          description: The needed Python modules that cannot be imported.
+          returned: always
+          type: list
+          elements: str
+          sample: []
+        commands:
+          description: Where the commands C(roscore), C(rostopic) and C(rosservice) are, each empty where it is not
+            there.
+          returned: always
+          type: dict
+          sample: {roscore: /opt/ros/noetic/bin/roscore, rostopic: /opt/ros/noetic/bin/rostopic, rosservice: ""}
+        hooks:
+          description: The folder of shell files that the set-up file sources at its end, or empty.
+          returned: always
+          type: str
+          sample: /opt/ros/noetic/etc/catkin/profile.d
+        problem:
+          description: One sentence about what is wrong with this installation, or empty.
+          returned: always
+          type: str
+          sample: ""
+ports:
+  description: The listening TCP and bound UDP sockets on O(ports).
+  returned: with the part V(ports)
+  type: list
+  elements: dict
+  contains:
+    protocol:
+      description: V(tcp) or V(udp).
+      returned: always
+      type: str
+      sample: tcp
+    port:
+      description: The number of the port.
+      returned: always
+      type: int
+      sample: 11311
+    address:
+      description: The address that the socket is bound to.
+      returned: always
+      type: str
+      sample: 0.0.0.0
+    pid:
+      description: The process that has it open, 0 where that cannot be seen.
+      returned: always
+      type: int
+      sample: 512
+    command:
+      description: The command line of that process.
+      returned: always
+      type: str
+      sample: /usr/bin/python3 /usr/bin/rosmaster --core -p 11311
+    user:
+      description: The user who owns the socket.
+      returned: always
+      type: str
+      sample: robot
+    unit:
+      description: The systemd unit of that process, empty where it has none.
+      returned: always
+      type: str
+      sample: roscore.service
+exports:
+  description: Assignments of ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME in the files that shells read, other than the
+    collection's.
+  returned: with the part V(exports)
+  type: list
+  elements: dict
+  contains:
+    file:
+      description: The file.
+      returned: always
+      type: str
+      sample: /home/robot/.bashrc
+    line:
+      description: The number of the line.
+      returned: always
+      type: int
+      sample: 118
+    variable:
+      description: The variable.
+      returned: always
+      type: str
+      sample: ROS_MASTER_URI
+    value:
+      description: What it is set to, as far as that is a plain word.
+      returned: always
+      type: str
+      sample: http://localhost:11311
+    text:
+      description: The line.
+      returned: always
+      type: str
+      sample: export ROS_MASTER_URI=http://localhost:11311
+sshd:
+  description: The ssh server.
+  returned: with the part V(sshd)
+  type: dict
+  contains:
+    installed:
+      description: Whether there is one.
+      returned: always
+      type: bool
+      sample: true
+    includes_drop_ins:
+      description: Whether it reads the files in C(/etc/ssh/sshd_config.d) for every user.
+      returned: always
+      type: bool
+      sample: true
+    other_setenv:
+      description: The C(SetEnv) lines that are not the collection's.
+      returned: always
+      type: list
+      elements: dict
+      contains:
+        file:
+          description: The file.
+          returned: always
+          type: str
+          sample: /etc/ssh/sshd_config
+        line:
+          description: The number of the line.
+          returned: always
+          type: int
+          sample: 7
+        text:
+          description: The line.
+          returned: always
+          type: str
+          sample: SetEnv LANG=C.UTF-8
+        match:
+          description: Whether it is below a C(Match) and so concerns some users only.
+          returned: always
+          type: bool
+          sample: false
+    path:
+      description: The C(PATH) of C(/etc/environment), empty where there is none.
+      returned: always
+      type: str
+      sample: ""
+    service:
+      description: The active unit of the server, empty where it is not a running service.
+      returned: always
+      type: str
+      sample: ssh.service
+    reload_due:
+      description: Whether the collection's file is newer than what the running server has read.
+      returned: always
+      type: bool
+      sample: false
+environment:
+  description: The variables that really arrive, read by the programs that read the files, for a user without files of
+    his own.
+  returned: with the part V(environment)
+  type: dict
+  contains:
+    login:
+      description: In a new login shell. Null where there is no bash.
+      returned: always
+      type: dict
+      sample: {ROS_MASTER_URI: "http://kobuki1computer:11311", ROS_HOSTNAME: kobuki1computer}
+    ssh:
+      description: In a command by ssh, as far as sshd sets it. Null where there is no sshd, or its settings cannot
+        be read, which needs root.
+      returned: always
+      type: dict
+      sample: {ROS_MASTER_URI: "http://kobuki1computer:11311", ROS_HOSTNAME: kobuki1computer}
+    desktop:
+      description: In a session of systemd's user manager, as far as C(environment.d) sets it. Null where there is none.
+      returned: always
+      type: dict
+      sample: {ROS_MASTER_URI: "http://kobuki1computer:11311", ROS_HOSTNAME: kobuki1computer}
+problems:
+  description: One sentence for each part of the machine that could not be looked at; such a part has an empty value.
+  returned: always
+  type: list
+  elements: str
+  sample: []
+"""
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _ports, _ros, _shells
+
+# part: the function that looks, its options, the most seconds that it may take, and the value where it cannot look
+PARTS = (
+    (
+        "system",
+        _machine.system,
+        (),
+        10,
+        {"hostname": "", "python": "", "os": {}, "systemd": {"running": False, "version": 0}},
+    ),
+    ("interfaces", _machine.interfaces, (), 15, []),
+    ("ros", _ros.find, ("ros_setup",), 120, {"found": [], "chosen": None, "problem": "ROS could not be looked for."}),
+    ("ports", _ports.holders, ("ports",), 15, []),
+    ("exports", _shells.exports, (), 5, []),
+    (
+        "sshd",
+        _shells.sshd,
+        (),
+        10,
+        {
+            "installed": False,
+            "includes_drop_ins": False,
+            "other_setenv": [],
+            "path": "",
+            "service": "",
+            "reload_due": False,
+        },
+    ),
+    ("environment", _shells.seen, (), 20, {"login": None, "ssh": None, "desktop": None}),
+)
+
+
+def look(parameters):
+    """The values of the wanted parts; what cannot be looked at is a sentence in `problems` and an empty value."""
+    result = {"problems": []}
+    for part, function, options, limit, nothing in PARTS:
+        if part not in parameters["parts"]:
+            continue
+        try:
+            value = _machine.within(limit, function, *[parameters[option] for option in options])
+        except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
+            value = nothing
+            result["problems"].append("The part %s of the machine could not be read: %s." % (part, problem))
+        result.update(value if part == "system" else {part: value})
+    return result
+
+
+def main():
+    module = AnsibleModule(
+        argument_spec={
+            "ros_setup": {"type": "str", "default": "auto"},
+            "ports": {
+                "type": "list",
+                "elements": "dict",
+                "default": [
+                    {"protocol": "tcp", "port": 11311},
+                    {"protocol": "udp", "port": 11511},
+                    {"protocol": "tcp", "port": 11611},
+                ],
+                "options": {
+                    "protocol": {"type": "str", "choices": ["tcp", "udp"], "required": True},
+                    "port": {"type": "int", "required": True},
+                },
+            },
+            "parts": {
+                "type": "list",
+                "elements": "str",
+                "choices": [part[0] for part in PARTS],
+                "default": [part[0] for part in PARTS],
+            },
+        },
+        supports_check_mode=True,
+    )
+    wrong = [str(entry["port"]) for entry in module.params["ports"] if not 1 <= entry["port"] <= 65535]
+    if wrong:
+        module.fail_json(msg="The option ports has %s; expected numbers from 1 to 65535." % ", ".join(wrong))
+    module.exit_json(changed=False, **look(module.params))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,259 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# Private to this collection: may change at any time.
+
+"""One environment of ROS, rendered for everything that reads one.
+
+Pure: variables in, file contents out. To reach another kind of program is one more row in CONSUMERS.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shlex
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import CONFIGURATION, LIBRARY
+
+# Lists of folders: ours come first, what a person has stays.
+LISTS = (
+    "PATH",
+    "PYTHONPATH",
+    "LD_LIBRARY_PATH",
+    "CMAKE_PREFIX_PATH",
+    "PKG_CONFIG_PATH",
+    "ROS_PACKAGE_PATH",
+    "ROSLISP_PACKAGE_DIRECTORIES",
+    "GAZEBO_MODEL_PATH",
+    "GAZEBO_PLUGIN_PATH",
+    "GAZEBO_RESOURCE_PATH",
+)
+# The nodes, and the messages for rosmsg and rosservice. Debian's ROS adds its own /usr/share to every search itself.
+LIBRARIES = {"PYTHONPATH": f"{LIBRARY}/python", "ROS_PACKAGE_PATH": f"{LIBRARY}/share"}
+# How a computer calls itself: rospy takes ROS_HOSTNAME before ROS_IP, so a forgotten one of the two must not stay.
+NAMES = ("ROS_HOSTNAME", "ROS_IP")
+MASTER = "ROS_MASTER_URI"
+
+UNIT_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+# What sshd gives without SetEnv differs for root and others; this has the folders of both, as in Ubuntu.
+SSH_PATH = f"{UNIT_PATH}:/usr/local/games:/usr/games"
+
+_HEADER = "# From the collection rosfleet.multimaster: written again by its next run.\n"
+_PLAIN = re.compile(r"[A-Za-z0-9_./:@%+,=-]+")
+
+
+@dataclass(frozen=True)
+class Environment:
+    """The variables of one computer: texts, lists of folders, and names that must not be set."""
+
+    texts: Mapping[str, str] = field(default_factory=dict)
+    lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    unset: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What the files depend on: whether sshd takes ours, its PATH, and the folder of ROS's own hooks or ""."""
+
+    ssh: bool = True
+    ssh_path: str = SSH_PATH
+    hooks: str = ""
+
+
+def merge(ros: Mapping[str, str], ours: Mapping[str, str]) -> Environment:
+    """The ROS installation's variables, then ours, which win; a list has our folders first and each folder once."""
+    texts: dict[str, str] = {}
+    lists: dict[str, tuple[str, ...]] = {}
+    stale = tuple(name for name in NAMES if name not in ours)
+    for source in (LIBRARIES, ours, ros):
+        for name, value in source.items():
+            if name in LISTS:
+                entries = [*lists.get(name, ()), *(entry for entry in value.split(":") if entry)]
+                lists[name] = tuple(dict.fromkeys(entries))
+            elif name not in stale:
+                texts.setdefault(name, value)
+    # Only where one of the two names is ours is the other one known to be forgotten.
+    unset = stale if len(stale) < len(NAMES) else ()
+    return Environment(dict(sorted(texts.items())), dict(sorted(lists.items())), unset)
+
+
+def machine(info: Mapping[str, Any]) -> Machine:
+    """What the files depend on, out of the return of multimaster_info."""
+    sshd = info["sshd"]
+    return Machine(
+        ssh=sshd["installed"] and sshd["includes_drop_ins"] and not _global_setenv(sshd),
+        ssh_path=sshd["path"] or SSH_PATH,
+        hooks=((info["ros"].get("chosen") or {}).get("hooks") or ""),
+    )
+
+
+def files(environment: Environment, machine: Machine) -> list[dict[str, str]]:
+    """The files that carry an environment: path, content and mode of each that this machine can use."""
+    made = []
+    for path, render in CONSUMERS:
+        content = render(environment, machine)
+        if content:
+            made.append({"path": path.format(hooks=machine.hooks), "content": content, "mode": "0644"})
+    return made
+
+
+def digest(environment: Environment) -> str:
+    """SHA-256 of what units read: a change of another file, such as sshd's, is no reason to restart a roscore."""
+    return hashlib.sha256(_units(environment, Machine()).encode()).hexdigest()
+
+
+def notes(info: Mapping[str, Any]) -> list[str]:
+    """One sentence for each consumer that this machine does not let us reach."""
+    sshd = info["sshd"]
+    if not sshd["installed"]:
+        return []
+    if not sshd["includes_drop_ins"]:
+        return [
+            f"Commands by ssh do not get the environment of ROS on {info['hostname']}: its sshd reads no drop-ins "
+            f"(no Include of {SSHD.rpartition('/')[0]}/*.conf outside a Match in /etc/ssh/sshd_config)."
+        ]
+    return [
+        f"Commands by ssh do not get the environment of ROS on {info['hostname']}: "
+        f"{other['file']} line {other['line']} has a SetEnv already, and sshd uses only the first; "
+        "move its variables elsewhere, or add ours to it."
+        for other in _global_setenv(sshd)
+    ]
+
+
+def differences(
+    ours: Mapping[str, str],
+    seen: Mapping[str, Mapping[str, str] | None],
+    rendered: Collection[str],
+    known: Collection[str] = (),
+) -> list[str]:
+    """One sentence for each of our variables that does not arrive, out of `environment` of multimaster_info.
+
+    `rendered` are the paths of the files, so that a consumer that was left out is not asked; `known` are the variables
+    that older files of the machine set, of which login shells are known to have another value.
+    """
+    expected = merge({}, ours)
+    found = []
+    for what, path in SEEN.items():
+        variables = seen[what]
+        if path not in rendered or variables is None:
+            continue
+        skipped = set(known) if what == "login" else set()
+        for name, value in expected.texts.items():
+            if variables.get(name) != value and name not in skipped:
+                found.append(_difference(what, path, name, variables.get(name), value))
+        for name, entries in expected.lists.items():
+            if not set(entries) <= set(variables.get(name, "").split(":")):
+                found.append(_difference(what, path, name, variables.get(name), ":".join(entries)))
+        found += [
+            _difference(what, path, name, variables[name], None)
+            for name in expected.unset
+            if name in {*variables} - skipped
+        ]
+    return found
+
+
+def _difference(what: str, path: str, name: str, found: str | None, expected: str | None) -> str:
+    return (
+        f"{name} is {'not set' if found is None else found} in {CALLED[what]}, expected "
+        f"{'it not to be set' if expected is None else expected}: something is read after {path}."
+    )
+
+
+def _global_setenv(sshd: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The lines that ours would displace; one below a Match wins over ours for its users, and only there."""
+    return [other for other in sshd["other_setenv"] if not other["match"]]
+
+
+def _units(environment: Environment, machine: Machine) -> str:
+    """systemd.exec(5), EnvironmentFile=: whole values, nothing is expanded."""
+    values = {**environment.texts, **_whole(environment, UNIT_PATH)}
+    return _HEADER + "".join(f"{name}={_quoted(value)}\n" for name, value in sorted(values.items()))
+
+
+def _profile(environment: Environment, machine: Machine) -> str:
+    """POSIX sh, sourced by /etc/profile and by display managers, under any options (set -eu) and printing nothing."""
+    lines = [f"unset {name}" for name in environment.unset]
+    lines += [f"export {name}={shlex.quote(value)}" for name, value in environment.texts.items()]
+    return _HEADER + "\n".join(lines + _prepended(environment.lists)) + "\n"
+
+
+def _hook(environment: Environment, machine: Machine) -> str:
+    """catkin: a set-up file that a person sources makes ROS_PACKAGE_PATH anew, then sources these hooks.
+
+    What the person has set stays; who reads no profile (zsh, cron) gets the fleet's master instead of localhost.
+    """
+    if not machine.hooks:
+        return ""
+    names = "".join(f"${{{name}-}}" for name in NAMES)
+    tests = [
+        (name, names if name in NAMES else f"${{{name}-}}") for name in environment.texts if name in (MASTER, *NAMES)
+    ]
+    lines = [f'[ -n "{test}" ] || export {name}={shlex.quote(environment.texts[name])}' for name, test in tests]
+    return _HEADER + "\n".join(lines + _prepended(merge({}, {}).lists)) + "\n"
+
+
+def _prepended(lists: Mapping[str, Sequence[str]]) -> list[str]:
+    lines = []
+    for name, entries in lists.items():
+        for entry in reversed(entries):  # the first one is put in front last
+            quoted = shlex.quote(entry)
+            lines.append(f'case ":${{{name}-}}:" in *:{quoted}:*) ;; *) {name}={quoted}"${{{name}:+:${name}}}" ;; esac')
+        lines.append(f"export {name}")
+    return lines
+
+
+def _desktop(environment: Environment, machine: Machine) -> str:
+    """environment.d(5): `$` is doubled, since values are expanded after the quotes are gone."""
+    lines = [f"{name}={_quoted(value.replace('$', '$$'))}\n" for name, value in environment.texts.items()]
+    for name, entries in environment.lists.items():
+        joined = _quoted(":".join(entries).replace("$", "$$"))
+        lines.append(f"{name}={joined}${{{name}:+:${name}}}\n")
+    return _HEADER + "".join(lines)
+
+
+def _ssh(environment: Environment, machine: Machine) -> str:
+    """sshd_config(5), SetEnv: sshd uses the first such line only, so all variables are in one."""
+    if not machine.ssh:
+        return ""
+    values = {**environment.texts, **_whole(environment, machine.ssh_path)}
+    # The quotes are around the whole word: OpenSSH before 8.7 knows them only at its start.
+    pairs = map("=".join, sorted(values.items()))
+    words = [pair if _PLAIN.fullmatch(pair) else f'"{_escaped(pair)}"' for pair in pairs]
+    return f"{_HEADER}SetEnv {' '.join(words)}\n"
+
+
+def _whole(environment: Environment, path: str) -> dict[str, str]:
+    """Lists as texts, for readers that cannot add to what is there; PATH keeps the folders of the system."""
+    return {
+        name: ":".join(dict.fromkeys([*entries, *(path.split(":") if name == "PATH" else ())]))
+        for name, entries in environment.lists.items()
+    }
+
+
+def _quoted(value: str) -> str:
+    """A value as systemd reads it: in double quotes where it is not plain."""
+    return value if _PLAIN.fullmatch(value) else f'"{_escaped(value)}"'
+
+
+def _escaped(value: str) -> str:
+    return value.replace("\\", "\\\\").replace('"', '\\"')
+
+
+SSHD = "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf"
+PROFILE = "/etc/profile.d/rosfleet-multimaster.sh"
+DESKTOP = "/etc/environment.d/90-rosfleet-multimaster.conf"
+
+CONSUMERS: tuple[tuple[str, Callable[[Environment, Machine], str]], ...] = (
+    (f"{CONFIGURATION}/environment", _units),
+    (PROFILE, _profile),
+    (DESKTOP, _desktop),
+    (SSHD, _ssh),
+    # In the order of names: after 1.ros_package_path.sh of ros_environment, before 10.roslaunch.sh (localhost).
+    ("{hooks}/1.rosfleet-multimaster.sh", _hook),
+)
+# What multimaster_info reads back, and the file behind it.
+SEEN = {"login": PROFILE, "ssh": SSHD, "desktop": DESKTOP}
+CALLED = {"login": "a new login shell", "ssh": "a command by ssh", "desktop": "a terminal of the desktop"}

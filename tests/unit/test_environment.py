@@ -1,0 +1,256 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The environment of ROS: merged, rendered, and read back by the programs that read the files."""
+
+import os
+import pathlib
+import re
+import subprocess
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.filter.environment_files import environment_files
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _ros, _shells
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _environment
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+GENERATOR = "/usr/lib/systemd/user-environment-generators/30-systemd-environment-d-generator"
+OURS = {"ROS_MASTER_URI": "http://kobuki1computer:11311", "ROS_HOSTNAME": "kobuki1computer"}
+NOETIC = {
+    "ROS_DISTRO": "noetic",
+    "ROS_MASTER_URI": "http://localhost:11311",
+    "ROS_IP": "127.0.0.1",
+    "PATH": "/opt/ros/noetic/bin",
+    "PYTHONPATH": "/opt/ros/noetic/lib/python3/dist-packages",
+    "ROS_PACKAGE_PATH": "/home/robot/ws/src:/opt/ros/noetic/share",
+}
+PYTHON = "/usr/local/lib/rosfleet-multimaster/python"
+SHARE = "/usr/local/lib/rosfleet-multimaster/share"
+INFO = {
+    "hostname": "kobuki1computer",
+    "ros": {"chosen": {"hooks": ""}},
+    "sshd": {"installed": True, "includes_drop_ins": True, "other_setenv": [], "path": ""},
+}
+# Everything that a quoting can stumble over, and no control characters.
+VALUES = st.text(
+    st.one_of(st.sampled_from("$`\"'\\ #;&|*?[]{}()<>~!%=:é"), st.characters(codec="ascii", categories=("L", "N"))),
+    min_size=1,
+)
+
+
+def rendered(environment, machine=None):
+    made = _environment.files(environment, machine or _environment.Machine())
+    return {file["path"]: file["content"] for file in made}
+
+
+def sourced(content, before=None, shell="sh", options="-eu"):
+    """What a shell has after reading a profile; it must print nothing."""
+    script = '. "$FILE"; unset FILE; printf "\\0\\0"; exec env -0'
+    path = pathlib.Path(os.environ["SCRATCH"]) / "profile.sh"
+    path.write_text(content)
+    environment = {"PATH": "/usr/bin:/bin", "FILE": str(path), **(before or {})}
+    done = subprocess.run(
+        [shell, options, "-c", script], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, check=True
+    )
+    printed, _mark, variables = done.stdout.decode().partition("\0\0")
+    assert (printed, done.stderr) == ("", b"")
+    return dict(entry.split("=", 1) for entry in variables.split("\0") if entry)
+
+
+def generated(content, before=None):
+    """What systemd's own generator makes of a file of environment.d."""
+    folder = pathlib.Path(os.environ["SCRATCH"]) / "environment.d"
+    folder.mkdir(exist_ok=True)
+    (folder / "90-test.conf").write_text(content)
+    environment = {
+        "PATH": "/usr/bin:/bin",
+        "HOME": "/nonexistent",
+        "XDG_CONFIG_HOME": str(folder.parent),
+        **(before or {}),
+    }
+    done = subprocess.run([GENERATOR], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, check=True)
+    assert done.stderr == b""
+    return _shells.unquoted(done.stdout.decode())
+
+
+@pytest.fixture(autouse=True)
+def scratch(tmp_path, monkeypatch):
+    monkeypatch.setenv("SCRATCH", str(tmp_path))
+
+
+def test_merge_ours_win_and_come_first():
+    merged = _environment.merge(NOETIC, OURS)
+    assert merged.texts == {**OURS, "ROS_DISTRO": "noetic"}
+    assert merged.lists["ROS_PACKAGE_PATH"] == (SHARE, "/home/robot/ws/src", "/opt/ros/noetic/share")
+    assert merged.lists["PYTHONPATH"] == (PYTHON, "/opt/ros/noetic/lib/python3/dist-packages")
+    assert merged.unset == ("ROS_IP",)
+
+
+def test_merge_by_address_unsets_the_name():
+    merged = _environment.merge(
+        {"ROS_HOSTNAME": "old"}, {"ROS_MASTER_URI": "http://192.168.1.229:11311", "ROS_IP": "192.168.1.229"}
+    )
+    assert "ROS_HOSTNAME" not in merged.texts
+    assert merged.unset == ("ROS_HOSTNAME",)
+
+
+def test_merge_without_ros_needs_no_path():
+    assert set(_environment.merge({}, OURS).lists) == {"PYTHONPATH", "ROS_PACKAGE_PATH"}
+
+
+def test_units_file():
+    content = rendered(_environment.merge(NOETIC, OURS))["/etc/rosfleet-multimaster/environment"]
+    assert content.splitlines()[1:] == [
+        "PATH=/opt/ros/noetic/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
+        f"PYTHONPATH={PYTHON}:/opt/ros/noetic/lib/python3/dist-packages",
+        "ROS_DISTRO=noetic",
+        "ROS_HOSTNAME=kobuki1computer",
+        "ROS_MASTER_URI=http://kobuki1computer:11311",
+        f"ROS_PACKAGE_PATH={SHARE}:/home/robot/ws/src:/opt/ros/noetic/share",
+    ]
+
+
+@pytest.mark.parametrize("shell", ["sh", "bash"])
+def test_profile_adds_in_front_and_only_once(shell):
+    profile = rendered(_environment.merge(NOETIC, OURS))[_environment.PROFILE]
+    first = sourced(profile, {"PYTHONPATH": "/home/robot/python", "ROS_IP": "10.0.0.9"}, shell)
+    assert first["PYTHONPATH"] == f"{PYTHON}:/opt/ros/noetic/lib/python3/dist-packages:/home/robot/python"
+    assert first["PATH"] == "/opt/ros/noetic/bin:/usr/bin:/bin"
+    assert first["ROS_MASTER_URI"] == "http://kobuki1computer:11311"
+    assert "ROS_IP" not in first
+    assert sourced(profile, first, shell) == first
+
+
+def test_profile_keeps_the_order_of_a_person():
+    profile = rendered(_environment.merge(NOETIC, OURS))[_environment.PROFILE]
+    mine = f"/mine:{PYTHON}:/opt/ros/noetic/lib/python3/dist-packages"
+    assert sourced(profile, {"PYTHONPATH": mine})["PYTHONPATH"] == mine
+
+
+@given(text=VALUES, entry=VALUES.filter(lambda value: ":" not in value))
+@settings(max_examples=60, deadline=None)
+def test_profile_quotes_everything(text, entry):
+    environment = _environment.merge({"ROS_NOTE": text, "PYTHONPATH": entry}, OURS)
+    seen = sourced(rendered(environment)[_environment.PROFILE])
+    assert seen["ROS_NOTE"] == text
+    assert seen["PYTHONPATH"] == f"{PYTHON}:{entry}"
+
+
+@pytest.mark.skipif(not os.path.exists(GENERATOR), reason="systemd's environment generator is not installed")
+@given(text=VALUES, entry=VALUES.filter(lambda value: ":" not in value))
+@settings(max_examples=60, deadline=None)
+def test_desktop_quotes_everything(text, entry):
+    environment = _environment.merge({"ROS_NOTE": text, "PYTHONPATH": entry}, OURS)
+    content = rendered(environment)[_environment.DESKTOP]
+    seen = generated(content)
+    assert seen["ROS_NOTE"] == text
+    assert seen["PYTHONPATH"] == f"{PYTHON}:{entry}"
+    assert generated(content, {"PYTHONPATH": "/mine"})["PYTHONPATH"] == f"{PYTHON}:{entry}:/mine"
+
+
+def test_ssh_is_one_line_with_the_system_path():
+    content = rendered(_environment.merge({**NOETIC, "ROS_NOTE": 'two "words" and \\'}, OURS))[_environment.SSHD]
+    lines = [line for line in content.splitlines() if not line.startswith("#")]
+    assert len(lines) == 1
+    assert lines[0].startswith(f"SetEnv PATH=/opt/ros/noetic/bin:{_environment.SSH_PATH} PYTHONPATH=")
+    assert '"ROS_NOTE=two \\"words\\" and \\\\"' in lines[0]
+
+
+def test_ssh_keeps_the_path_of_the_machine():
+    machine = _environment.machine({**INFO, "sshd": {**INFO["sshd"], "path": "/usr/bin:/snap/bin"}})
+    content = rendered(_environment.merge(NOETIC, OURS), machine)[_environment.SSHD]
+    assert "PATH=/opt/ros/noetic/bin:/usr/bin:/snap/bin " in content
+
+
+@pytest.mark.parametrize(
+    ("sshd", "note"),
+    [
+        ({"installed": False}, None),
+        ({"includes_drop_ins": False}, "its sshd reads no drop-ins"),
+        (
+            {"other_setenv": [{"file": "/etc/ssh/sshd_config", "line": 7, "text": "SetEnv A=1", "match": False}]},
+            "sshd_config line 7 has",
+        ),
+    ],
+)
+def test_ssh_is_left_out_with_a_sentence(sshd, note):
+    made = environment_files(OURS, {**INFO, "sshd": {**INFO["sshd"], **sshd}})
+    assert _environment.SSHD not in [file["path"] for file in made["files"]]
+    assert len(made["files"]) == 3
+    assert made["digest"] == environment_files(OURS, INFO)["digest"]
+    assert made["notes"] == [] if note is None else note in made["notes"][0]
+
+
+def test_ssh_ignores_the_setenv_below_a_match():
+    other = {"file": "/etc/ssh/sshd_config", "line": 7, "text": "SetEnv A=1", "match": True}
+    made = environment_files(OURS, {**INFO, "sshd": {**INFO["sshd"], "other_setenv": [other]}})
+    assert _environment.SSHD in [file["path"] for file in made["files"]]
+    assert made["notes"] == []
+
+
+def test_hook_brings_back_what_a_set_up_file_drops(tmp_path):
+    hooks = tmp_path / "etc/catkin/profile.d"
+    content = rendered(_environment.merge(NOETIC, OURS), _environment.Machine(hooks=str(hooks)))[
+        f"{hooks}/1.rosfleet-multimaster.sh"
+    ]
+    seen = sourced(
+        content,
+        {"ROS_PACKAGE_PATH": "/opt/ros/noetic/share", "ROS_MASTER_URI": "http://temporary:11311", "ROS_IP": "10.0.0.9"},
+    )
+    assert seen["ROS_PACKAGE_PATH"] == f"{SHARE}:/opt/ros/noetic/share"
+    assert (seen["ROS_MASTER_URI"], seen["ROS_IP"]) == ("http://temporary:11311", "10.0.0.9")
+    assert "ROS_HOSTNAME" not in seen
+    assert sourced(content, {}).items() >= OURS.items()
+
+
+def test_hook_runs_between_those_of_ros():
+    name = {render.__name__: path for path, render in _environment.CONSUMERS}["_hook"].rpartition("/")[2]
+    assert sorted(["10.roslaunch.sh", name, "1.ros_package_path.sh", "1.ros_version.sh"])[2:] == [
+        name,
+        "10.roslaunch.sh",
+    ]
+
+
+def test_no_hook_without_a_folder():
+    assert not [path for path in rendered(_environment.merge({}, OURS)) if "/1." in path]
+
+
+def test_differences_name_variable_found_expected_and_file():
+    arrives = {**OURS, "PYTHONPATH": f"{PYTHON}:/x", "ROS_PACKAGE_PATH": SHARE}
+    seen = {"login": arrives, "ssh": {**arrives, "ROS_IP": "10.0.0.9"}, "desktop": {}}
+    paths = [_environment.PROFILE, _environment.SSHD]
+    assert _environment.differences(OURS, seen, paths) == [
+        "ROS_IP is 10.0.0.9 in a command by ssh, expected it not to be set: something is read after "
+        "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf."
+    ]
+    assert len(_environment.differences(OURS, seen, [*paths, _environment.DESKTOP])) == 5
+    assert _environment.differences(OURS, seen, [_environment.PROFILE]) == []
+
+
+def test_differences_leave_known_exports_to_the_preflight():
+    older = {
+        **OURS,
+        "ROS_MASTER_URI": "http://old:11311",
+        "ROS_IP": "10.0.0.9",
+        "PYTHONPATH": PYTHON,
+        "ROS_PACKAGE_PATH": SHARE,
+    }
+    seen = {"login": older, "ssh": older, "desktop": None}
+    known = ["ROS_MASTER_URI", "ROS_IP"]
+    assert _environment.differences(OURS, seen, [_environment.PROFILE], known) == []
+    assert len(_environment.differences(OURS, seen, [_environment.SSHD], known)) == 2
+    assert _environment.differences(OURS, seen, [_environment.DESKTOP]) == []
+
+
+def test_filter_refuses_a_missing_plan_or_machine():
+    with pytest.raises(Exception, match="expected a mapping with ROS_MASTER_URI"):
+        environment_files({}, INFO)
+    with pytest.raises(Exception, match="expected the return of rosfleet.multimaster.multimaster_info"):
+        environment_files(OURS, {})
+
+
+def test_lists_of_both_sides_agree():
+    """What the module strips of the system's entries, the renderers treat as lists."""
+    assert set(_ros._LISTS) <= set(_environment.LISTS)
+    assert re.fullmatch(r"[A-Z_ ]+", " ".join(_environment.LISTS))

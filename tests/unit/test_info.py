@@ -1,0 +1,296 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What multimaster_info reads of a machine: real commands, sockets and files where there are some."""
+
+import json
+import os
+import pwd
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _ports, _shells
+from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_info
+
+IP_JSON = [
+    {},
+    {
+        "ifname": "eth0",
+        "flags": ["BROADCAST", "MULTICAST", "UP", "LOWER_UP"],
+        "mtu": 1500,
+        "addr_info": [{"family": "inet", "local": "192.168.1.229", "prefixlen": 24}, {}],
+    },
+]
+IP_TEXT = r"""1: lo    inet 127.0.0.1/8 scope host lo\       valid_lft forever preferred_lft forever
+2: eth0    inet 192.168.1.229/24 brd 192.168.1.255 scope global eth0\       valid_lft forever preferred_lft forever
+2: eth0    inet6 fe80::1/64 scope link \       valid_lft forever preferred_lft forever
+3: tun0    inet 10.0.0.1 peer 10.0.0.2/32 scope global tun0\       valid_lft forever preferred_lft forever
+4: new0    inet 10.1.0.1/16 scope global new0
+"""
+
+
+def test_run_ends_a_slow_command_and_its_children():
+    started = time.monotonic()
+    answer = _machine.run(["sh", "-c", "sleep 7341 & sleep 7341"], limit=0.3)
+    assert answer.status == -1
+    assert "gave no answer within 0.3 s" in answer.error
+    assert time.monotonic() - started < 2
+    assert subprocess.run(["pgrep", "-f", "sleep 7341"], stdout=subprocess.DEVNULL, check=False).returncode == 1
+
+
+def test_run_does_not_wait_for_what_stays_in_the_background():
+    started = time.monotonic()
+    assert _machine.run(["sh", "-c", "sleep 7342 & echo done"]).output == b"done\n"
+    assert time.monotonic() - started < 2
+    assert subprocess.run(["pgrep", "-f", "sleep 7342"], stdout=subprocess.DEVNULL, check=False).returncode == 1
+
+
+def test_run_a_command_that_is_not_there():
+    answer = _machine.run(["/nowhere/command"])
+    assert (answer.status, answer.output) == (-1, b"")
+    assert "could not be started" in answer.error
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+def test_run_as_nobody_in_a_clean_environment(monkeypatch):
+    monkeypatch.setenv("ROS_IP", "10.0.0.9")
+    output = _machine.run(["sh", "-c", "id -un; id -G; env"], unprivileged=True).output.decode().splitlines()
+    assert output[0] == "nobody"
+    assert output[1] == str(pwd.getpwnam("nobody").pw_gid)
+    assert not [line for line in output if line.startswith("ROS_")]
+
+
+def test_within_gives_the_value_the_error_or_a_timeout():
+    assert _machine.within(1, int, "7") == 7
+    with pytest.raises(ValueError, match="invalid literal"):
+        _machine.within(1, int, "x")
+    with pytest.raises(TimeoutError, match="no answer within 0.05 s"):
+        _machine.within(0.05, time.sleep, 5)
+
+
+def test_text_never_opens_a_fifo(tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    assert _machine.text(str(tmp_path / "fifo")) == ""
+    assert _machine.text(str(tmp_path / "nothing")) == ""
+
+
+def test_system_reads_os_release(tmp_path):
+    (tmp_path / "etc").mkdir()
+    (tmp_path / "etc/os-release").write_text(
+        'PRETTY_NAME="Ubuntu 20.04.6 LTS"\nID=ubuntu\n# a comment\nVERSION_ID="20.04"\n'
+    )
+    found = _machine.system(str(tmp_path))
+    assert found["os"] == {"id": "ubuntu", "version": "20.04", "name": "Ubuntu 20.04.6 LTS"}
+    assert found["hostname"] == socket.gethostname()
+    assert found["systemd"]["running"] is False
+
+
+def test_interfaces_of_this_machine():
+    loopback = next(link for link in _machine.interfaces() if link["loopback"])
+    assert {"address": "127.0.0.1", "prefix": 8, "family": "inet"} in loopback["addresses"]
+    assert loopback["up"] is True
+
+
+def test_both_ways_to_read_interfaces_agree():
+    answer = _machine.run(["ip", "-oneline", "address"])
+    texts = {link["name"]: link for link in _machine.from_text(answer.output.decode(), _machine.links())}
+    assert texts == {link["name"]: link for link in _machine.interfaces()}
+
+
+def test_interfaces_from_json():
+    assert _machine.from_json(json.dumps(IP_JSON)) == [
+        {
+            "name": "eth0",
+            "up": True,
+            "multicast": True,
+            "loopback": False,
+            "mtu": 1500,
+            "addresses": [{"address": "192.168.1.229", "prefix": 24, "family": "inet"}],
+        }
+    ]
+    with pytest.raises(ValueError, match="Extra data"):
+        _machine.from_json(IP_TEXT)
+
+
+def test_interfaces_from_text():
+    links = [{"name": name, "addresses": []} for name in ("lo", "eth0", "tun0")]
+    found = {
+        link["name"]: [(a["address"], a["prefix"]) for a in link["addresses"]]
+        for link in _machine.from_text(IP_TEXT, links)
+    }
+    assert found == {
+        "lo": [("127.0.0.1", 8)],
+        "eth0": [("192.168.1.229", 24), ("fe80::1", 64)],
+        "tun0": [("10.0.0.1", 32)],
+    }
+
+
+def test_ports_of_a_real_process():
+    script = "import socket,sys,time\ns=[socket.socket(f,t) for f,t in ((2,1),(10,1),(2,2))]\n"
+    script += "[x.bind(('127.0.0.1' if x.family==2 else '::1',0)) for x in s]\n[x.listen(1) for x in s[:2]]\n"
+    script += "print(*[x.getsockname()[1] for x in s],flush=True)\ntime.sleep(30)\n"
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as process:
+        try:
+            ports = [int(port) for port in process.stdout.readline().split()]
+            wanted = [{"protocol": p, "port": n} for p, n in zip(("tcp", "tcp", "udp"), ports)]
+            found = {(entry["protocol"], entry["port"]): entry for entry in _ports.holders(wanted)}
+        finally:
+            process.kill()
+    assert [found[key]["address"] for key in zip(("tcp", "tcp", "udp"), ports)] == ["127.0.0.1", "::1", "127.0.0.1"]
+    for entry in found.values():
+        assert (entry["pid"], entry["user"]) == (process.pid, pwd.getpwuid(os.getuid()).pw_name)
+        assert "time.sleep" in entry["command"]
+
+
+def test_a_connection_is_no_holder():
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as client:
+        wanted = [{"protocol": "tcp", "port": client.getsockname()[1]}]
+        assert _ports.holders(wanted) == []
+
+
+@pytest.mark.parametrize(
+    ("cgroups", "unit"),
+    [
+        ("0::/system.slice/multimaster-roscore.service\n", "multimaster-roscore.service"),
+        ("12:pids:/system.slice/x.service\n1:name=systemd:/system.slice/foreign.service\n0::/\n", "foreign.service"),
+        ("0::/user.slice/user-1000.slice/user@1000.service/app.slice/roscore.service\n", "roscore.service"),
+        ("0::/user.slice/user-1000.slice/session-3.scope\n", "session-3.scope"),
+        ("0::/\n", ""),
+        ("", ""),
+    ],
+)
+def test_unit_of_a_process(cgroups, unit):
+    assert _ports.unit(cgroups) == unit
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("export ROS_MASTER_URI=http://tibi:11311", [("ROS_MASTER_URI", "http://tibi:11311")]),
+        ("  ROS_IP='10.0.0.1'  # the wireless one", [("ROS_IP", "10.0.0.1")]),
+        ('export A=1 ROS_IP="10.0.0.1" ROS_HOSTNAME=tibi;', [("ROS_IP", "10.0.0.1"), ("ROS_HOSTNAME", "tibi")]),
+        ("if true; then export ROS_HOSTNAME=tibi; fi", [("ROS_HOSTNAME", "tibi")]),
+        ("[ -f x ]&&export ROS_IP=1.2.3.4||true", [("ROS_IP", "1.2.3.4")]),
+        ("declare -x ROS_IP=$(hostname -I | cut -d' ' -f1)", [("ROS_IP", "$")]),
+        ("export ROS_IP=`hostname -I`", [("ROS_IP", "`hostname")]),
+        ("setenv ROS_IP 10.0.0.1", [("ROS_IP", "10.0.0.1")]),
+        ("ROS_IP DEFAULT=10.0.0.1", [("ROS_IP", "10.0.0.1")]),
+        ("# export ROS_IP=10.0.0.1", []),
+        ("true # export ROS_IP=10.0.0.1", []),
+        ("echo 'export ROS_IP=10.0.0.1'", []),
+        ("alias away='export ROS_IP=10.0.0.1'", []),
+        ("export MY_ROS_IP=10.0.0.1", []),
+        ("echo $ROS_IP", []),
+        ("unset ROS_IP", []),
+    ],
+)
+def test_assignments_in_a_line(line, found):
+    assert [(entry["variable"], entry["value"]) for entry in _shells.assignments("\n" + line)] == found
+    assert all((entry["line"], entry["text"]) == (2, line.strip()) for entry in _shells.assignments("\n" + line))
+
+
+def test_exports_of_a_machine(tmp_path):
+    files = {
+        "etc/passwd": "root:x:0:0::/root:/bin/bash\nrobot:x:1000:1000::/home/robot:/bin/zsh\n"
+        "daemon:x:1:1::/daemon:/bin/bash\nnobody:x:65534:65534::/none:/usr/sbin/nologin\n+::::::\n",
+        "etc/bash.bashrc": "export ROS_IP=1\n",
+        "etc/environment": "ROS_IP=2\n",
+        "etc/profile.d/other.sh": "export ROS_IP=3\n",
+        "etc/profile.d/rosfleet-multimaster.sh": "export ROS_IP=ours\n",
+        "root/.bashrc": "export ROS_IP=4\n",
+        "home/robot/.zshrc": "\nexport ROS_IP=5\n",
+        "etc/environment.d/90-rosfleet-multimaster.conf": "ROS_IP=ours\n",
+        "home/robot/.config/environment.d/ros.conf": "ROS_IP=7\n",
+        "daemon/.bashrc": "export ROS_IP=6\n",
+    }
+    for name, content in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(content)
+    assert [(entry["file"], entry["line"], entry["value"]) for entry in _shells.exports(str(tmp_path))] == [
+        ("/etc/bash.bashrc", 1, "1"),
+        ("/etc/profile.d/other.sh", 1, "3"),
+        ("/etc/environment", 1, "2"),
+        ("/root/.bashrc", 1, "4"),
+        ("/home/robot/.zshrc", 2, "5"),
+        ("/home/robot/.config/environment.d/ros.conf", 1, "7"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("config", "drop_in", "includes", "others"),
+    [
+        ("Include /etc/ssh/sshd_config.d/*.conf\nUsePAM yes\n", "", True, []),
+        ("#Include /etc/ssh/sshd_config.d/*.conf\n", "", False, []),
+        ("Match User x\nInclude sshd_config.d/*.conf\n", "", False, []),
+        ("include sshd_config.d/*.conf\nSetEnv A=1\n", "", True, [("/etc/ssh/sshd_config", 2, False)]),
+        (
+            "Include /etc/ssh/sshd_config.d/*.conf\nMatch User x\n SetEnv A=1\n",
+            "",
+            True,
+            [("/etc/ssh/sshd_config", 3, True)],
+        ),
+        (
+            "Include /etc/ssh/sshd_config.d/*.conf\nsetenv=B=1\n",
+            "Match User x\n  SetEnv A=1 # why\n",
+            True,
+            [("/etc/ssh/sshd_config.d/50-other.conf", 2, True), ("/etc/ssh/sshd_config", 2, False)],
+        ),
+    ],
+)
+def test_sshd_files(tmp_path, config, drop_in, includes, others):
+    folder = tmp_path / "etc/ssh/sshd_config.d"
+    folder.mkdir(parents=True)
+    (tmp_path / "etc/ssh/sshd_config").write_text(config)
+    (folder / "50-other.conf").write_text(drop_in)
+    (folder / "rosfleet-multimaster.conf").write_text("SetEnv ROS_IP=1\n")
+    found = _shells.sshd(str(tmp_path))
+    assert found["includes_drop_ins"] is includes
+    assert [(other["file"], other["line"], other["match"]) for other in found["other_setenv"]] == others
+
+
+def test_sshd_path_and_absence(tmp_path):
+    (tmp_path / "etc").mkdir()
+    (tmp_path / "etc/environment").write_text('LANG=C\nPATH="/usr/bin:/snap/bin"\n')
+    found = _shells.sshd(str(tmp_path))
+    assert (found["installed"], found["includes_drop_ins"], found["path"]) == (False, False, "/usr/bin:/snap/bin")
+
+
+def test_sshd_loop_of_includes_ends(tmp_path):
+    folder = tmp_path / "etc/ssh"
+    folder.mkdir(parents=True)
+    (folder / "sshd_config").write_text("Include /etc/ssh/sshd_config\nSetEnv A=1\n")
+    assert _shells.sshd(str(tmp_path))["other_setenv"]
+
+
+def test_a_login_shell_is_really_started():
+    seen = _shells.seen()["login"]
+    assert seen["PATH"]
+    assert not {"HOME", "PWD", "_"} & set(seen)
+
+
+def test_unquoted_generator_output():
+    assert _shells.unquoted('A=plain\nB="a \\"q\\" \\$x \\\\"\n') == {"A": "plain", "B": 'a "q" $x \\'}
+
+
+def test_a_strange_part_is_a_sentence(monkeypatch):
+    def strange():
+        raise OSError("no such thing")
+
+    parts = [
+        ("interfaces", strange, (), 1, []),
+        ("exports", time.sleep, ("seconds",), 0.05, []),
+        ("sshd", dict, (), 1, None),
+    ]
+    monkeypatch.setattr(multimaster_info, "PARTS", parts)
+    assert multimaster_info.look({"parts": ["interfaces", "exports", "sshd"], "seconds": 3}) == {
+        "interfaces": [],
+        "exports": [],
+        "sshd": {},
+        "problems": [
+            "The part interfaces of the machine could not be read: no such thing.",
+            "The part exports of the machine could not be read: no answer within 0.05 s.",
+        ],
+    }
