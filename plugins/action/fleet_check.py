@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The door to the comparison of a computer's plan with its machine."""
+
+from __future__ import annotations
+
+from ansible.plugins.action import ActionBase
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _preflight
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._sentences import numbered
+
+
+class ActionModule(ActionBase):
+    """Fails with every reason why the plan cannot be applied to this machine."""
+
+    _VALID_ARGS = frozenset(("plan", "machine"))
+    _requires_connection = False
+
+    def run(self, tmp=None, task_vars=None):
+        result = super().run(tmp, task_vars)
+        comparison = _preflight.compare(self._task.args["plan"], self._task.args["machine"])
+        result.update(
+            changed=False,
+            problems=list(comparison.problems),
+            warnings=list(comparison.warnings),
+            interface=comparison.interface,
+        )
+        if comparison.problems:
+            result.update(failed=True, msg=numbered(comparison.problems))
+        return result

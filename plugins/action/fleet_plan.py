@@ -1,0 +1,70 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The door from Ansible's inventory to the model of the fleet: variables in, plan or sentences out."""
+
+from __future__ import annotations
+
+from ansible.errors import AnsibleError
+from ansible.plugins.action import ActionBase
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _fleet, _plan, _variables
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._sentences import numbered
+
+
+class ActionModule(ActionBase):
+    """Computes the plan of all computers from the whole inventory, whatever `--limit` says."""
+
+    _VALID_ARGS = frozenset(("group",))
+    _requires_connection = False
+
+    def run(self, tmp=None, task_vars=None):
+        result = super().run(tmp, task_vars)
+        task_vars = task_vars or {}
+        try:
+            inventory = read_inventory(task_vars, self._task.args.get("group", "robots"))
+            plan = _plan.plan(_fleet.read_fleet(inventory))
+        except _fleet.InventoryProblems as found:
+            result.update(failed=True, problems=found.problems, msg=numbered(found.problems))
+            return result
+        count = len(plan["computers"])
+        result.update(
+            changed=False,
+            msg=f"{len(plan['masters'])} robots with {count} computers on {plan['common_network']}",
+            **plan,
+        )
+        return result
+
+
+def read_inventory(task_vars, group):
+    """The robots and their variables as Ansible's inventory has them.
+
+    The groups directly below `group` are the robots. Ansible hands out groups without their order of descent,
+    except through the object behind `hostvars`.
+    """
+    hostvars = task_vars["hostvars"]
+    root = hostvars._inventory.groups.get(group)
+    robots = {} if root is None else {
+        str(child.name): [str(host.name) for host in child.get_hosts()]
+        for child in sorted(root.child_groups, key=lambda child: child.name)
+    }
+    hosts = [host for of_robot in robots.values() for host in of_robot]
+    members = [] if root is None else [str(host.name) for host in root.get_hosts()]
+    return _fleet.Inventory(
+        robots=robots,
+        variables={host: _variables_of(host, hostvars[host]) for host in hosts},
+        strays=[host for host in members if host not in hosts],
+    )
+
+
+def _variables_of(host, hostvars):
+    values = {}
+    for name in hostvars:
+        if name.startswith(_variables.PREFIX) and name not in _variables.RESERVED:
+            try:
+                values[str(name)] = hostvars[name]
+            except AnsibleError as problem:
+                raise _fleet.InventoryProblems([
+                    f"{host}: {name} cannot be computed ({problem}); expected a value: correct it in the inventory."
+                ]) from problem
+    return values

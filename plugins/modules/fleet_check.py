@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: fleet_check
+short_description: Compare a computer's plan with its machine before anything changes
+version_added: "0.1.0"
+description:
+  - Compares the plan of M(rosfleet.multimaster.fleet_plan) with what M(rosfleet.multimaster.multimaster_info) found on the machine.
+    Is the address on an interface, is ROS there, who holds the ports.
+  - Fails with one sentence per problem, each naming the host, the variable, what was found, what was expected, and what to do.
+  - What only deserves a word, such as an older export of C(ROS_MASTER_URI) in a person's C(~/.bashrc), is a warning.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.info
+options:
+  plan:
+    description: The entry of the computer in RV(rosfleet.multimaster.fleet_plan#module:computers).
+    type: dict
+    required: true
+  machine:
+    description: The return of M(rosfleet.multimaster.multimaster_info) on the computer.
+    type: dict
+    required: true
+author:
+  - rosfleet contributors (@rosfleet)
+"""
+
+EXAMPLES = r"""
+- name: Compare the plan with the machine
+  rosfleet.multimaster.fleet_check:
+    plan: "{{ multimaster_fleet.computers[inventory_hostname] }}"
+    machine: "{{ multimaster_info }}"
+  any_errors_fatal: true
+"""
+
+RETURN = r"""
+problems:
+  description: What stands against applying the plan, one sentence each.
+  returned: always
+  type: list
+  elements: str
+  sample: []
+interface:
+  description: The interface that has the computer's address, empty where none has it.
+  returned: always
+  type: str
+  sample: eth0
+"""

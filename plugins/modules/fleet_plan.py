@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: fleet_plan
+short_description: Compute what every computer of the fleet needs
+version_added: "0.1.0"
+description:
+  - Reads the C(multimaster_*) variables of all robots from the inventory, whatever C(--limit) says, validates them, and
+    computes the plan of every computer.
+  - Fails with one sentence per problem, each naming the host, the variable, what was found and what was expected.
+  - Runs on the controller and connects to no host, so it is run once.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.info
+options:
+  group:
+    description: The group whose child groups are the robots, for example V(robots).
+    type: str
+    default: robots
+author:
+  - rosfleet contributors (@rosfleet)
+"""
+
+EXAMPLES = r"""
+- name: Compute the plan of the fleet
+  rosfleet.multimaster.fleet_plan:
+  run_once: true
+  register: multimaster_fleet
+
+- name: Show what this computer needs
+  ansible.builtin.debug:
+    var: multimaster_fleet.computers[inventory_hostname]
+"""
+
+RETURN = r"""
+problems:
+  description: What is wrong with the inventory, one sentence each.
+  returned: failure
+  type: list
+  elements: str
+  sample:
+    - "kobuki2computer: multimaster_address is 192.168.1.229, which kobuki1computer has too; expected an address of its own: \
+       correct one of the two."
+hosts_entries:
+  description: The bindings of names to addresses that every computer has in its hosts file.
+  returned: success
+  type: list
+  elements: dict
+  contains:
+    address:
+      description: The address of a computer.
+      type: str
+      sample: 192.168.1.229
+    names:
+      description: Its names, the name in the inventory first.
+      type: list
+      elements: str
+      sample: [kobuki1computer]
+masters:
+  description: The masters as every discovery node is expected to list them.
+  returned: success
+  type: list
+  elements: dict
+  contains:
+    robot:
+      description: The robot, a group of the inventory.
+      type: str
+      sample: kobuki1
+    computer:
+      description: The computer that runs the roscore.
+      type: str
+      sample: kobuki1computer
+    address:
+      description: The address of that computer.
+      type: str
+      sample: 192.168.1.229
+    name:
+      description: The name of the master.
+      type: str
+      sample: kobuki1computer
+    uri:
+      description: The master URI.
+      type: str
+      sample: http://kobuki1computer:11311/
+    monitor_uri:
+      description: Where the discovery node answers the others.
+      type: str
+      sample: http://192.168.1.229:11611
+    rpc_port:
+      description: The TCP port of O(ignore:monitor_uri).
+      type: int
+      sample: 11611
+common_network:
+  description: The network that all robots share.
+  returned: success
+  type: str
+  sample: 192.168.1.0/24
+transport:
+  description: How the discovery nodes find each other.
+  returned: success
+  type: str
+  sample: both
+multicast_group:
+  description: The multicast group of the discovery nodes.
+  returned: success
+  type: str
+  sample: 224.0.0.1
+multicast_port:
+  description: The UDP port of the discovery nodes.
+  returned: success
+  type: int
+  sample: 11511
+members:
+  description: All computers of the fleet with RV(members[].name), RV(members[].robot) and RV(members[].address).
+  returned: success
+  type: list
+  elements: dict
+  contains:
+    name:
+      description: The name of the computer.
+      type: str
+      sample: kobuki1computer
+    robot:
+      description: Its robot.
+      type: str
+      sample: kobuki1
+    address:
+      description: Its address.
+      type: str
+      sample: 192.168.1.229
+computers:
+  description: What each computer needs, by the name of the computer.
+  returned: success
+  type: dict
+  sample:
+    kobuki1computer:
+      address: 192.168.1.229
+      environment:
+        ROS_HOSTNAME: kobuki1computer
+        ROS_MASTER_URI: http://kobuki1computer:11311
+      is_master: true
+      robot: kobuki1
+"""

@@ -1,0 +1,321 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# Private to this collection: may change at any time.
+
+"""The fleet: robots, their computers and what they share, read from the inventory's variables and validated.
+
+Pure: mappings in, a model or sentences out. Every problem of an inventory is found in one pass.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _variables
+
+
+class InventoryProblems(Exception):
+    """What is wrong with the inventory: one sentence each, naming host, variable, found and expected."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        self.problems = list(problems)
+        super().__init__(" ".join(self.problems))
+
+
+@dataclass(frozen=True)
+class Inventory:
+    """What is read of Ansible's inventory, whatever `--limit` says."""
+
+    robots: Mapping[str, Sequence[str]]  # robot -> its hosts
+    variables: Mapping[str, Mapping[str, Any]]  # host -> its multimaster_* variables
+    strays: Sequence[str] = ()  # hosts of the robots' group that are in none of its child groups
+
+
+@dataclass(frozen=True)
+class Computer:
+    """One computer of a robot."""
+
+    name: str
+    robot: str
+    address: str
+    aliases: tuple[str, ...]
+    ros_setup: str
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One robot: its computers, and the one that runs its roscore."""
+
+    name: str
+    computers: tuple[Computer, ...]
+    master: Computer
+    roscore: str
+    roscore_port: int
+    rpc_port: int
+    filters: Mapping[str, list[str]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """All robots and what they share."""
+
+    robots: tuple[Robot, ...]
+    common_network: str
+    transport: str
+    multicast_group: str
+    multicast_port: int
+    answer_broadcast_pings: bool
+    advertise: str
+    heartbeat_hz: float
+
+    @property
+    def computers(self) -> tuple[Computer, ...]:
+        """The computers of all robots, in the order of the inventory."""
+        return tuple(computer for robot in self.robots for computer in robot.computers)
+
+
+def read_fleet(inventory: Inventory) -> Fleet:
+    """The model of an inventory. Raises InventoryProblems with every problem that was found."""
+    problems: list[str] = []
+    if not any(inventory.robots.values()) and not inventory.strays:
+        raise InventoryProblems([
+            "The inventory has no robots: found no host in a group below the group 'robots'; expected one group per robot "
+            "below 'robots', each with its computers (see inventory/single_computer/hosts.yml)."
+        ])
+    values = {
+        host: _read_host(host, inventory.variables.get(host, {}), problems)
+        for hosts in inventory.robots.values()
+        for host in hosts
+    }
+    problems += _one_robot_each(inventory.robots) + _no_strays(inventory.strays)
+    shared = _shared_values(values, problems)
+    robots = []
+    for name, hosts in inventory.robots.items():
+        robot = _read_robot(name, hosts, values, problems)
+        if robot is not None:
+            robots.append(robot)
+    computers = [
+        Computer(host, "", values[host]["multimaster_address"], tuple(values[host].get("multimaster_aliases", [])), "")
+        for host in values
+        if "multimaster_address" in values[host]
+    ]
+    problems += _unique_addresses(computers)
+    problems += _unique_names(computers)
+    if "multimaster_common_network" in shared:
+        problems += _in_network(computers, shared["multimaster_common_network"])
+    if problems or not robots:
+        raise InventoryProblems(problems)
+    return Fleet(
+        robots=tuple(robots),
+        common_network=shared["multimaster_common_network"],
+        transport=shared["multimaster_transport"],
+        multicast_group=shared["multimaster_multicast_group"],
+        multicast_port=shared["multimaster_multicast_port"],
+        answer_broadcast_pings=shared["multimaster_answer_broadcast_pings"],
+        advertise=shared["multimaster_advertise"],
+        heartbeat_hz=shared["multimaster_heartbeat_hz"],
+    )
+
+
+def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
+    """The host's variables of the right kind, defaults filled in; what is wrong goes to problems and stays out."""
+    read: dict[str, Any] = {}
+    for name in given:
+        if name not in _variables.BY_NAME and name not in _variables.RESERVED:
+            problems.append(
+                f"{host}: the variable {name} is not known{_variables.nearest(name, _variables.BY_NAME)}; expected one of the "
+                "variables in the README: correct its name or remove it."
+            )
+    for variable in _variables.VARIABLES:
+        value = given.get(variable.name)
+        value = variable.default if value is None else value  # "name:" without a value is not set
+        if value is None:
+            if variable.description.startswith("Required."):
+                problems.append(
+                    f"{host}: {variable.name} is not set; expected a value such as {variable.example}: "
+                    "set it in the inventory."
+                )
+            continue
+        try:
+            read[variable.name] = variable.read(value)
+        except _variables.Unexpected as expected:
+            problems.append(
+                f"{host}: {variable.name} is {_shown(value)}; expected {expected}: correct it in the inventory.")
+    if not _is_name(host):
+        problems.append(
+            f"{host}: its name in the inventory is '{host}'; expected a host name of letters, digits and hyphens "
+            "(RFC 1123), since it is the name by which the other computers know it: rename it."
+        )
+    return read
+
+
+def _is_name(host: str) -> bool:
+    try:
+        _variables.BY_NAME["multimaster_master"].read(host)
+    except _variables.Unexpected:
+        return False
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return host.lower() != "localhost"
+    return False
+
+
+def _shown(value: Any) -> str:
+    return f"'{value}'" if isinstance(value, str) else str(value)
+
+
+def _one_robot_each(robots: Mapping[str, Sequence[str]]) -> list[str]:
+    members = defaultdict(list)
+    for robot, hosts in robots.items():
+        for host in hosts:
+            members[host].append(robot)
+    return [
+        f"{host}: is in the groups of {len(of)} robots ({', '.join(of)}); expected one: remove it from the others."
+        for host, of in members.items()
+        if len(of) > 1
+    ]
+
+
+def _no_strays(strays: Sequence[str]) -> list[str]:
+    return [
+        f"{host}: is in the group 'robots' but in none of its robots; expected a group of its robot below 'robots': put it there."
+        for host in strays
+    ]
+
+
+def _shared_values(values: Mapping[str, Mapping[str, Any]], problems: list[str]) -> dict[str, Any]:
+    """The variables of the whole fleet; hosts that disagree are a problem."""
+    names = [variable.name for variable in _variables.VARIABLES if variable.scope == "fleet"]
+    return _agreed(names, list(values), values, "all computers of the fleet", "group_vars/robots.yml", problems)
+
+
+def _agreed(
+    names: Sequence[str],
+    hosts: Sequence[str],
+    values: Mapping[str, Mapping[str, Any]],
+    whom: str,
+    where: str,
+    problems: list[str],
+) -> dict[str, Any]:
+    agreed: dict[str, Any] = {}
+    for name in names:
+        for host in hosts:
+            if name not in values[host]:
+                continue
+            first = agreed.setdefault(name, (host, values[host][name]))
+            if values[host][name] != first[1]:
+                problems.append(
+                    f"{host}: {name} is {_shown(values[host][name])}, but {first[0]} has {_shown(first[1])}; "
+                    f"expected one value for {whom}: set it once, in {where}."
+                )
+    return {name: value for name, (_host, value) in agreed.items()}
+
+
+def _read_robot(
+    name: str, hosts: Sequence[str], values: Mapping[str, Mapping[str, Any]], problems: list[str]
+) -> Robot | None:
+    if not hosts:
+        problems.append(
+            f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group.")
+        return None
+    names = [variable.name for variable in _variables.VARIABLES if variable.scope == "robot"]
+    own = _agreed(names, hosts, values, f"the computers of the robot {name}", f"group_vars/{name}.yml", problems)
+    master = own.get("multimaster_master", hosts[0] if len(hosts) == 1 else None)
+    if master is None:
+        problems.append(
+            f"{hosts[0]}: multimaster_master is not set; expected the computer of the robot {name} that runs its roscore, "
+            f"one of {', '.join(hosts)}: set it in group_vars/{name}.yml."
+        )
+        return None
+    if master not in hosts:
+        problems.append(
+            f"{hosts[0]}: multimaster_master is '{master}', which is no computer of the robot {name}; expected one of "
+            f"{', '.join(hosts)}{_variables.nearest(master, hosts)}: correct it in group_vars/{name}.yml."
+        )
+        return None
+    roscore_port = own.get("multimaster_roscore_port")
+    rpc_port = own.get("multimaster_rpc_port", (roscore_port or 0) + 300)
+    if roscore_port is not None and rpc_port == roscore_port:
+        problems.append(
+            f"{master}: multimaster_rpc_port is {rpc_port}, which is also the port of its roscore; expected another port: "
+            "leave it out for the port of the roscore + 300."
+        )
+    required = ("multimaster_address", "multimaster_ros_setup", "multimaster_aliases")
+    if roscore_port is None or "multimaster_roscore" not in own or "multimaster_filters" not in own or any(
+        variable not in values[host] for host in hosts for variable in required
+    ):
+        return None  # already among the problems
+    computers = tuple(
+        Computer(
+            name=host,
+            robot=name,
+            address=values[host]["multimaster_address"],
+            aliases=tuple(values[host]["multimaster_aliases"]),
+            ros_setup=values[host]["multimaster_ros_setup"],
+        )
+        for host in hosts
+    )
+    return Robot(
+        name=name,
+        computers=computers,
+        master=next(computer for computer in computers if computer.name == master),
+        roscore=own["multimaster_roscore"],
+        roscore_port=roscore_port,
+        rpc_port=rpc_port,
+        filters=own["multimaster_filters"],
+    )
+
+
+def _unique_addresses(computers: Sequence[Computer]) -> list[str]:
+    problems = []
+    owner: dict[str, str] = {}
+    for computer in computers:
+        first = owner.setdefault(computer.address, computer.name)
+        if first != computer.name:
+            problems.append(
+                f"{computer.name}: multimaster_address is {computer.address}, which {first} has too; expected an address of its "
+                "own: correct one of the two."
+            )
+    return problems
+
+
+def _unique_names(computers: Sequence[Computer]) -> list[str]:
+    problems = []
+    owner: dict[str, str] = {}
+    for computer in computers:
+        for name in (computer.name, *computer.aliases):
+            first = owner.setdefault(name.lower(), computer.name)
+            if first != computer.name:
+                problems.append(
+                    f"{computer.name}: the name {name} also means {first}; expected names that mean one computer each "
+                    "(case does not count): rename one, or correct multimaster_aliases."
+                )
+            if name.lower() == "localhost":
+                problems.append(
+                    f"{computer.name}: multimaster_aliases has localhost, which every computer is for itself; expected names of "
+                    "this computer alone: remove it."
+                )
+    return problems
+
+
+def _in_network(computers: Sequence[Computer], common_network: str) -> list[str]:
+    network = ipaddress.ip_network(common_network)
+    problems = []
+    for computer in computers:
+        address = ipaddress.ip_address(computer.address)
+        if address not in network:
+            problems.append(
+                f"{computer.name}: multimaster_address is {address}, which is outside multimaster_common_network {network}; "
+                "expected an address of that network: correct one of the two."
+            )
+        elif network.prefixlen < 31 and address in (network.network_address, network.broadcast_address):
+            problems.append(
+                f"{computer.name}: multimaster_address is {address}, which is the network's or the broadcast address of {network}; "
+                "expected the address of one computer: correct it."
+            )
+    return problems

@@ -1,0 +1,244 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# Private to this collection: may change at any time.
+
+"""The variables of the fleet, specified once: what may be set, where, how it is read, what it means.
+
+The table in the README is written from here.
+"""
+
+from __future__ import annotations
+
+import difflib
+import ipaddress
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+PREFIX = "multimaster_"
+# Set by the preflight role for the other roles; not for an inventory.
+RESERVED = ("multimaster_fleet", "multimaster_info", "multimaster_plan")
+
+FILTERS = (
+    "ignore_actions",
+    "ignore_hosts",
+    "ignore_nodes",
+    "ignore_publishers",
+    "ignore_services",
+    "ignore_subscribers",
+    "ignore_topics",
+    "ignore_types",
+    "sync_actions",
+    "sync_hosts",
+    "sync_nodes",
+    "sync_services",
+    "sync_topics",
+)
+
+_NAME = re.compile(r"(?!-)[a-z0-9-]{1,63}(?<!-)(\.(?!-)[a-z0-9-]{1,63}(?<!-))*", re.IGNORECASE)
+
+
+class Unexpected(ValueError):
+    """A value is not of its kind; the text says what was expected."""
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str) or not value:
+        raise Unexpected("a text that is not empty")
+    return str(value)
+
+
+def _name(value: Any) -> str:
+    if not isinstance(value, str) or not _NAME.fullmatch(value):
+        raise Unexpected("a host name: letters, digits and hyphens (RFC 1123)")
+    return str(value)
+
+
+def _names(value: Any) -> list[str]:
+    if isinstance(value, str) or not isinstance(value, (list, tuple)):
+        raise Unexpected("a list of host names")
+    return [_name(item) for item in value]
+
+
+def _address(value: Any) -> str:
+    try:
+        address = ipaddress.ip_address(_text(value))
+    except ValueError:
+        raise Unexpected("an IPv4 address such as 192.168.1.229") from None
+    if address.version != 4 or address.is_loopback or address.is_multicast or address.is_unspecified:
+        raise Unexpected("the IPv4 address of one computer, such as 192.168.1.229")
+    return str(address)
+
+
+def _network(value: Any) -> str:
+    try:
+        network = ipaddress.ip_network(_text(value))
+    except ValueError:
+        raise Unexpected("an IPv4 network such as 192.168.1.0/24, without host bits") from None
+    if network.version != 4:
+        raise Unexpected("an IPv4 network such as 192.168.1.0/24")
+    return str(network)
+
+
+def _group(value: Any) -> str:
+    try:
+        address = ipaddress.ip_address(_text(value))
+    except ValueError:
+        raise Unexpected("an IPv4 multicast group between 224.0.0.0 and 239.255.255.255") from None
+    if address.version != 4 or not address.is_multicast or str(address) == "224.0.0.0":
+        raise Unexpected("an IPv4 multicast group between 224.0.0.1 and 239.255.255.255")
+    return str(address)
+
+
+def _whole(low: int, high: int) -> Callable[[Any], int]:
+    def read(value: Any) -> int:
+        expected = Unexpected(f"a whole number from {low} to {high}")
+        if isinstance(value, bool) or not isinstance(value, (int, str)):
+            raise expected
+        try:
+            number = int(value)
+        except ValueError:
+            raise expected from None
+        if not low <= number <= high:
+            raise expected
+        return number
+
+    return read
+
+
+def _number(low: float, high: float) -> Callable[[Any], float]:
+    def read(value: Any) -> float:
+        expected = Unexpected(f"a number from {low} to {high}")
+        if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+            raise expected
+        try:
+            number = float(value)
+        except ValueError:
+            raise expected from None
+        if not low <= number <= high:
+            raise expected
+        return number
+
+    return read
+
+
+def _switch(value: Any) -> bool:
+    if isinstance(value, bool):
+        return bool(value)
+    if isinstance(value, str) and value.lower() in ("true", "yes", "on"):
+        return True
+    if isinstance(value, str) and value.lower() in ("false", "no", "off"):
+        return False
+    raise Unexpected("true or false")
+
+
+def _choice(*choices: str) -> Callable[[Any], str]:
+    def read(value: Any) -> str:
+        if value not in choices:
+            raise Unexpected("one of " + ", ".join(choices))
+        return str(value)
+
+    return read
+
+
+def _setup(value: Any) -> str:
+    if value in ("auto", "debian"):
+        return str(value)
+    if not isinstance(value, str) or not value.startswith("/") or ".." in value.split("/"):
+        raise Unexpected("auto, debian, or the absolute path of a set-up file such as /opt/ros/noetic/setup.bash")
+    return str(value)
+
+
+def _filters(value: Any) -> dict[str, list[str]]:
+    if not isinstance(value, Mapping):
+        raise Unexpected("a mapping of filters, such as {ignore_topics: [/tf]}")
+    read = {}
+    for name, patterns in value.items():
+        if name not in FILTERS:
+            raise Unexpected(f"filters named {', '.join(FILTERS)}, but there is '{name}'{nearest(str(name), FILTERS)}")
+        if isinstance(patterns, str) or not isinstance(patterns, (list, tuple)):
+            raise Unexpected(f"a list of patterns at '{name}', such as [/tf, '/camera/*']")
+        for pattern in patterns:
+            if not isinstance(pattern, str) or not pattern.strip():
+                raise Unexpected(f"patterns at '{name}' that are texts and not empty")
+            try:
+                re.compile(pattern.strip().replace("*", ".*"))
+            except re.error as problem:
+                raise Unexpected(
+                    f"regular expressions at '{name}', but '{pattern}' is none ({problem})") from None
+        read[str(name)] = [str(pattern) for pattern in patterns]
+    return read
+
+
+def nearest(name: str, known: Any) -> str:
+    """' (did you mean X?)' for a mistyped name, or an empty text."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f" (did you mean {close[0]}?)" if close else ""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of the fleet."""
+
+    name: str
+    scope: str  # "fleet": equal everywhere; "robot": equal on the computers of a robot; "computer"
+    read: Callable[[Any], Any]
+    default: Any  # None: computed, or required; the description says which
+    description: str
+    example: str
+
+
+VARIABLES = (
+    Variable("multimaster_address", "computer", _address, None,
+             "Required. The address of the computer that the other computers reach it by.", "192.168.1.229"),
+    Variable("multimaster_aliases", "computer", _names, [],
+             "Further names of the computer, for the hosts file of every computer.", "[kobuki1]"),
+    Variable("multimaster_common_network", "fleet", _network, None,
+             "Required. The network that all robots share (section 3.1 of the report).", "192.168.1.0/24"),
+    Variable("multimaster_transport", "fleet", _choice("both", "multicast", "unicast"), "both",
+             "How the discovery nodes find each other: by the multicast group, by unicast to the master of every robot, or both.",
+             "unicast"),
+    Variable("multimaster_multicast_group", "fleet", _group, "226.0.0.0",
+             "The multicast group of the discovery nodes. The report uses 224.0.0.1, which no switch ever prunes.", "224.0.0.1"),
+    Variable("multimaster_multicast_port", "fleet", _whole(1024, 65535), 11511,
+             "The UDP port of the discovery nodes.", "11511"),
+    Variable("multimaster_answer_broadcast_pings", "fleet", _switch, True,
+             "Whether the computers answer pings to broadcast and multicast addresses, so that `ping 224.0.0.1` shows them. "
+             "The report asks for it; discovery does not need it.", "false"),
+    Variable("multimaster_advertise", "fleet", _choice("name", "address"), "name",
+             "Whether ROS on the computers advertises host names (ROS_HOSTNAME) or addresses (ROS_IP).", "address"),
+    Variable("multimaster_heartbeat_hz", "fleet", _number(0.02, 25.5), 1.0,
+             "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.", "0.5"),
+    Variable("multimaster_master", "robot", _name, None,
+             "The computer of the robot that runs the roscore. Default: the only computer; required where there are several.",
+             "kobuki1computer"),
+    Variable("multimaster_roscore", "robot", _choice("managed", "existing"), "managed",
+             "Whether the collection runs the roscore as a service, or uses one that something else starts.", "existing"),
+    Variable("multimaster_roscore_port", "robot", _whole(1024, 65235), 11311,
+             "The TCP port of the roscore.", "11311"),
+    Variable("multimaster_rpc_port", "robot", _whole(1024, 65535), None,
+             "The TCP port on which the discovery node answers the others. Default: the port of the roscore + 300.", "11611"),
+    Variable("multimaster_filters", "robot", _filters, {},
+             "What this robot takes from the others: lists of regular expressions in which `*` stands for any text, by "
+             + ", ".join(f"`{name}`" for name in FILTERS) + ". An action is its five topics.",
+             "{ignore_topics: [/tf], sync_actions: [/move_base]}"),
+    Variable("multimaster_ros_setup", "computer", _setup, "auto",
+             "Where ROS is: `auto` finds /opt/ros or Debian's packages, `debian` takes Debian's packages, "
+             "a path is a prefix or the set-up file of a workspace.", "/home/robot/ws/devel/setup.bash"),
+)
+
+BY_NAME = {variable.name: variable for variable in VARIABLES}
+
+
+def markdown_table() -> str:
+    """The variables as the table of the README (GitHub's Markdown)."""
+    rows = ["| variable | set for | default | meaning | example |", "|---|---|---|---|---|"]
+    for variable in VARIABLES:
+        default = "" if variable.default is None else f"`{_yaml(variable.default)}`"
+        rows.append(f"| `{variable.name}` | {variable.scope} | {default} | {variable.description} | `{variable.example}` |")
+    return "\n".join(rows) + "\n"
+
+
+def _yaml(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

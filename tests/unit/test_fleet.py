@@ -1,0 +1,285 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The fleet model and the plan: from the inventory's variables to what every computer needs."""
+
+import copy
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _fleet, _plan
+from hypothesis import given
+from hypothesis import strategies as st
+
+KOBUKIS = {
+    "robots": {"kobuki1": ["kobuki1computer"], "kobuki2": ["kobuki2computer"]},
+    "variables": {
+        f"kobuki{number}computer": {
+            "multimaster_address": address,
+            "multimaster_common_network": "192.168.1.0/24",
+            "multimaster_multicast_group": "224.0.0.1",
+        }
+        for number, address in ((1, "192.168.1.229"), (2, "192.168.1.239"))
+    },
+}
+
+
+def fleet(change=None):
+    """The fleet of Fig. 5, after a change of its inventory."""
+    data = copy.deepcopy(KOBUKIS)
+    if change:
+        change(data["robots"], data["variables"])
+    return _fleet.read_fleet(_fleet.Inventory(**data))
+
+
+def problems(change):
+    with pytest.raises(_fleet.InventoryProblems) as caught:
+        fleet(change)
+    return caught.value.problems
+
+
+def setting(host, **values):
+    return lambda robots, variables: variables[host].update(values)
+
+
+def everywhere(**values):
+    return lambda robots, variables: [of_host.update(values) for of_host in variables.values()]
+
+
+def test_plan_of_figure_5():
+    plan = _plan.plan(fleet())
+    assert plan["hosts_entries"] == [
+        {"address": "192.168.1.229", "names": ["kobuki1computer"]},
+        {"address": "192.168.1.239", "names": ["kobuki2computer"]},
+    ]
+    assert plan["masters"][1] == {
+        "robot": "kobuki2",
+        "computer": "kobuki2computer",
+        "address": "192.168.1.239",
+        "name": "kobuki2computer",
+        "uri": "http://kobuki2computer:11311/",
+        "monitor_uri": "http://192.168.1.239:11611",
+        "rpc_port": 11611,
+    }
+    first = plan["computers"]["kobuki1computer"]
+    assert first["environment"] == {
+        "ROS_MASTER_URI": "http://kobuki1computer:11311",
+        "ROS_HOSTNAME": "kobuki1computer",
+    }
+    assert first["sysctl"] == [{"name": "net.ipv4.icmp_echo_ignore_broadcasts", "value": "0"}]
+    assert first["services"] == ["roscore", "discovery", "sync"]
+    assert first["discovery"] == {
+        "name": "kobuki1computer",
+        "mcast_group": "224.0.0.1",
+        "mcast_port": 11511,
+        "interface": "192.168.1.229",
+        "rpc_port": 11611,
+        "heartbeat_hz": 1.0,
+        "send_mcast": True,
+        "listen_mcast": True,
+        "robot_hosts": ["192.168.1.239"],
+    }
+
+
+@pytest.mark.parametrize(
+    ("transport", "multicast", "peers"),
+    [("both", True, ["192.168.1.239"]), ("multicast", True, []), ("unicast", False, ["192.168.1.239"])],
+)
+def test_transport(transport, multicast, peers):
+    discovery = _plan.plan(fleet(everywhere(multimaster_transport=transport)))["computers"]["kobuki1computer"]["discovery"]
+    assert (discovery["send_mcast"], discovery["listen_mcast"], discovery["robot_hosts"]) == (multicast, multicast, peers)
+
+
+def test_advertise_address():
+    computer = _plan.plan(fleet(everywhere(multimaster_advertise="address")))["computers"]["kobuki1computer"]
+    assert computer["environment"] == {"ROS_MASTER_URI": "http://192.168.1.229:11311", "ROS_IP": "192.168.1.229"}
+
+
+def test_existing_roscore_on_another_port():
+    plan = _plan.plan(fleet(setting("kobuki2computer", multimaster_roscore="existing", multimaster_roscore_port=11411)))
+    second = plan["computers"]["kobuki2computer"]
+    assert second["services"] == ["discovery", "sync"]
+    assert second["environment"]["ROS_MASTER_URI"] == "http://kobuki2computer:11411"
+    assert plan["masters"][1]["name"] == "kobuki2computer_11411"
+    assert plan["masters"][1]["monitor_uri"] == "http://192.168.1.239:11711"
+
+
+def test_second_computer_of_a_robot_has_the_environment_and_no_services():
+    def change(robots, variables):
+        robots["kobuki1"].append("kobuki1arm")
+        variables["kobuki1arm"] = dict(variables["kobuki1computer"], multimaster_address="192.168.1.230")
+        for host in robots["kobuki1"]:
+            variables[host]["multimaster_master"] = "kobuki1computer"
+
+    arm = _plan.plan(fleet(change))["computers"]["kobuki1arm"]
+    assert arm["environment"]["ROS_MASTER_URI"] == "http://kobuki1computer:11311"
+    assert arm["environment"]["ROS_HOSTNAME"] == "kobuki1arm"
+    assert (arm["is_master"], arm["services"], arm["discovery"], arm["ports"]) == (False, [], {}, [])
+
+
+def test_an_action_in_a_filter_is_its_five_topics():
+    filters = {"ignore_actions": ["/dock"], "ignore_topics": ["/tf"], "ignore_types": ["sensor_msgs/Image"]}
+    sync = _plan.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"]["kobuki1computer"]["sync"]
+    assert sync == {
+        "ignore_topics": ["/dock/goal", "/dock/cancel", "/dock/status", "/dock/feedback", "/dock/result", "/tf"],
+        "ignore_type": ["sensor_msgs/Image"],
+    }
+
+
+WRONG = {
+    "duplicate address": (
+        setting("kobuki2computer", multimaster_address="192.168.1.229"),
+        ["kobuki2computer: multimaster_address is 192.168.1.229, which kobuki1computer has too"],
+    ),
+    "duplicate name": (
+        setting("kobuki2computer", multimaster_aliases=["Kobuki1Computer"]),
+        ["kobuki2computer: the name Kobuki1Computer also means kobuki1computer"],
+    ),
+    "alias localhost": (
+        setting("kobuki2computer", multimaster_aliases=["localhost"]),
+        ["kobuki2computer: multimaster_aliases has localhost"],
+    ),
+    "master of another robot": (
+        setting("kobuki2computer", multimaster_master="kobuki1computer"),
+        ["kobuki2computer: multimaster_master is 'kobuki1computer', which is no computer of the robot kobuki2"],
+    ),
+    "no multicast group": (
+        everywhere(multimaster_multicast_group="192.168.1.1"),
+        ["kobuki1computer: multimaster_multicast_group is '192.168.1.1'; expected an IPv4 multicast group", "kobuki2computer"],
+    ),
+    "outside the network": (
+        setting("kobuki1computer", multimaster_address="192.168.2.229"),
+        ["kobuki1computer: multimaster_address is 192.168.2.229, which is outside multimaster_common_network 192.168.1.0/24"],
+    ),
+    "broadcast address": (
+        setting("kobuki1computer", multimaster_address="192.168.1.255"),
+        ["kobuki1computer: multimaster_address is 192.168.1.255, which is the network's or the broadcast address"],
+    ),
+    "loopback address": (
+        setting("kobuki1computer", multimaster_address="127.0.0.1"),
+        ["kobuki1computer: multimaster_address is '127.0.0.1'; expected the IPv4 address of one computer"],
+    ),
+    "mistyped variable": (
+        setting("kobuki1computer", multimaster_mulitcast_group="226.0.0.1"),
+        ["multimaster_mulitcast_group is not known (did you mean multimaster_multicast_group?)"],
+    ),
+    "mistyped transport": (
+        everywhere(multimaster_transport="broadcast"),
+        ["multimaster_transport is 'broadcast'; expected one of both, multicast, unicast", "kobuki2computer"],
+    ),
+    "the fleet disagrees": (
+        setting("kobuki2computer", multimaster_multicast_port=11512),
+        ["kobuki2computer: multimaster_multicast_port is 11512, but kobuki1computer has 11511; expected one value"],
+    ),
+    "no address": (
+        lambda robots, variables: variables["kobuki1computer"].pop("multimaster_address"),
+        ["kobuki1computer: multimaster_address is not set"],
+    ),
+    "one host, two robots": (
+        lambda robots, variables: robots["kobuki2"].append("kobuki1computer"),
+        ["kobuki1computer: is in the groups of 2 robots (kobuki1, kobuki2)", "multimaster_master is not set"],
+    ),
+    "robot without computers": (
+        lambda robots, variables: robots.update(ghost=[]),
+        ["The robot ghost has no computers"],
+    ),
+    "several computers and no master": (
+        lambda robots, variables: (
+            robots["kobuki1"].append("kobuki1arm"),
+            variables.update(kobuki1arm=dict(variables["kobuki1computer"], multimaster_address="192.168.1.230")),
+        ),
+        ["kobuki1computer: multimaster_master is not set; expected the computer of the robot kobuki1"],
+    ),
+    "underscore in a name": (
+        lambda robots, variables: (
+            robots.update(kobuki1=["kobuki_1"]),
+            variables.update(kobuki_1=variables.pop("kobuki1computer")),
+        ),
+        ["kobuki_1: its name in the inventory is 'kobuki_1'; expected a host name"],
+    ),
+    "address as a name": (
+        lambda robots, variables: (
+            robots.update(kobuki1=["192.168.1.229"]),
+            variables.update({"192.168.1.229": variables.pop("kobuki1computer")}),
+        ),
+        ["192.168.1.229: its name in the inventory is '192.168.1.229'; expected a host name"],
+    ),
+    "invalid pattern": (
+        setting("kobuki1computer", multimaster_filters={"ignore_topics": ["/a[b"]}),
+        ["multimaster_filters is {'ignore_topics': ['/a[b']}; expected regular expressions at 'ignore_topics'"],
+    ),
+    "unknown filter": (
+        setting("kobuki1computer", multimaster_filters={"ignore_topic": ["/a"]}),
+        ["(did you mean ignore_topics?)"],
+    ),
+    "string for a list": (
+        setting("kobuki1computer", multimaster_filters={"ignore_topics": "/tf"}),
+        ["expected a list of patterns at 'ignore_topics'"],
+    ),
+    "rpc port of the roscore": (
+        setting("kobuki1computer", multimaster_rpc_port=11311),
+        ["kobuki1computer: multimaster_rpc_port is 11311, which is also the port of its roscore"],
+    ),
+    "relative set-up file": (
+        setting("kobuki1computer", multimaster_ros_setup="ws/devel/setup.bash"),
+        ["kobuki1computer: multimaster_ros_setup is 'ws/devel/setup.bash'; expected auto, debian, or the absolute path"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_inventory_is_named(case):
+    change, expected = WRONG[case]
+    found = problems(change)
+    assert len(found) == len(expected), found
+    for sentence, part in zip(found, expected, strict=True):
+        assert part in sentence
+
+
+def test_all_problems_are_found_in_one_pass():
+    def change(robots, variables):
+        setting("kobuki1computer", multimaster_address="10.0.0.1")(robots, variables)
+        setting("kobuki2computer", multimaster_roscore="none")(robots, variables)
+
+    assert len(problems(change)) == 2
+
+
+def test_an_empty_inventory_is_named():
+    with pytest.raises(_fleet.InventoryProblems, match="below the group 'robots'"):
+        _fleet.read_fleet(_fleet.Inventory(robots={}, variables={}))
+
+
+@given(st.dictionaries(
+    st.sampled_from([f"multimaster_{name}" for name in (
+        "address", "aliases", "common_network", "transport", "multicast_group", "multicast_port", "advertise",
+        "heartbeat_hz", "master", "roscore", "roscore_port", "rpc_port", "filters", "ros_setup", "nonsense")]),
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.lists(st.text() | st.integers())
+    | st.dictionaries(st.text(), st.text() | st.lists(st.text())),
+))
+def test_whatever_the_inventory_says_the_answer_is_a_plan_or_sentences(values):
+    try:
+        model = fleet(setting("kobuki1computer", **values))
+    except _fleet.InventoryProblems as found:
+        assert all(found.problems)
+    else:
+        assert set(_plan.plan(model)["computers"]) == {"kobuki1computer", "kobuki2computer"}
+
+
+def test_the_plan_grows_with_the_number_of_computers():
+    """100 robots with 5 computers each: what every computer needs of all others is there once."""
+
+    def change(robots, variables):
+        robots.clear()
+        variables.clear()
+        for robot in range(100):
+            robots[f"r{robot}"] = [f"r{robot}-c{computer}" for computer in range(5)]
+            for computer in range(5):
+                variables[f"r{robot}-c{computer}"] = {
+                    "multimaster_address": f"10.1.{robot}.{computer + 1}",
+                    "multimaster_common_network": "10.1.0.0/16",
+                    "multimaster_master": f"r{robot}-c0",
+                }
+
+    plan = _plan.plan(fleet(change))
+    assert len(plan["hosts_entries"]) == 500
+    inner = plan["computers"]["r7-c3"]
+    assert len(str(inner)) < 1000

@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The plan of a computer compared with its machine."""
+
+import copy
+import re
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _preflight
+
+PLAN = {
+    "computer": "kobuki1computer",
+    "address": "192.168.1.229",
+    "is_master": True,
+    "roscore": "managed",
+    "roscore_port": 11311,
+    "ros_setup": "auto",
+    "environment": {"ROS_MASTER_URI": "http://kobuki1computer:11311", "ROS_HOSTNAME": "kobuki1computer"},
+    "ports": [
+        {"protocol": "tcp", "port": 11311},
+        {"protocol": "udp", "port": 11511},
+        {"protocol": "tcp", "port": 11611},
+    ],
+    "discovery": {"send_mcast": True},
+}
+INFO = {
+    "hostname": "kobuki1computer",
+    "systemd": {"running": True},
+    "interfaces": [
+        {"name": "lo", "up": True, "multicast": False, "loopback": True, "addresses": [{"address": "127.0.0.1"}]},
+        {"name": "eth0", "up": True, "multicast": True, "loopback": False, "addresses": [{"address": "192.168.1.229"}]},
+    ],
+    "ros": {
+        "problem": "",
+        "chosen": {
+            "kind": "debian",
+            "setup": "",
+            "distro": "",
+            "missing": [],
+            "python_version": "3.11.2",
+            "commands": {"roscore": "/usr/bin/roscore"},
+        },
+    },
+    "ports": [],
+    "exports": [],
+    "sshd": {"installed": True, "includes_drop_ins": True, "other_setenv": []},
+}
+
+
+def holder(port, protocol="tcp", unit=""):
+    return {"protocol": protocol, "port": port, "pid": 812, "command": "rosmaster", "user": "robot", "unit": unit}
+
+
+def compare(change=None, **plan):
+    info = copy.deepcopy(INFO)
+    if change:
+        change(info)
+    return _preflight.compare({**PLAN, **plan}, info)
+
+
+def test_a_machine_like_its_plan():
+    assert compare() == _preflight.Comparison((), (), "eth0")
+
+
+PROBLEMS = {
+    "address elsewhere": (
+        lambda info: info["interfaces"][1]["addresses"][0].update(address="10.0.0.5"),
+        "multimaster_address is 192.168.1.229, but the machine has 10.0.0.5 on eth0",
+    ),
+    "interface down": (lambda info: info["interfaces"][1].update(up=False), "interface eth0 .* is down"),
+    "no multicast": (lambda info: info["interfaces"][1].update(multicast=False), "does not do multicast"),
+    "no systemd": (lambda info: info["systemd"].update(running=False), "systemd does not run"),
+    "no ROS": (lambda info: info["ros"].update(chosen=None), "no ROS was found .* multimaster_ros_setup"),
+    "ROS problem": (lambda info: info["ros"].update(problem="there are two"), "kobuki1computer: there are two"),
+    "missing module": (
+        lambda info: info["ros"]["chosen"].update(missing=["std_srvs"]),
+        "lacks the Python modules std_srvs; .*apt-get install python3-std-srvs",
+    ),
+    "no roscore": (lambda info: info["ros"]["chosen"].update(commands={"roscore": ""}), "has no roscore"),
+    "old Python": (lambda info: info["ros"]["chosen"].update(python_version="3.6.9"), "has Python 3.6.9; expected 3.8"),
+    "foreign roscore": (
+        lambda info: info["ports"].append(holder(11311, unit="roscore.service")),
+        r"TCP port 11311 is held by rosmaster \(pid 812, user robot, roscore.service\).*multimaster_roscore to 'existing'",
+    ),
+    "another discovery": (
+        lambda info: info["ports"].append(holder(11511, "udp")), "UDP port 11511 is held by rosmaster .*only one discovery node"),
+}
+
+
+@pytest.mark.parametrize("case", PROBLEMS)
+def test_what_stands_against_the_plan(case):
+    change, expected = PROBLEMS[case]
+    found = compare(change)
+    assert len(found.problems) == 1
+    assert re.search(expected, found.problems[0]), found.problems
+
+
+def test_what_our_services_hold_is_no_strangers():
+    own = [holder(11311, unit="multimaster-roscore.service"), holder(11511, "udp", "multimaster-discovery.service")]
+    assert compare(lambda info: info.update(ports=own)).problems == ()
+
+
+def test_an_existing_roscore_may_hold_its_port():
+    assert compare(lambda info: info.update(ports=[holder(11311)]), roscore="existing").problems == ()
+
+
+def test_a_computer_without_services_only_warns_of_a_missing_ros():
+    found = compare(lambda info: info["ros"].update(chosen=None), is_master=False, ports=[], discovery={})
+    assert found.problems == ()
+    assert "no ROS was found" in found.warnings[0]
+
+
+def test_an_older_export_is_named_with_file_and_line():
+    export = {"file": "/home/a/.bashrc", "line": 7, "variable": "ROS_IP", "text": "export ROS_IP=10.0.0.5", "value": "10.0.0.5"}
+    found = compare(lambda info: info["exports"].append(export))
+    assert found.problems == ()
+    assert "/home/a/.bashrc, line 7 sets ROS_IP (export ROS_IP=10.0.0.5)" in found.warnings[0]
+
+
+def test_an_export_of_the_planned_value_is_no_matter():
+    value = "http://kobuki1computer:11311/"
+    export = {"file": "/home/a/.bashrc", "line": 7, "variable": "ROS_MASTER_URI", "text": "", "value": value}
+    assert compare(lambda info: info["exports"].append(export)).warnings == ()
+
+
+def test_another_name_of_the_machine_is_named():
+    assert "calls itself 'debian'" in compare(lambda info: info.update(hostname="debian")).warnings[0]
