@@ -1,0 +1,127 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The lookup file_tree: a folder of the controller as the files of managed_files."""
+
+from __future__ import annotations
+
+import os
+
+from ansible.errors import AnsibleError
+from ansible.plugins.lookup import LookupBase
+
+DOCUMENTATION = r"""
+name: file_tree
+short_description: The text files below a folder, ready for managed_files
+version_added: "0.1.0"
+author:
+  - rosfleet contributors (@rosfleet)
+description:
+  - Reads all regular text files below folders of the controller and returns them, sorted by path, as the option
+    C(files) of M(rosfleet.multimaster.managed_files) wants them.
+  - Byte code and what editors leave behind is skipped, that is, C(__pycache__), C(*.pyc), C(*.pyo), C(*~), and every
+    name that starts with a dot or with C(#).
+  - The mode is V(0755) for a file that its owner may execute, and V(0644) for any other.
+options:
+  _terms:
+    description: The folders to read, for example V(files) of a role as C(role_path ~ '/files').
+    type: list
+    elements: path
+    required: true
+  destination:
+    description:
+      - The absolute folder of the managed computer that takes the place of each folder to read, for example
+        V(/usr/local/lib/example).
+    type: str
+    required: true
+notes:
+  - Call it with C(query), which always returns a list. C(lookup) returns a list only for two files or more; a single
+    file it returns alone, unless it is given C(wantlist=true).
+seealso:
+  - module: rosfleet.multimaster.managed_files
+"""
+
+EXAMPLES = r"""
+- name: Install the files of this role
+  rosfleet.multimaster.managed_files:
+    bundle: example
+    files: "{{ query('rosfleet.multimaster.file_tree', role_path ~ '/files', destination='/usr/local/lib/example') }}"
+"""
+
+RETURN = r"""
+_raw:
+  description: The files, sorted by path.
+  type: list
+  elements: dict
+  sample:
+    - path: /usr/local/lib/example/python/example/__init__.py
+      content: ""
+      mode: "0644"
+  contains:
+    path:
+      description: The path on the managed computer.
+      type: str
+      sample: /usr/local/lib/example/python/example/__init__.py
+    content:
+      description: The text.
+      type: str
+      sample: ""
+    mode:
+      description: The permission bits.
+      type: str
+      sample: "0644"
+"""
+
+
+def skipped(name: str) -> bool:
+    """Whether a file or folder of this name is byte code, hidden, or an editor's."""
+    return name == "__pycache__" or name.startswith((".", "#")) or name.endswith((".pyc", ".pyo", "~"))
+
+
+def tree(source: str, destination: str) -> list[dict[str, str]]:
+    """The text files below a folder as path, content and mode, sorted; raises AnsibleError with a sentence."""
+    if not os.path.isdir(source):
+        raise AnsibleError(
+            f"file_tree: {source!r} is no folder of the controller; give the folder of the files to read."
+        )
+    if not destination.startswith("/") or os.path.normpath(destination) != destination:
+        raise AnsibleError(
+            f"file_tree: the destination {destination!r} is no absolute, plain folder; expected for example /opt/x."
+        )
+    files = []
+    for folder, folders, names in os.walk(source):
+        folders[:] = [name for name in folders if not skipped(name)]
+        for name in names:
+            path = os.path.join(folder, name)
+            if skipped(name) or not os.path.isfile(path):
+                continue
+            files.append(
+                {
+                    "path": os.path.join(destination, os.path.relpath(path, source)),
+                    "content": _text(path),
+                    "mode": "0755" if os.stat(path).st_mode & 0o100 else "0644",
+                }
+            )
+    return sorted(files, key=lambda file: file["path"])
+
+
+def _text(path: str) -> str:
+    # newline="" keeps the content as it is.
+    try:
+        with open(path, encoding="utf-8", newline="") as stream:
+            return stream.read()
+    except UnicodeDecodeError as problem:
+        raise AnsibleError(
+            f"file_tree: {path} is no UTF-8 text ({problem.reason} at byte {problem.start}); take it out of the folder."
+        ) from problem
+    except OSError as problem:
+        raise AnsibleError(f"file_tree: {path} cannot be read ({problem.strerror}).") from problem
+
+
+class LookupModule(LookupBase):
+    """See DOCUMENTATION."""
+
+    def run(self, terms, variables=None, **kwargs):
+        """The files below each of the folders."""
+        self.set_options(var_options=variables, direct=kwargs)
+        return [file for source in terms for file in tree(source, self.get_option("destination"))]

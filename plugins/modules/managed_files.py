@@ -1,0 +1,222 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: managed_files
+short_description: Own a set of files whole
+version_added: "0.1.0"
+description:
+  - Writes a set of files, the bundle, and takes those of them back that are no longer listed. An empty list takes
+    everything of the bundle back, with the folders that were made for it.
+  - A file that is there already and was not written by this module is never changed. If its content and mode are as
+    planned, it stays as it is and stays foreign; otherwise the module fails before it changes anything.
+  - A file of ours that was changed by hand is put back, and the result says so.
+  - All files are written or none. Each is replaced by renaming, and if one cannot be written, those that were written
+    before are put back. A run that is killed is mended by the next one.
+  - Files belong to the user and group that the module runs as, so to root with C(become). Missing folders are made
+    with mode C(0755). Only folders that were made for files of this collection are removed again, when they are empty;
+    byte code that Python cached in such a folder goes with its source.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes
+options:
+  bundle:
+    description:
+      - The label of the set, for example V(nodes), of 1 to 64 letters, digits, dots, hyphens and underscores. Each
+        label is a set of its own, remembered in C(files-<bundle>.json) in O(records).
+    type: str
+    required: true
+  files:
+    description:
+      - All files of the bundle; for example V([]) removes it.
+    type: list
+    elements: dict
+    required: true
+    suboptions:
+      path:
+        description: The absolute path of the file, for example V(/etc/rosfleet-multimaster/master_sync.json).
+        type: str
+        required: true
+      content:
+        description: The whole content as text, written in UTF-8, for example V({}\\n).
+        type: str
+        required: true
+      mode:
+        description: The permission bits as four octal digits in quotes, for example V("0755").
+        type: str
+        default: "0644"
+  records:
+    description:
+      - The folder of this collection's memory on the computer, for example V(/var/lib/rosfleet-multimaster).
+    type: str
+    default: /var/lib/rosfleet-multimaster
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.managed_services
+  - plugin: rosfleet.multimaster.file_tree
+    plugin_type: lookup
+"""
+
+EXAMPLES = r"""
+- name: Install the nodes of this role and their parameters
+  rosfleet.multimaster.managed_files:
+    bundle: nodes
+    files: >-
+      {{ query('rosfleet.multimaster.file_tree', role_path ~ '/files', destination='/usr/local/lib/example')
+         + [{'path': '/etc/example/parameters.json', 'content': parameters | to_nice_json}] }}
+  register: nodes_result
+
+- name: Take them back
+  rosfleet.multimaster.managed_files:
+    bundle: nodes
+    files: []
+"""
+
+RETURN = r"""
+files:
+  description: Every planned file in the order of O(files).
+  returned: success
+  type: list
+  elements: dict
+  sample: [{path: /etc/example/parameters.json, state: written, mode: "0644"}]
+  contains:
+    path:
+      description: The path.
+      returned: always
+      type: str
+      sample: /etc/example/parameters.json
+    state:
+      description:
+        - V(unchanged), V(written) (new, or with another content or mode than before), V(edited) (it had been changed or
+          removed by hand, and was put back) or V(foreign) (not ours, but as planned, so it was left alone). In check
+          mode, what it would be.
+      returned: always
+      type: str
+      sample: written
+    mode:
+      description: The planned permission bits.
+      returned: always
+      type: str
+      sample: "0644"
+removed:
+  description: The files of ours that were no longer listed and went.
+  returned: success
+  type: list
+  elements: str
+  sample: [/etc/example/old.json]
+folders_made:
+  description: The folders that were made, outermost first.
+  returned: success
+  type: list
+  elements: str
+  sample: [/etc/example]
+folders_removed:
+  description: The folders that were removed, innermost first.
+  returned: success
+  type: list
+  elements: str
+  sample: [/usr/local/lib/example/__pycache__, /usr/local/lib/example]
+notes:
+  description: A sentence for everything unusual, such as a file that had been changed by hand.
+  returned: success
+  type: list
+  elements: str
+  sample: [/etc/example/parameters.json had been changed or removed by hand since we wrote it.]
+digest:
+  description: One SHA-256 over the paths, modes and contents of O(files), to notice a change of any of them.
+  returned: success
+  type: str
+  sample: 5891b5b522d5df086d0ff0b110fbd9d21bb4fc7163af34d08286a2e846f6be03
+msg:
+  description: What was done, in one sentence; with a failure, what was found, what was expected and what to do.
+  returned: always
+  type: str
+  sample: 2 files of the bundle nodes were written, 1 was removed and 31 were right.
+"""
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _files, _owned
+
+
+def summary(bundle, planned, check_mode):
+    # type: (str, _files.Plan, bool) -> str
+    """What was done in one sentence, with the notes."""
+    right = len(planned.items) - len(planned.writes)
+    text = "%d files of the bundle %s %s written, %d removed and %d %s right." % (
+        len(planned.writes),
+        bundle,
+        "would be" if check_mode else "were",
+        len(planned.removals),
+        right,
+        "are" if check_mode else "were",
+    )
+    return " ".join([text] + planned.notes)
+
+
+def main():
+    # type: () -> None
+    """Read, plan, and apply unless in check mode."""
+    module = AnsibleModule(
+        argument_spec=dict(
+            bundle=dict(type="str", required=True),
+            files=dict(
+                type="list",
+                elements="dict",
+                required=True,
+                options=dict(
+                    path=dict(type="str", required=True),
+                    content=dict(type="str", required=True),
+                    mode=dict(type="str", default="0644"),
+                ),
+            ),
+            records=dict(type="str", default=_owned.RECORDS),
+        ),
+        supports_check_mode=True,
+    )
+    bundle = module.params["bundle"]
+    try:
+        record = _files.record_of("files", bundle, module.params["records"])
+        wanted = _files.wanted_files(module.params["files"])
+        remembered = record.load()
+        machine = _files.read(wanted, remembered, record)
+        planned = _files.plan(wanted, remembered, machine)
+    except _owned.Problem as problem:
+        module.fail_json(msg=str(problem))
+    except OSError as problem:
+        module.fail_json(msg="The present state could not be read (%s); nothing was changed." % problem)
+
+    if not module.check_mode:
+        transaction = _files.Transaction(planned, machine, record, remembered)
+        try:
+            if _files.changes(planned):
+                transaction.begin()
+                transaction.apply()
+            transaction.settle()
+        except OSError as problem:
+            left = transaction.take_back()
+            module.fail_json(
+                changed=bool(left),
+                msg=" ".join(
+                    ["The files of the bundle %s could not be written (%s)." % (bundle, problem)]
+                    + (left or ["Everything that this run had changed was put back."])
+                ),
+            )
+
+    result = dict(
+        changed=_files.changes(planned),
+        files=[dict(path=item.path, state=item.state, mode="%04o" % item.mode) for item in planned.items],
+        removed=planned.removals,
+        folders_made=planned.folders_made,
+        folders_removed=planned.folders_removed,
+        notes=planned.notes,
+        digest=_files.digest(wanted),
+        msg=summary(bundle, planned, module.check_mode),
+    )
+    if module._diff:
+        result["diff"] = _files.differences(planned, machine)
+    module.exit_json(**result)
+
+
+if __name__ == "__main__":
+    main()

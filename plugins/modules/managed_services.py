@@ -1,0 +1,393 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: managed_services
+short_description: Own systemd units whole, running with their current inputs
+version_added: "0.1.0"
+description:
+  - Writes a list of systemd units, the bundle, enables and starts them in the order of the list, and takes those of
+    them back that are no longer listed. An empty list takes everything of the bundle back, with the state, cache,
+    log and configuration folders that systemd made for these units.
+  - A unit is restarted when its text changes, and when its process runs with other inputs than planned. The planned
+    inputs are the value of a line C(Environment=ROSFLEET_INPUTS=<digest>) in its content, where the digest is one of
+    everything that the service reads when it starts; the others are those in the environment of the running process.
+    So a service is restarted exactly when it has to be, also after a run that was interrupted before the restart.
+  - A unit that systemd restarts together with another one (C(PartOf=), C(BindsTo=), C(Requires=)) is not restarted
+    twice.
+  - A unit counts as started when systemd says so, hence C(Type=notify) proves most. All units are looked at once more
+    a second after the last start, so a service that ends at once is found; C(Type=oneshot) needs
+    C(RemainAfterExit=yes).
+  - If a unit does not start, the module fails with its state and the end of its journal, after it has brought back the
+    texts, links and running units of before.
+  - A unit of the same name that is not ours is never changed; the module fails before it changes anything. A unit text
+    of ours that was changed by hand is put back.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes
+options:
+  bundle:
+    description:
+      - The label of the set, for example V(multimaster), of 1 to 64 letters, digits, dots, hyphens and underscores.
+        Each label is a set of its own, remembered in C(services-<bundle>.json) in O(records).
+    type: str
+    required: true
+  units:
+    description:
+      - All units of the bundle in the order of their start, which is the reverse order of their stop; for example
+        V([]) removes the bundle.
+    type: list
+    elements: dict
+    required: true
+    suboptions:
+      name:
+        description:
+          - The name of the unit, for example V(multimaster-roscore.service), which ends in C(.service), C(.socket),
+            C(.timer), C(.path) or C(.target).
+        type: str
+        required: true
+      content:
+        description:
+          - The whole text of the unit, for example the result of a template, written as it is.
+        type: str
+        required: true
+      enabled:
+        description:
+          - Whether the unit starts at boot, for example V(true). The content then needs C(WantedBy=) or the like.
+        type: bool
+        default: true
+      started:
+        description: Whether the unit runs, for example V(true).
+        type: bool
+        default: true
+  timeout:
+    description: How many seconds each unit may take to start, for example V(90).
+    type: float
+    default: 90
+  unit_folder:
+    description: The folder for the units, one of those that systemd reads, for example V(/etc/systemd/system).
+    type: str
+    default: /etc/systemd/system
+  records:
+    description:
+      - The folder of this collection's memory on the computer, for example V(/var/lib/rosfleet-multimaster).
+    type: str
+    default: /var/lib/rosfleet-multimaster
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.managed_files
+"""
+
+EXAMPLES = r"""
+- name: Run a service with its current parameters
+  rosfleet.multimaster.managed_services:
+    bundle: example
+    units:
+      - name: example.service
+        content: |
+          [Unit]
+          Description=Example
+          After=network-online.target
+          Wants=network-online.target
+
+          [Service]
+          Type=notify
+          DynamicUser=yes
+          Environment=ROSFLEET_INPUTS={{ parameters_result.digest }}
+          ExecStart=/usr/bin/python3 /usr/local/lib/example/example.py /etc/example/parameters.json
+          Restart=always
+
+          [Install]
+          WantedBy=multi-user.target
+
+- name: Take it back
+  rosfleet.multimaster.managed_services:
+    bundle: example
+    units: []
+"""
+
+RETURN = r"""
+units:
+  description: Every planned unit in the order of O(units), read back from systemd after the last step.
+  returned: success
+  type: list
+  elements: dict
+  sample:
+    - name: multimaster-sync.service
+      state: restarted
+      actions: [write, reenable, restart]
+      why: its text changed
+      active_state: active
+      sub_state: running
+      unit_file_state: enabled
+      main_pid: 812
+      since: Sat 2026-11-21 03:14:15 UTC
+      inputs: 5891b5b522d5
+      inputs_running: 5891b5b522d5
+      restarts: 0
+  contains:
+    name:
+      description: The name.
+      returned: always
+      type: str
+      sample: multimaster-sync.service
+    state:
+      description:
+        - V(restarted), V(started), V(stopped), V(written), V(enabled), V(disabled) or V(unchanged), the first that
+          applies. In check mode, what it would be.
+      returned: always
+      type: str
+      sample: restarted
+    actions:
+      description:
+        - All that was done, of V(write), V(enable), V(reenable), V(disable), V(start), V(restart), V(follow) (systemd
+          restarted it with another unit) and V(stop).
+      returned: always
+      type: list
+      elements: str
+      sample: [write, reenable, restart]
+    why:
+      description: Why it was started, restarted or stopped, or an empty text.
+      returned: always
+      type: str
+      sample: its text changed
+    active_state:
+      description: Its state in systemd; the present one in check mode.
+      returned: always
+      type: str
+      sample: active
+    sub_state:
+      description: Its state in more detail.
+      returned: always
+      type: str
+      sample: running
+    unit_file_state:
+      description: Whether it starts at boot, in systemd's words.
+      returned: always
+      type: str
+      sample: enabled
+    main_pid:
+      description: The number of its process, or 0.
+      returned: always
+      type: int
+      sample: 812
+    since:
+      description: When it became active, or an empty text.
+      returned: always
+      type: str
+      sample: Sat 2026-11-21 03:14:15 UTC
+    inputs:
+      description: The planned inputs, or an empty text without such a line in the content.
+      returned: always
+      type: str
+      sample: 5891b5b522d5
+    inputs_running:
+      description: The inputs of the running process, or an empty text.
+      returned: always
+      type: str
+      sample: 5891b5b522d5
+    restarts:
+      description: How often systemd has restarted it by itself since it was started.
+      returned: always
+      type: int
+      sample: 0
+removed:
+  description: The units of ours that were no longer listed and went.
+  returned: success
+  type: list
+  elements: str
+  sample: [multimaster-old.service]
+notes:
+  description: A sentence for everything unusual, such as a unit text that had been changed by hand.
+  returned: success
+  type: list
+  elements: str
+  sample: []
+previous_state_is_back:
+  description: Whether everything is again as it was before this run; if not, RV(msg) says what is left.
+  returned: when a unit could not be started, or something else failed half way
+  type: bool
+  sample: true
+msg:
+  description: What was done, in one sentence; with a failure, what was found, what was expected and what to do.
+  returned: always
+  type: str
+  sample: "multimaster-sync.service was restarted (its text changed); 2 other units were right."
+"""
+
+import os
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _files, _owned, _units
+
+# The word for what was done with a unit is that of the first of these actions.
+STATES = (
+    ("restart", "restarted"),
+    ("follow", "restarted"),
+    ("start", "started"),
+    ("stop", "stopped"),
+    ("write", "written"),
+    ("enable", "enabled"),
+    ("reenable", "enabled"),
+    ("disable", "disabled"),
+)
+
+
+def item(unit, step, text, state):
+    # type: (_units.Unit, _units.Step, str, _units.State) -> dict
+    """The result of one unit."""
+    actions = [action for action in ("write" if text else "", step.switch, step.run) if action]
+    return dict(
+        name=unit.name,
+        state=next((word for action, word in STATES if action in actions), "unchanged"),
+        actions=actions,
+        why=step.why,
+        active_state=state.active,
+        sub_state=state.sub,
+        unit_file_state=state.file_state,
+        main_pid=int(state.pid or 0),
+        since=state.since,
+        inputs=_units.planned_inputs(unit.content),
+        inputs_running=state.inputs,
+        restarts=int(state.restarts or 0),
+    )
+
+
+def summary(items, removed, reload, notes, check_mode):
+    # type: (list, list, bool, list, bool) -> str
+    """What was done in one sentence, with the notes."""
+    be = "would be" if check_mode else "was"
+    parts = ["%s %s removed" % (name, be) for name in removed]
+    for entry in items:
+        if entry["state"] != "unchanged":
+            why = " (%s)" % entry["why"] if entry["why"] else ""
+            parts.append("%s %s %s%s" % (entry["name"], be, entry["state"], why))
+    if reload and not parts:
+        parts.append("systemd %s told to read its units again" % be)
+    right = sum(entry["state"] == "unchanged" for entry in items)
+    if right or not parts:
+        parts.append("%d %sunits %s right" % (right, "other " if parts else "", "are" if check_mode else "were"))
+    return " ".join(["; ".join(parts) + "."] + notes)
+
+
+def state_lines(steps, states, units):
+    # type: (list, dict, list) -> dict
+    """The entry of the difference that shows which units start, stop and are enabled."""
+    wanted = {unit.name: unit for unit in units}
+    before, after = [], []
+    for step in sorted(steps):
+        if step.run or step.switch:
+            state, unit = states[step.name], wanted.get(step.name)
+            before.append("%s: %s, %s" % (step.name, state.active, state.file_state or "absent"))
+            if unit is None:
+                after.append("%s: inactive, absent (%s)" % (step.name, step.why))
+            else:
+                active = "active" if unit.started else "inactive"
+                verb = " (%s: %s)" % (step.run, step.why) if step.run else ""
+                after.append("%s: %s, %s%s" % (step.name, active, "enabled" if unit.enabled else "disabled", verb))
+    header = "the states of the units"
+    text = dict(before="".join(line + "\n" for line in before), after="".join(line + "\n" for line in after))
+    return dict(text, before_header=header, after_header=header)
+
+
+def main():
+    # type: () -> None
+    """Read, plan, and apply unless in check mode."""
+    module = AnsibleModule(
+        argument_spec=dict(
+            bundle=dict(type="str", required=True),
+            units=dict(
+                type="list",
+                elements="dict",
+                required=True,
+                options=dict(
+                    name=dict(type="str", required=True),
+                    content=dict(type="str", required=True),
+                    enabled=dict(type="bool", default=True),
+                    started=dict(type="bool", default=True),
+                ),
+            ),
+            timeout=dict(type="float", default=90),
+            unit_folder=dict(type="str", default="/etc/systemd/system"),
+            records=dict(type="str", default=_owned.RECORDS),
+        ),
+        supports_check_mode=True,
+    )
+    folder = module.params["unit_folder"]
+    systemd = _units.Systemd(module.params["timeout"])
+    try:
+        record = _files.record_of("services", module.params["bundle"], module.params["records"])
+        units = _units.wanted_units(module.params["units"])
+        wanted = _files.wanted_files(
+            dict(path=os.path.join(folder, unit.name), content=unit.content, mode="0644") for unit in units
+        )
+        remembered = record.load()
+        if not os.path.isdir("/run/systemd/system") and (units or remembered):
+            raise _owned.Problem(
+                "systemd does not run on this computer (there is no /run/systemd/system), so units cannot be managed; "
+                "boot it with systemd."
+            )
+        if folder != "/etc/systemd/system" and units and folder not in systemd.unit_path():
+            raise _owned.Problem(
+                "The unit_folder %s is none that systemd reads; expected one of: %s."
+                % (folder, ", ".join(systemd.unit_path()))
+            )
+        names = [unit.name for unit in units]
+        former = [name for name in remembered.get("units", []) if name not in names]
+        machine = _files.read(wanted, remembered, record)
+        states = systemd.show(names + former)
+        owned = _files.owned_files(remembered, machine)
+        _units.check(units, states, owned)
+        planned = _files.plan(wanted, remembered, machine)
+        # Whose file an interrupted run never wrote is not ours, should somebody else have a unit of this name.
+        removed = [name for name in former if not states[name].fragment or states[name].fragment in owned]
+    except _owned.Problem as problem:
+        module.fail_json(msg=str(problem))
+    except OSError as problem:
+        module.fail_json(msg="The present state could not be read (%s); nothing was changed." % problem)
+
+    paths = dict(zip(names, [file.path for file in wanted]))
+    written = {file.path for file in planned.writes}
+    texts = {name: "changed" if machine.found[path] else "new" for name, path in paths.items() if path in written}
+    pending = set(remembered.get("pending", []))
+    steps = _units.plan(units, removed, states, texts, pending)
+    reload = _files.changes(planned) or any(state.reload == "yes" for state in states.values())
+    changed = bool(reload or former or any(step.run or step.switch for step in steps))
+
+    after = states
+    if changed and not module.check_mode:
+        fresh = [name for name in names if name in texts or name in pending]
+        memory = dict(
+            units=former + names,
+            pending=fresh,
+            directories=dict(remembered.get("directories", {})),
+            parents=list(remembered.get("parents", [])),
+        )
+        transaction = _files.Transaction(planned, machine, record, remembered)
+        applier = _units.Applier(systemd, units, steps, states, transaction, memory)
+        try:
+            after = applier.apply(reload, fresh, paths)
+            applier.clean()
+            transaction.settle(dict(memory, units=names, pending=[]))
+        except (OSError, _owned.Problem) as problem:
+            left = applier.restore()
+            back = ["The previous state is back."] if not left else ["This could not be taken back:"] + left
+            module.fail_json(msg=" ".join([str(problem)] + back), changed=bool(left), previous_state_is_back=not left)
+
+    by_name = {step.name: step for step in steps}
+    items = [item(unit, by_name[unit.name], texts.get(unit.name, ""), after[unit.name]) for unit in units]
+    result = dict(
+        changed=changed,
+        units=items,
+        removed=removed,
+        notes=planned.notes,
+        msg=summary(items, removed, reload, planned.notes, module.check_mode),
+    )
+    if module._diff:
+        result["diff"] = _files.differences(planned, machine) + [state_lines(steps, states, units)]
+    module.exit_json(**result)
+
+
+if __name__ == "__main__":
+    main()

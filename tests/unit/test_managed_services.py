@@ -1,0 +1,251 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The planner of systemd units: what systemd says and what is wanted in, ordered steps out."""
+
+import os
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _owned, _units
+from hypothesis import given
+from hypothesis import strategies as st
+
+CORE, DISC, SYNC = "core.service", "disc.service", "sync.service"
+INSTALL = "[Install]\nWantedBy=multi-user.target\n"
+
+
+def unit(name, inputs="new", part_of="", **options):
+    content = f"[Unit]\n{part_of}\n[Service]\nEnvironment=ROSFLEET_INPUTS={inputs}\nExecStart=/bin/true\n{INSTALL}"
+    return _units.Unit(name, content, options.get("enabled", True), options.get("started", True))
+
+
+UNITS = [unit(CORE), unit(DISC, part_of=f"PartOf={CORE}"), unit(SYNC, part_of=f"PartOf={CORE}\nAfter={DISC}")]
+NAMES = [CORE, DISC, SYNC]
+
+
+def state(name, **changed):
+    """A unit of ours that runs as planned, but for what is given."""
+    values = dict.fromkeys(_units.State._fields, "")
+    values.update(
+        name=name,
+        load="loaded",
+        active="active",
+        sub="running",
+        file_state="enabled",
+        fragment=f"/etc/systemd/system/{name}",
+        reload="no",
+        pid="7",
+        restarts="0",
+        invocation="1",
+        inputs="new",
+    )
+    values.update(changed)
+    return _units.State(**values)
+
+
+def absent(name):
+    return state(name, load="not-found", active="inactive", sub="dead", file_state="", fragment="", pid="0", inputs="")
+
+
+def plan(states=(), units=UNITS, removed=(), texts=None, pending=()):
+    known = {name: state(name) for name in [*NAMES, *removed]}
+    known.update({entry.name: entry for entry in states})
+    return _units.plan(list(units), list(removed), known, texts or {}, pending)
+
+
+def actions(steps):
+    return [(step.name, step.switch, step.run) for step in steps]
+
+
+def test_as_planned_there_is_nothing_to_do():
+    assert actions(plan()) == [(name, "", "") for name in NAMES]
+
+
+def test_new_units_are_enabled_and_started_in_order():
+    steps = plan([absent(name) for name in NAMES], texts=dict.fromkeys(NAMES, "new"))
+    assert actions(steps) == [(name, "enable", "start") for name in NAMES]
+
+
+def test_a_changed_text_restarts_and_replaces_the_links():
+    assert actions(plan(texts={SYNC: "changed"}))[2] == (SYNC, "reenable", "restart")
+
+
+def test_who_follows_a_restarted_unit_is_not_restarted_by_us():
+    steps = plan(texts={CORE: "changed"})
+    assert [step.run for step in steps] == ["restart", "follow", "follow"]
+    assert steps[1].why == f"systemd restarts it with {CORE}"
+
+
+@pytest.mark.parametrize(
+    ("changed", "run", "why"),
+    [
+        ({"inputs": "old"}, "restart", "it ran with the inputs old"),
+        ({"inputs": ""}, "restart", "it ran with the inputs of nobody"),
+        ({"pid": "0", "inputs": ""}, "", ""),  # without a process there is nothing to compare
+        ({"active": "inactive", "pid": "0"}, "start", "it was inactive"),
+        ({"active": "failed", "pid": "0"}, "start", "it was failed"),
+        ({"active": "deactivating"}, "start", "it was deactivating"),
+        ({"active": "activating", "sub": "auto-restart"}, "restart", "waiting for another start"),
+        ({"active": "activating", "sub": "start"}, "start", "it was starting"),
+        ({"active": "activating", "sub": "start", "inputs": "old"}, "restart", "it ran with the inputs old"),
+        ({"active": "reloading"}, "", ""),
+    ],
+)
+def test_what_runs_decides(changed, run, why):
+    step = plan([state(SYNC, **changed)])[2]
+    assert step.run == run and why in step.why
+
+
+def test_an_interrupted_run_is_continued():
+    step = plan(pending={SYNC})[2]
+    assert step.run == "restart" and "interrupted" in step.why
+
+
+@pytest.mark.parametrize(
+    ("wanted", "found", "switch"),
+    [
+        (True, "disabled", "enable"),
+        (True, "enabled-runtime", "enable"),
+        (True, "enabled", ""),
+        (False, "enabled", "disable"),
+        (False, "enabled-runtime", "disable"),
+        (False, "disabled", ""),
+        (False, "static", ""),
+    ],
+)
+def test_enabled_or_not(wanted, found, switch):
+    assert plan([state(CORE, file_state=found)], [unit(CORE, enabled=wanted)])[0].switch == switch
+
+
+@pytest.mark.parametrize("active", ["active", "activating", "inactive", "failed"])
+def test_a_unit_that_is_to_be_stopped(active):
+    step = plan([state(CORE, active=active)], [unit(CORE, started=False)], texts={CORE: "changed"})[0]
+    assert step.run == ("stop" if active in ("active", "activating") else "")
+
+
+def test_removed_units_stop_first_and_last_one_first():
+    steps = plan(units=[unit(CORE)], removed=[DISC, SYNC])
+    assert actions(steps) == [(SYNC, "disable", "stop"), (DISC, "disable", "stop"), (CORE, "", "")]
+
+
+def test_a_removed_unit_that_is_gone_needs_nothing():
+    assert actions(plan([absent(SYNC)], units=[], removed=[SYNC])) == [(SYNC, "", "")]
+
+
+@given(st.data())
+def test_every_planned_unit_runs_with_its_inputs_after_the_steps(data):
+    states = [
+        state(
+            name,
+            active=data.draw(st.sampled_from(["active", "inactive", "failed", "activating"])),
+            inputs=data.draw(st.sampled_from(["old", "new", ""])),
+        )
+        for name in NAMES
+    ]
+    steps = plan(states, texts=data.draw(st.dictionaries(st.sampled_from(NAMES), st.just("changed"))))
+    assert [step.name for step in steps] == NAMES
+    for step, before in zip(steps, states):
+        if step.run == "":
+            assert before.active == "active" and before.inputs == "new"
+        if step.run == "follow":
+            assert "restart" in [earlier.run for earlier in steps]
+
+
+def test_foreign_and_masked_units_are_sentences():
+    owned = {state(CORE).fragment}
+    _units.check([unit(CORE)], {CORE: state(CORE)}, owned)
+    _units.check([unit(CORE)], {CORE: absent(CORE)}, ())
+    with pytest.raises(_owned.Problem) as caught:
+        _units.check(
+            UNITS,
+            {
+                CORE: state(CORE),
+                DISC: state(DISC, fragment="/lib/systemd/system/disc.service"),
+                SYNC: state(SYNC, load="masked", fragment=""),
+            },
+            owned,
+        )
+    assert "/lib/systemd/system/disc.service" in str(caught.value)
+    assert f"systemctl unmask {SYNC}" in str(caught.value)
+    assert CORE not in str(caught.value)
+    with pytest.raises(_owned.Problem, match="without a file"):
+        _units.check([unit(CORE)], {CORE: state(CORE, fragment="")}, owned)
+
+
+@pytest.mark.parametrize(
+    ("text", "inputs"),
+    [
+        ("Environment=ROSFLEET_INPUTS=abc", "abc"),
+        ('[Service]\n  Environment = "ROSFLEET_INPUTS=abc"\n', "abc"),
+        ("Environment=A=1 ROSFLEET_INPUTS=abc B=2\n", "abc"),
+        ("Environment=ROSFLEET_INPUTS=a\nEnvironment=ROSFLEET_INPUTS=b\n", "b"),
+        ("#Environment=ROSFLEET_INPUTS=abc\n", ""),
+        ("Environment=MY_ROSFLEET_INPUTS=abc\n", ""),
+        ("ExecStart=/bin/echo ROSFLEET_INPUTS=abc\n", ""),
+    ],
+)
+def test_planned_inputs(text, inputs):
+    assert _units.planned_inputs(text) == inputs
+
+
+def test_followed():
+    text = "PartOf=a.service b.service\nBindsTo = c.service\nRequires=d.service\nWants=e.service\nAfter=f.service\n"
+    assert _units.followed(text) == {"a.service", "b.service", "c.service", "d.service"}
+
+
+@pytest.mark.parametrize(
+    ("units", "said"),
+    [
+        ([{"name": "no-suffix"}], "no-suffix"),
+        ([{"name": "a/b.service"}], "a/b"),
+        ([{"name": "template@.service"}], "template@"),
+        ([{"name": "-x.service; rm"}], "not usable"),
+        ([{"name": "a.service"}] * 2, "twice"),
+        ([{"name": "a.service", "content": "[Service]\nExecStart=/bin/true\n"}], "WantedBy"),
+    ],
+)
+def test_bad_units_are_sentences(units, said):
+    full = [dict({"content": INSTALL, "enabled": True, "started": True}, **entry) for entry in units]
+    with pytest.raises(_owned.Problem, match=said):
+        _units.wanted_units(full)
+
+
+def test_parse_show():
+    text = 'Id=a.service\nLoadError=x "y=z"\nMainPID=0\n\nId=b.service\nMainPID=7\n'
+    assert _units.parse_show(text, ["a.service", "b.service"]) == [
+        {"Id": "a.service", "LoadError": 'x "y=z"', "MainPID": "0"},
+        {"Id": "b.service", "MainPID": "7"},
+    ]
+    with pytest.raises(_owned.Problem, match="expected 3"):
+        _units.parse_show(text, ["a.service", "b.service", "c.service"])
+
+
+def test_state_directories():
+    assert _units.state_directories({"StateDirectory": "", "DynamicUser": "yes"}) == ([], [])
+    assert _units.state_directories({"StateDirectory": "x", "DynamicUser": "no", "RuntimeDirectory": "r"}) == (
+        ["/var/lib/x"],
+        [],
+    )
+    paths, parents = _units.state_directories(
+        {"StateDirectory": "a/b:link", "LogsDirectory": "l", "DynamicUser": "yes"}
+    )
+    assert paths == ["/var/lib/a/b", "/var/lib/private/a/b", "/var/log/l", "/var/log/private/l"]
+    assert parents == ["/var/lib/a", "/var/lib/private", "/var/lib/private/a", "/var/log/private"]
+    kept = {
+        "RuntimeDirectory": "r",
+        "RuntimeDirectoryPreserve": "yes",
+        "ConfigurationDirectory": "c",
+        "DynamicUser": "yes",
+    }
+    assert _units.state_directories(kept)[0] == ["/run/r", "/run/private/r", "/etc/c"]
+
+
+def test_trees_and_parents_go_but_nothing_else(tmp_path):
+    (tmp_path / "private" / "x" / "deep").mkdir(parents=True)
+    (tmp_path / "private" / "x" / "deep" / "file").touch()
+    (tmp_path / "x").symlink_to("private/x")
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "shared" / "theirs").mkdir(parents=True)
+    _units.remove_trees(str(tmp_path / name) for name in ("x", "private/x", "missing"))
+    _units.remove_parents(str(tmp_path / name) for name in ("private", "shared", "missing"))
+    assert sorted(os.listdir(tmp_path)) == ["outside", "shared"]
