@@ -1,0 +1,758 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: multimaster_verify
+short_description: Measure what this computer sees of the other computers and masters
+version_added: "0.1.0"
+description:
+  - Does from this computer to all others what sections 3.2 and 3.3 of the report IRI-TR-15-1 try by hand. It resolves
+    the names, pings by name and by address, connects to the discovery nodes, compares the clocks, calls
+    C(rosservice call /master_discovery/list_masters), and hears with C(rostopic echo) what every other master's
+    computer publishes.
+  - It takes three tasks, so that any number of C(--forks) works. With O(state=started), the computers of the masters
+    start a talker, an ordinary C(rostopic pub) in a unit that ends by itself after O(lifetime). With
+    O(state=collected), every computer looks, all others at once, and returns what it found. With O(state=stopped), the
+    talkers end. Use the C(linear) strategy (the default), so that a task is through on every computer before the next
+    one begins.
+  - It is a measurement, so what is missing is a result and no failure; M(rosfleet.multimaster.fleet_report) judges it.
+  - It runs the commands of ROS as the user C(nobody) and needs root itself, for raw sockets and for the talker's unit.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.info
+attributes:
+  check_mode:
+    support: full
+    details: In check mode no talker is started or stopped, and no command of ROS is run.
+options:
+  state:
+    description:
+      - With V(started), a talker is left running on this computer if O(is_master); an older one ends first.
+      - With V(collected), this computer looks at all others and returns what it found.
+      - With V(stopped), the talker of this computer ends.
+    type: str
+    choices: [started, collected, stopped]
+    default: collected
+  run:
+    description:
+      - The label of the run, for example V(verify-1730000000), of 1 to 64 letters, digits, dots, hyphens and
+        underscores. The talkers say it, so that what an older talker says is not taken for theirs.
+    type: str
+    default: default
+  name:
+    description:
+      - The name of this computer as in O(members), for example V(kobuki1computer).
+      - Required unless O(state=stopped).
+    type: str
+  is_master:
+    description: Whether the roscore of its robot runs on this computer, for example V(true); then a talker runs here.
+    type: bool
+    default: false
+  members:
+    description:
+      - All computers of the fleet, this one included.
+      - Required with O(state=collected).
+    type: list
+    elements: dict
+    suboptions:
+      name:
+        description: The name of the computer, for example V(kobuki2computer).
+        type: str
+        required: true
+      address:
+        description: Its IPv4 address, for example V(192.168.1.239).
+        type: str
+        required: true
+      robot:
+        description: Its robot, for example V(kobuki2).
+        type: str
+        default: ""
+  masters:
+    description:
+      - All masters of the fleet, as RV(rosfleet.multimaster.fleet_plan#module:masters).
+      - Required with O(state=collected).
+    type: list
+    elements: dict
+    suboptions:
+      computer:
+        description: The computer that runs the roscore, for example V(kobuki2computer).
+        type: str
+        required: true
+      address:
+        description: The IPv4 address of that computer, for example V(192.168.1.239).
+        type: str
+        required: true
+      name:
+        description: The name of the master, for example V(kobuki2computer).
+        type: str
+        required: true
+      rpc_port:
+        description: The TCP port of its discovery node, for example V(11611).
+        type: int
+        required: true
+      monitor_uri:
+        description: Where its discovery node answers, for example V(http://192.168.1.239:11611).
+        type: str
+        required: true
+      robot:
+        description: Its robot, for example V(kobuki2).
+        type: str
+        default: ""
+      uri:
+        description: Its master URI, for example V(http://kobuki2computer:11311/).
+        type: str
+        default: ""
+  present:
+    description:
+      - The names of the computers that take part in this run, for example V([kobuki1computer, kobuki2computer]). Only
+        their masters and talkers are waited for, and only their talkers are listened to. All O(members), if not given.
+    type: list
+    elements: str
+  services:
+    description:
+      - The services that run on this computer, for example V([roscore, discovery, sync]); each is the unit
+        C(multimaster-<name>.service).
+    type: list
+    elements: str
+    default: []
+  environment_file:
+    description: The environment of the services, for example V(/etc/rosfleet-multimaster/environment).
+    type: path
+    default: /etc/rosfleet-multimaster/environment
+  patience:
+    description:
+      - How many seconds to wait at most for masters and topics that are not there yet, for example V(20); from 0 to
+        600. Nothing is waited for that is there.
+    type: int
+    default: 20
+  lifetime:
+    description:
+      - How many seconds a talker lives at most, for example V(300); from 10 to 3600. It must cover the time from the
+        first computer's task with O(state=started) to the last one's with O(state=collected).
+    type: int
+    default: 300
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.multicast_verify
+  - module: rosfleet.multimaster.fleet_report
+"""
+
+EXAMPLES = r"""
+- name: Measure what every computer sees of the others
+  hosts: robots
+  gather_facts: false
+  become: true
+  module_defaults:
+    rosfleet.multimaster.multimaster_verify:
+      run: morning
+      name: "{{ inventory_hostname }}"
+      is_master: "{{ multimaster_plan.is_master }}"
+      members: "{{ multimaster_fleet.members }}"
+      masters: "{{ multimaster_fleet.masters }}"
+      services: "{{ multimaster_plan.services }}"
+  tasks:
+    - name: Start the talkers
+      rosfleet.multimaster.multimaster_verify:
+        state: started
+
+    - name: Look at all others
+      rosfleet.multimaster.multimaster_verify:
+        state: collected
+      register: seen
+
+    - name: Stop the talkers
+      rosfleet.multimaster.multimaster_verify:
+        state: stopped
+"""
+
+RETURN = r"""
+members:
+  description: What this computer sees of every computer of the fleet; of itself only what its name means.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample:
+    - name: kobuki2computer
+      address: 192.168.1.239
+      addresses: [192.168.1.239]
+      resolve_error: ""
+      route: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
+      ping_address: {ok: true, rtt_ms: 0.4, error: ""}
+      ping_name: {ok: true, rtt_ms: 0.4, error: ""}
+  contains:
+    name:
+      description: The name of the computer.
+      returned: always
+      type: str
+      sample: kobuki2computer
+    address:
+      description: Its planned address.
+      returned: always
+      type: str
+      sample: 192.168.1.239
+    addresses:
+      description: The IPv4 addresses that its name has on this computer, by the resolver that all programs use.
+      returned: always
+      type: list
+      elements: str
+      sample: [192.168.1.239]
+    resolve_error:
+      description: Why the name has none, or empty.
+      returned: always
+      type: str
+      sample: ""
+    route:
+      description: The route that the kernel takes to the planned address.
+      returned: for every other computer
+      type: dict
+      sample: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
+      contains:
+        device:
+          description: The interface, or null without a route.
+          returned: always
+          type: str
+          sample: eth0
+        source:
+          description: The source address, or null without a route.
+          returned: always
+          type: str
+          sample: 192.168.1.229
+        gateway:
+          description: The gateway, or null where the computer is on the same network.
+          returned: always
+          type: str
+          sample: null
+        error:
+          description: Why there is no route, or empty.
+          returned: always
+          type: str
+          sample: ""
+    ping_address:
+      description: Whether an ICMP echo request to the planned address is answered; up to three are sent.
+      returned: for every other computer
+      type: dict
+      sample: {ok: true, rtt_ms: 0.4, error: ""}
+      contains:
+        ok:
+          description: Whether an answer came.
+          returned: always
+          type: bool
+          sample: true
+        rtt_ms:
+          description: The round-trip time in milliseconds, or null without an answer.
+          returned: always
+          type: float
+          sample: 0.4
+        error:
+          description: Why there is none, such as what a router reports, or empty.
+          returned: always
+          type: str
+          sample: ""
+    ping_name:
+      description: The same for the first address that the name has on this computer.
+      returned: for every other computer
+      type: dict
+      sample: {ok: true, rtt_ms: 0.4, error: ""}
+      contains:
+        ok:
+          description: Whether an answer came.
+          returned: always
+          type: bool
+          sample: true
+        rtt_ms:
+          description: The round-trip time in milliseconds, or null without an answer.
+          returned: always
+          type: float
+          sample: 0.4
+        error:
+          description: Why there is none, or empty.
+          returned: always
+          type: str
+          sample: ""
+default_routes:
+  description: The default routes of this computer.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample: [{device: eth0, source: null, gateway: 192.168.1.1}]
+  contains:
+    device:
+      description: The interface.
+      returned: always
+      type: str
+      sample: eth0
+    source:
+      description: The source address, or null where the route names none.
+      returned: always
+      type: str
+      sample: null
+    gateway:
+      description: The gateway, or null where the route names none.
+      returned: always
+      type: str
+      sample: 192.168.1.1
+masters:
+  description: The discovery node of every master.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample:
+    - computer: kobuki2computer
+      address: 192.168.1.239
+      port: 11611
+      open: true
+      connect_ms: 0.3
+      error: ""
+      clock_offset_s: 0.0004
+      clock_uncertainty_s: 0.0007
+      clock_error: ""
+  contains:
+    computer:
+      description: The computer that runs the roscore.
+      returned: always
+      type: str
+      sample: kobuki2computer
+    address:
+      description: Its address.
+      returned: always
+      type: str
+      sample: 192.168.1.239
+    port:
+      description: The TCP port of its discovery node.
+      returned: always
+      type: int
+      sample: 11611
+    open:
+      description: Whether a TCP connection from this computer opens.
+      returned: always
+      type: bool
+      sample: true
+    connect_ms:
+      description: How long that takes in milliseconds, or null.
+      returned: always
+      type: float
+      sample: 0.3
+    error:
+      description: Why it does not open, or empty.
+      returned: always
+      type: str
+      sample: ""
+    clock_offset_s:
+      description: How many seconds its clock is ahead of this computer's by C(getCurrentTime), or null without an
+        answer.
+      returned: always
+      type: float
+      sample: 0.0004
+    clock_uncertainty_s:
+      description: By how many seconds this may be wrong, half of the round-trip time, or null without an answer.
+      returned: always
+      type: float
+      sample: 0.0007
+    clock_error:
+      description: Why there was no answer on an open port, or empty.
+      returned: always
+      type: str
+      sample: ""
+roscore:
+  description: The roscore of this computer's robot.
+  returned: when O(state=collected)
+  type: dict
+  sample: {uri: "http://kobuki1computer:11311", answer: "http://kobuki1computer:11311/", error: ""}
+  contains:
+    uri:
+      description: C(ROS_MASTER_URI) in O(environment_file).
+      returned: always
+      type: str
+      sample: http://kobuki1computer:11311
+    answer:
+      description: The master URI by which it knows itself, by C(getUri), or empty without an answer.
+      returned: always
+      type: str
+      sample: http://kobuki1computer:11311/
+    error:
+      description: Why there was no answer, or empty.
+      returned: always
+      type: str
+      sample: ""
+list_masters:
+  description: What C(rosservice call /master_discovery/list_masters) prints on this computer.
+  returned: when O(state=collected)
+  type: dict
+  sample:
+    masters:
+      - {name: kobuki1computer, uri: "http://kobuki1computer:11311/", online: true, monitoruri:
+          "http://192.168.1.229:11611"}
+    seconds: 0.7
+    error: ""
+  contains:
+    masters:
+      description: The masters.
+      returned: always
+      type: list
+      elements: dict
+      sample:
+        - {name: kobuki1computer, uri: "http://kobuki1computer:11311/", online: true, monitoruri:
+            "http://192.168.1.229:11611"}
+      contains:
+        name:
+          description: The name of the master.
+          returned: always
+          type: str
+          sample: kobuki1computer
+        uri:
+          description: Its master URI.
+          returned: always
+          type: str
+          sample: http://kobuki1computer:11311/
+        online:
+          description: Whether the discovery node takes it for online.
+          returned: always
+          type: bool
+          sample: true
+        monitoruri:
+          description: Where its discovery node answers.
+          returned: always
+          type: str
+          sample: http://192.168.1.229:11611
+    seconds:
+      description: How long it took until all masters of O(present) were online, or until O(patience) was over.
+      returned: always
+      type: float
+      sample: 0.7
+    error:
+      description: Why the last call failed, or empty.
+      returned: always
+      type: str
+      sample: ""
+topics:
+  description: What the talkers of the other masters' computers say here.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample:
+    - computer: kobuki2computer
+      topic: /multimaster_verify/kobuki2computer
+      publishers: [{node: /rostopic_812_1730000000, uri: "http://kobuki2computer:41233/"}]
+      registered_s: 0.1
+      heard: true
+      text: verify-1730000000 kobuki2computer
+      error: ""
+  contains:
+    computer:
+      description: The computer of the talker.
+      returned: always
+      type: str
+      sample: kobuki2computer
+    topic:
+      description: Its topic.
+      returned: always
+      type: str
+      sample: /multimaster_verify/kobuki2computer
+    publishers:
+      description: The publishers of the topic as the roscore of this computer's robot knows them, as C(rostopic info)
+        shows.
+      returned: always
+      type: list
+      elements: dict
+      sample: [{node: /rostopic_812_1730000000, uri: "http://kobuki2computer:41233/"}]
+      contains:
+        node:
+          description: The name of the node.
+          returned: always
+          type: str
+          sample: /rostopic_812_1730000000
+        uri:
+          description: The URI of the node, to which a subscriber connects directly.
+          returned: always
+          type: str
+          sample: http://kobuki2computer:41233/
+    registered_s:
+      description: After how many seconds of waiting the topic was registered here, or null if it was not.
+      returned: always
+      type: float
+      sample: 0.1
+    heard:
+      description: Whether C(rostopic echo -n 1) printed what this run's talker says.
+      returned: always
+      type: bool
+      sample: true
+    text:
+      description: What it printed.
+      returned: always
+      type: str
+      sample: verify-1730000000 kobuki2computer
+    error:
+      description: Why nothing was heard, or empty.
+      returned: always
+      type: str
+      sample: ""
+services:
+  description: The services of O(services).
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample:
+    - name: discovery
+      unit: multimaster-discovery.service
+      load_state: loaded
+      active_state: active
+      sub_state: running
+      restarts: 0
+      differing: []
+  contains:
+    name:
+      description: The service.
+      returned: always
+      type: str
+      sample: discovery
+    unit:
+      description: Its unit.
+      returned: always
+      type: str
+      sample: multimaster-discovery.service
+    load_state:
+      description: C(LoadState) of systemd.
+      returned: always
+      type: str
+      sample: loaded
+    active_state:
+      description: C(ActiveState) of systemd.
+      returned: always
+      type: str
+      sample: active
+    sub_state:
+      description: C(SubState) of systemd.
+      returned: always
+      type: str
+      sample: running
+    restarts:
+      description: How often systemd had to start it again by itself.
+      returned: always
+      type: int
+      sample: 0
+    differing:
+      description:
+        - The variables of O(environment_file) that its running process has with another value, or not at all. Null where
+          the process cannot be looked at.
+      returned: always
+      type: list
+      elements: str
+      sample: []
+talker:
+  description: The talker of this computer.
+  returned: when O(is_master=true)
+  type: dict
+  sample: {running: true, error: ""}
+  contains:
+    running:
+      description: Whether it runs.
+      returned: always
+      type: bool
+      sample: true
+    error:
+      description: The last line that it wrote, if it does not run.
+      returned: always
+      type: str
+      sample: ""
+seconds:
+  description: How long the looking took.
+  returned: when O(state=collected)
+  type: float
+  sample: 2.3
+problems:
+  description: One sentence for each part that could not be looked at; such a part has an empty value.
+  returned: when O(state=collected)
+  type: list
+  elements: str
+  sample: []
+msg:
+  description: What was done, in a sentence.
+  returned: always
+  type: str
+  sample: Looked at 2 computers in 2.3 s.
+"""
+
+import re
+import time
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe_network, _probe_ros
+
+# More than any part takes by its own limits; one that is later is named and left behind.
+LONGEST = 900.0
+
+
+def look(params, quiet):
+    """Everything that this computer sees, each part at the same time; with `quiet` no command of ROS is run."""
+    began = time.monotonic()
+    with _probe_ros.Ros(params["environment_file"]) as ros:
+        result = dict(EMPTY, problems=[])
+        parts = [part for part in PARTS if not (quiet and part in COMMANDS)]
+
+        def part(name):
+            try:
+                return name, PARTS[name](params, ros, began + params["patience"]), ""
+            except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
+                return name, EMPTY[name], f"{name} could not be looked at: {problem}."
+
+        late = f"%s gave no result within {LONGEST:g} s."
+        for name, value, problem in _probe_network.concurrently(
+            part, parts, LONGEST, lambda name: (name, EMPTY[name], late % name)
+        ):
+            result[name] = value
+            result["problems"] += [problem] if problem else []
+    result["seconds"] = round(time.monotonic() - began, 1)
+    return result
+
+
+def discovery_nodes(params, deadline):
+    """The discovery nodes of all masters; the ones of computers that do not take part are not waited for."""
+    present = who(params)
+    return _probe_network.concurrently(
+        lambda master: _probe_network.discovery(master, deadline if master["computer"] in present else 0.0),
+        params["masters"],
+        LONGEST,
+        lambda master: None,
+    )
+
+
+def who(params):
+    """The names of the computers that take part."""
+    members = [member["name"] for member in params["members"]]
+    return set(members if params["present"] is None else params["present"])
+
+
+def others(params):
+    """The computers whose talkers are to be heard here, in the order of the masters."""
+    present = who(params) - {params["name"]}
+    return [master["computer"] for master in params["masters"] if master["computer"] in present]
+
+
+def names(params):
+    """The names of the masters that are to be listed."""
+    present = who(params)
+    return {master["name"] for master in params["masters"] if master["computer"] in present}
+
+
+PARTS = {
+    "members": lambda params, ros, deadline: _probe_network.members(params["members"], params["name"]),
+    "default_routes": lambda params, ros, deadline: _probe_network.default_routes(),
+    "masters": lambda params, ros, deadline: discovery_nodes(params, deadline),
+    "roscore": lambda params, ros, deadline: _probe_ros.roscore(ros, deadline),
+    "list_masters": lambda params, ros, deadline: _probe_ros.list_masters(ros, names(params), deadline),
+    "topics": lambda params, ros, deadline: _probe_ros.topics(ros, others(params), params["run"], deadline),
+    "services": lambda params, ros, deadline: _probe_ros.services(params["services"], ros.variables),
+}
+COMMANDS = ("list_masters", "topics")
+EMPTY = {
+    "members": [],
+    "default_routes": [],
+    "masters": [],
+    "roscore": {"uri": "", "answer": "", "error": "not looked at"},
+    "list_masters": {"masters": [], "seconds": 0.0, "error": "not looked at"},
+    "topics": [],
+    "services": [],
+}
+
+
+def start(module):
+    """Start the talker of a master's computer."""
+    params = module.params
+    if not params["is_master"]:
+        return {"msg": "No talker is needed: no roscore runs on this computer."}
+    if module.check_mode:
+        return {"msg": "Check mode: no talker was started."}
+    with _probe_ros.Ros(params["environment_file"]) as ros:
+        try:
+            error = _probe_ros.start_talker(ros, params["run"], params["name"], params["lifetime"])
+        except _probe_ros.NoRos as problem:
+            error = str(problem)
+    if error:
+        module.fail_json(msg="Cannot start the talker: {}.".format(error.rstrip(".")))
+    return {
+        "msg": "The talker runs for {lifetime} s at most.".format(**params),
+        "talker": {"running": True, "error": ""},
+    }
+
+
+def collect(module):
+    """Look at all others."""
+    params = module.params
+    result = look(params, module.check_mode)
+    if params["is_master"]:
+        result["talker"] = _probe_ros.talker()
+    result["msg"] = "Looked at {} computers in {:.1f} s.".format(len(params["members"]), result["seconds"])
+    return result
+
+
+def stop(module):
+    """End the talker, wherever there is one."""
+    if module.check_mode:
+        return {"msg": "Check mode: no talker was stopped."}
+    _probe_ros.stop_talker()
+    return {"msg": "No talker runs."}
+
+
+def wrong(params):
+    """One sentence on the first option that cannot be used, or None."""
+    if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
+        return "run is {!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores.".format(params["run"])
+    for option, least, most in (("patience", 0, 600), ("lifetime", 10, 3600)):
+        if not least <= params[option] <= most:
+            return f"{option} is {params[option]}, expected {least} to {most} seconds."
+    members = [member["name"] for member in params["members"] or []]
+    if members and params["name"] not in members:
+        return "name is {!r}, which is not among members ({}); add this computer to the list.".format(
+            params["name"],
+            ", ".join(members),
+        )
+    return None
+
+
+STATES = {"started": start, "collected": collect, "stopped": stop}
+
+
+def main():
+    text = {"type": "str", "required": True}
+    module = AnsibleModule(
+        argument_spec={
+            "state": {"type": "str", "choices": ["started", "collected", "stopped"], "default": "collected"},
+            "run": {"type": "str", "default": "default"},
+            "name": {"type": "str"},
+            "is_master": {"type": "bool", "default": False},
+            "members": {
+                "type": "list",
+                "elements": "dict",
+                "options": {"name": text, "address": text, "robot": {"type": "str", "default": ""}},
+            },
+            "masters": {
+                "type": "list",
+                "elements": "dict",
+                "options": {
+                    "computer": text,
+                    "address": text,
+                    "name": text,
+                    "rpc_port": {"type": "int", "required": True},
+                    "monitor_uri": text,
+                    "robot": {"type": "str", "default": ""},
+                    "uri": {"type": "str", "default": ""},
+                },
+            },
+            "present": {"type": "list", "elements": "str"},
+            "services": {"type": "list", "elements": "str", "default": []},
+            "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
+            "patience": {"type": "int", "default": 20},
+            "lifetime": {"type": "int", "default": 300},
+        },
+        required_if=[("state", "started", ["name"]), ("state", "collected", ["name", "members", "masters"])],
+        supports_check_mode=True,
+    )
+    error = wrong(module.params)
+    if error:
+        module.fail_json(msg=error)
+    module.exit_json(changed=False, **STATES[module.params["state"]](module))
+
+
+if __name__ == "__main__":
+    main()
