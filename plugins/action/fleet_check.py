@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from ansible.plugins.action import ActionBase
-
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _preflight
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._sentences import numbered
 

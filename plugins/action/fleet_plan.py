@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from ansible.errors import AnsibleError
 from ansible.plugins.action import ActionBase
-
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _fleet, _plan, _variables
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._sentences import numbered
 
@@ -44,10 +43,14 @@ def read_inventory(task_vars, group):
     """
     hostvars = task_vars["hostvars"]
     root = hostvars._inventory.groups.get(group)
-    robots = {} if root is None else {
-        str(child.name): [str(host.name) for host in child.get_hosts()]
-        for child in sorted(root.child_groups, key=lambda child: child.name)
-    }
+    robots = (
+        {}
+        if root is None
+        else {
+            str(child.name): [str(host.name) for host in child.get_hosts()]
+            for child in sorted(root.child_groups, key=lambda child: child.name)
+        }
+    )
     hosts = [host for of_robot in robots.values() for host in of_robot]
     members = [] if root is None else [str(host.name) for host in root.get_hosts()]
     return _fleet.Inventory(
@@ -64,7 +67,7 @@ def _variables_of(host, hostvars):
             try:
                 values[str(name)] = hostvars[name]
             except AnsibleError as problem:
-                raise _fleet.InventoryProblems([
-                    f"{host}: {name} cannot be computed ({problem}); expected a value: correct it in the inventory."
-                ]) from problem
+                raise _fleet.InventoryProblems(
+                    [f"{host}: {name} cannot be computed ({problem}); expected a value: correct it in the inventory."]
+                ) from problem
     return values

@@ -12,7 +12,6 @@ import errno
 import glob
 import json
 import os
-import typing
 
 RECORDS = "/var/lib/rosfleet-multimaster"
 _NEIGHBOUR = ".rosfleet-new"
@@ -134,7 +133,7 @@ class Record:
             raise Problem(
                 "The record %s is not readable as JSON (%s); expected what this module wrote there: "
                 "restore it from a backup, or remove it and what it owned by hand." % (self.path, problem)
-            )
+            ) from problem
         if not isinstance(data, dict):
             raise Problem("The record %s holds no JSON object; remove it to start without a memory." % self.path)
         return data

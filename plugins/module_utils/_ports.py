@@ -30,8 +30,10 @@ def holders(wanted, proc="/proc"):
         for entry in parse(protocol, text(os.path.join(proc, "net", table), 1 << 24))
         if (entry.protocol, entry.port) in asked
     ]
-    owners = _owners({entry.inode for entry in sockets}, proc)
-    return [_holder(entry, owners.get(entry.inode, 0), proc) for entry in sockets]
+    owners, closed = _owners({entry.inode for entry in sockets}, proc)
+    return [
+        _holder(entry, owners.get(entry.inode) or _only_one(closed.get(entry.uid, []), proc), proc) for entry in sockets
+    ]
 
 
 def parse(protocol, table):
@@ -56,26 +58,50 @@ def _address(digits):
 
 
 def _owners(inodes, proc):
-    # type: (typing.Set[str], str) -> typing.Dict[str, int]
-    """Which process has which socket open; of several, the last started, which is not systemd's own copy."""
+    # type: (typing.Set[str], str) -> typing.Tuple[typing.Dict[str, int], typing.Dict[int, typing.List[int]]]
+    """Which process has which socket open; of several, the last started, which is not systemd's own copy.
+
+    Root in a container may not look into the processes of others: these are returned by their user.
+    """
     owners = {}  # type: typing.Dict[str, int]
+    closed = {}  # type: typing.Dict[int, typing.List[int]]
     if not inodes:
-        return owners
+        return owners, closed
     wanted = {"socket:[%s]" % inode: inode for inode in inodes}
     for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
         folder = os.path.join(proc, str(pid), "fd")
         try:
-            descriptors = os.listdir(folder)
+            links = [_link(os.path.join(folder, descriptor)) for descriptor in os.listdir(folder)]
+        except PermissionError:
+            closed.setdefault(_user_of(pid, proc), []).append(pid)
+            continue
         except OSError:
-            continue  # it ended, or is not ours to look at
-        for descriptor in descriptors:
-            try:
-                inode = wanted.get(os.readlink(os.path.join(folder, descriptor)))
-            except OSError:
-                continue
-            if inode is not None:
-                owners[inode] = pid
-    return owners
+            continue  # it ended
+        for link in links:
+            if link in wanted:
+                owners[wanted[link]] = pid
+    return owners, closed
+
+
+def _link(path):
+    # type: (str) -> str
+    try:
+        return os.readlink(path)
+    except FileNotFoundError:
+        return ""  # closed just now
+
+
+def _user_of(pid, proc):
+    # type: (int, str) -> int
+    fields = re.search(r"^Uid:\s+(\d+)", text(os.path.join(proc, str(pid), "status")), re.MULTILINE)
+    return int(fields.group(1)) if fields else -1
+
+
+def _only_one(pids, proc):
+    # type: (typing.List[int], str) -> int
+    """The first of a user's processes where all of them are of one unit, as with a service's own user; else 0."""
+    units = {unit(text(os.path.join(proc, str(pid), "cgroup"))) for pid in pids}
+    return pids[0] if len(units) == 1 else 0
 
 
 def _holder(entry, pid, proc):

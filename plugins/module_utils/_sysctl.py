@@ -520,7 +520,7 @@ class Run:
                 except OSError as failure:
                     kept.append("%s (%s)" % (what, failure.strerror))
             end = "Not put back: %s." % ", ".join(kept) if kept else "Everything is as it was before."
-            raise Problem("%s %s" % (_sentence(problem), end))
+            raise Problem("%s %s" % (_sentence(problem), end)) from problem
 
     def _tidy(self):
         # type: () -> None
@@ -537,7 +537,7 @@ class Run:
                 self.kernel.write(write.key, write.value)
             except OSError as problem:
                 path, held = self.kernel.path(write.key), self.current[write.key]
-                raise Problem(refusal(path, write, held, problem.errno)[1])
+                raise Problem(refusal(path, write, held, problem.errno)[1]) from problem
         for setting, item in zip(self.settings, self.items):
             held = item["runtime_after"] = self.kernel.read(setting.key)
             if held != setting.value:

@@ -171,7 +171,7 @@ class Tree:
             raise Problem(
                 "The file %s cannot be read (%s); expected to see everything that sets kernel settings at boot: "
                 "run as root (become: true)." % (path, problem.strerror)
-            )
+            ) from problem
 
     def names(self, folder):
         # type: (str) -> typing.Set[str]
@@ -307,7 +307,7 @@ def at_boot(tree, keys):
     # type: (Tree, typing.Iterable[str]) -> typing.Dict[str, typing.Optional[Assignment]]
     """Per key the assignment that decides it at boot (its value is None where it excludes the key), or None."""
     keys = list(keys)
-    decides = {key: None for key in keys}  # type: typing.Dict[str, typing.Optional[Assignment]]
+    decides = dict.fromkeys(keys)  # type: typing.Dict[str, typing.Optional[Assignment]]
     for reader in READERS:
         assignments = reader(tree)
         for key in keys:

@@ -82,10 +82,12 @@ def read_fleet(inventory: Inventory) -> Fleet:
     """The model of an inventory. Raises InventoryProblems with every problem that was found."""
     problems: list[str] = []
     if not any(inventory.robots.values()) and not inventory.strays:
-        raise InventoryProblems([
-            "The inventory has no robots: found no host in a group below the group 'robots'; expected one group per robot "
-            "below 'robots', each with its computers (see inventory/single_computer/hosts.yml)."
-        ])
+        raise InventoryProblems(
+            [
+                "The inventory has no robots: found no host in a group below the group 'robots'; expected one group per robot "
+                "below 'robots', each with its computers (see inventory/single_computer/hosts.yml)."
+            ]
+        )
     values = {
         host: _read_host(host, inventory.variables.get(host, {}), problems)
         for hosts in inventory.robots.values()
@@ -144,7 +146,8 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict
             read[variable.name] = variable.read(value)
         except _variables.Unexpected as expected:
             problems.append(
-                f"{host}: {variable.name} is {_shown(value)}; expected {expected}: correct it in the inventory.")
+                f"{host}: {variable.name} is {_shown(value)}; expected {expected}: correct it in the inventory."
+            )
     if not _is_name(host):
         problems.append(
             f"{host}: its name in the inventory is '{host}'; expected a host name of letters, digits and hyphens "
@@ -221,7 +224,8 @@ def _read_robot(
 ) -> Robot | None:
     if not hosts:
         problems.append(
-            f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group.")
+            f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
+        )
         return None
     names = [variable.name for variable in _variables.VARIABLES if variable.scope == "robot"]
     own = _agreed(names, hosts, values, f"the computers of the robot {name}", f"group_vars/{name}.yml", problems)
@@ -246,8 +250,11 @@ def _read_robot(
             "leave it out for the port of the roscore + 300."
         )
     required = ("multimaster_address", "multimaster_ros_setup", "multimaster_aliases")
-    if roscore_port is None or "multimaster_roscore" not in own or "multimaster_filters" not in own or any(
-        variable not in values[host] for host in hosts for variable in required
+    if (
+        roscore_port is None
+        or "multimaster_roscore" not in own
+        or "multimaster_filters" not in own
+        or any(variable not in values[host] for host in hosts for variable in required)
     ):
         return None  # already among the problems
     computers = tuple(

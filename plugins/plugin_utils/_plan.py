@@ -16,6 +16,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import
 # actionlib: an action NAME is these five topics (section 2 of the report).
 ACTION_TOPICS = ("goal", "cancel", "status", "feedback", "result")
 
+# What the verification publishes while it runs, so that it can tell under a white list too whether topics cross.
+VERIFICATION_TOPICS = "/multimaster_verify/*"
+
 # Where the roles install and what the nodes are called on the machine.
 LIBRARY = "/usr/local/lib/rosfleet-multimaster"
 CONFIGURATION = "/etc/rosfleet-multimaster"
@@ -36,7 +39,8 @@ def plan(fleet: Fleet) -> dict[str, Any]:
         "multicast_group": fleet.multicast_group,
         "multicast_port": fleet.multicast_port,
         "members": [
-            {"name": computer.name, "robot": computer.robot, "address": computer.address} for computer in fleet.computers
+            {"name": computer.name, "robot": computer.robot, "address": computer.address}
+            for computer in fleet.computers
         ],
         "computers": {
             computer.name: _computer(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers
@@ -143,4 +147,6 @@ def _sync(robot: Robot) -> dict[str, Any]:
         else:
             target = "ignore_type" if name == "ignore_types" else name
             parameters.setdefault(target, []).extend(patterns)
+    if parameters.get("sync_topics") or parameters.get("sync_nodes"):
+        parameters.setdefault("sync_topics", []).append(VERIFICATION_TOPICS)
     return parameters

@@ -62,7 +62,7 @@ def _interface(plan: Mapping[str, Any], info: Mapping[str, Any]) -> tuple[str, l
                 ]
             return interface["name"], []
         if not interface["loopback"]:
-            found += [f"{entry} on {interface['name']}" for entry in addresses]
+            found += [f"{entry} on {interface['name']}" for entry in addresses if ":" not in entry]
     return "", [
         f"{host}: multimaster_address is {address}, but the machine has {', '.join(found) or 'no address'}; expected that address "
         "on one of its interfaces: correct the inventory, or give the machine the address."
@@ -124,7 +124,8 @@ def _port_holders(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]
             if use == "roscore" and plan["roscore"] == "existing":
                 continue
             who = f"{holder['command'] or 'a process'} (pid {holder['pid']}, user {holder['user']}" + (
-                f", {holder['unit']})" if holder["unit"] else ")")
+                f", {holder['unit']})" if holder["unit"] else ")"
+            )
             what = {
                 "roscore": "stop it, or set multimaster_roscore to 'existing' to use it",
                 "discovery": "stop it: only one discovery node can answer for a master",
@@ -133,7 +134,7 @@ def _port_holders(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]
                 f"{plan['computer']}: {port['protocol'].upper()} port {port['port']} is held by {who}; expected it to be free for the "
                 f"{use} of the collection: {what}."
             )
-    return problems
+    return list(dict.fromkeys(problems))  # a process may hold a port on several addresses
 
 
 def _own_name(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:

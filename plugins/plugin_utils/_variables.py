@@ -165,8 +165,7 @@ def _filters(value: Any) -> dict[str, list[str]]:
             try:
                 re.compile(pattern.strip().replace("*", ".*"))
             except re.error as problem:
-                raise Unexpected(
-                    f"regular expressions at '{name}', but '{pattern}' is none ({problem})") from None
+                raise Unexpected(f"regular expressions at '{name}', but '{pattern}' is none ({problem})") from None
         read[str(name)] = [str(pattern) for pattern in patterns]
     return read
 
@@ -190,42 +189,123 @@ class Variable:
 
 
 VARIABLES = (
-    Variable("multimaster_address", "computer", _address, None,
-             "Required. The address of the computer that the other computers reach it by.", "192.168.1.229"),
-    Variable("multimaster_aliases", "computer", _names, [],
-             "Further names of the computer, for the hosts file of every computer.", "[kobuki1]"),
-    Variable("multimaster_common_network", "fleet", _network, None,
-             "Required. The network that all robots share (section 3.1 of the report).", "192.168.1.0/24"),
-    Variable("multimaster_transport", "fleet", _choice("both", "multicast", "unicast"), "both",
-             "How the discovery nodes find each other: by the multicast group, by unicast to the master of every robot, or both.",
-             "unicast"),
-    Variable("multimaster_multicast_group", "fleet", _group, "226.0.0.0",
-             "The multicast group of the discovery nodes. The report uses 224.0.0.1, which no switch ever prunes.", "224.0.0.1"),
-    Variable("multimaster_multicast_port", "fleet", _whole(1024, 65535), 11511,
-             "The UDP port of the discovery nodes.", "11511"),
-    Variable("multimaster_answer_broadcast_pings", "fleet", _switch, True,
-             "Whether the computers answer pings to broadcast and multicast addresses, so that `ping 224.0.0.1` shows them. "
-             "The report asks for it; discovery does not need it.", "false"),
-    Variable("multimaster_advertise", "fleet", _choice("name", "address"), "name",
-             "Whether ROS on the computers advertises host names (ROS_HOSTNAME) or addresses (ROS_IP).", "address"),
-    Variable("multimaster_heartbeat_hz", "fleet", _number(0.02, 25.5), 1.0,
-             "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.", "0.5"),
-    Variable("multimaster_master", "robot", _name, None,
-             "The computer of the robot that runs the roscore. Default: the only computer; required where there are several.",
-             "kobuki1computer"),
-    Variable("multimaster_roscore", "robot", _choice("managed", "existing"), "managed",
-             "Whether the collection runs the roscore as a service, or uses one that something else starts.", "existing"),
-    Variable("multimaster_roscore_port", "robot", _whole(1024, 65235), 11311,
-             "The TCP port of the roscore.", "11311"),
-    Variable("multimaster_rpc_port", "robot", _whole(1024, 65535), None,
-             "The TCP port on which the discovery node answers the others. Default: the port of the roscore + 300.", "11611"),
-    Variable("multimaster_filters", "robot", _filters, {},
-             "What this robot takes from the others: lists of regular expressions in which `*` stands for any text, by "
-             + ", ".join(f"`{name}`" for name in FILTERS) + ". An action is its five topics.",
-             "{ignore_topics: [/tf], sync_actions: [/move_base]}"),
-    Variable("multimaster_ros_setup", "computer", _setup, "auto",
-             "Where ROS is: `auto` finds /opt/ros or Debian's packages, `debian` takes Debian's packages, "
-             "a path is a prefix or the set-up file of a workspace.", "/home/robot/ws/devel/setup.bash"),
+    Variable(
+        "multimaster_address",
+        "computer",
+        _address,
+        None,
+        "Required. The address of the computer that the other computers reach it by.",
+        "192.168.1.229",
+    ),
+    Variable(
+        "multimaster_aliases",
+        "computer",
+        _names,
+        [],
+        "Further names of the computer, for the hosts file of every computer.",
+        "[kobuki1]",
+    ),
+    Variable(
+        "multimaster_common_network",
+        "fleet",
+        _network,
+        None,
+        "Required. The network that all robots share (section 3.1 of the report).",
+        "192.168.1.0/24",
+    ),
+    Variable(
+        "multimaster_transport",
+        "fleet",
+        _choice("both", "multicast", "unicast"),
+        "both",
+        "How the discovery nodes find each other: by the multicast group, by unicast to the master of every robot, or both.",
+        "unicast",
+    ),
+    Variable(
+        "multimaster_multicast_group",
+        "fleet",
+        _group,
+        "226.0.0.0",
+        "The multicast group of the discovery nodes. The report uses 224.0.0.1, which no switch ever prunes.",
+        "224.0.0.1",
+    ),
+    Variable(
+        "multimaster_multicast_port",
+        "fleet",
+        _whole(1024, 65535),
+        11511,
+        "The UDP port of the discovery nodes.",
+        "11511",
+    ),
+    Variable(
+        "multimaster_answer_broadcast_pings",
+        "fleet",
+        _switch,
+        True,
+        "Whether the computers answer pings to broadcast and multicast addresses, so that `ping 224.0.0.1` shows them. "
+        "The report asks for it; discovery does not need it.",
+        "false",
+    ),
+    Variable(
+        "multimaster_advertise",
+        "fleet",
+        _choice("name", "address"),
+        "name",
+        "Whether ROS on the computers advertises host names (ROS_HOSTNAME) or addresses (ROS_IP).",
+        "address",
+    ),
+    Variable(
+        "multimaster_heartbeat_hz",
+        "fleet",
+        _number(0.02, 25.5),
+        1.0,
+        "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.",
+        "0.5",
+    ),
+    Variable(
+        "multimaster_master",
+        "robot",
+        _name,
+        None,
+        "The computer of the robot that runs the roscore. Default: the only computer; required where there are several.",
+        "kobuki1computer",
+    ),
+    Variable(
+        "multimaster_roscore",
+        "robot",
+        _choice("managed", "existing"),
+        "managed",
+        "Whether the collection runs the roscore as a service, or uses one that something else starts.",
+        "existing",
+    ),
+    Variable("multimaster_roscore_port", "robot", _whole(1024, 65235), 11311, "The TCP port of the roscore.", "11311"),
+    Variable(
+        "multimaster_rpc_port",
+        "robot",
+        _whole(1024, 65535),
+        None,
+        "The TCP port on which the discovery node answers the others. Default: the port of the roscore + 300.",
+        "11611",
+    ),
+    Variable(
+        "multimaster_filters",
+        "robot",
+        _filters,
+        {},
+        "What this robot takes from the others: lists of regular expressions in which `*` stands for any text, by "
+        + ", ".join(f"`{name}`" for name in FILTERS)
+        + ". An action is its five topics.",
+        "{ignore_topics: [/tf], sync_actions: [/move_base]}",
+    ),
+    Variable(
+        "multimaster_ros_setup",
+        "computer",
+        _setup,
+        "auto",
+        "Where ROS is: `auto` finds /opt/ros or Debian's packages, `debian` takes Debian's packages, "
+        "a path is a prefix or the set-up file of a workspace.",
+        "/home/robot/ws/devel/setup.bash",
+    ),
 )
 
 BY_NAME = {variable.name: variable for variable in VARIABLES}
@@ -236,7 +316,9 @@ def markdown_table() -> str:
     rows = ["| variable | set for | default | meaning | example |", "|---|---|---|---|---|"]
     for variable in VARIABLES:
         default = "" if variable.default is None else f"`{_yaml(variable.default)}`"
-        rows.append(f"| `{variable.name}` | {variable.scope} | {default} | {variable.description} | `{variable.example}` |")
+        rows.append(
+            f"| `{variable.name}` | {variable.scope} | {default} | {variable.description} | `{variable.example}` |"
+        )
     return "\n".join(rows) + "\n"
 
 

@@ -85,8 +85,14 @@ def test_plan_of_figure_5():
     [("both", True, ["192.168.1.239"]), ("multicast", True, []), ("unicast", False, ["192.168.1.239"])],
 )
 def test_transport(transport, multicast, peers):
-    discovery = _plan.plan(fleet(everywhere(multimaster_transport=transport)))["computers"]["kobuki1computer"]["discovery"]
-    assert (discovery["send_mcast"], discovery["listen_mcast"], discovery["robot_hosts"]) == (multicast, multicast, peers)
+    discovery = _plan.plan(fleet(everywhere(multimaster_transport=transport)))["computers"]["kobuki1computer"][
+        "discovery"
+    ]
+    assert (discovery["send_mcast"], discovery["listen_mcast"], discovery["robot_hosts"]) == (
+        multicast,
+        multicast,
+        peers,
+    )
 
 
 def test_advertise_address():
@@ -118,11 +124,21 @@ def test_second_computer_of_a_robot_has_the_environment_and_no_services():
 
 def test_an_action_in_a_filter_is_its_five_topics():
     filters = {"ignore_actions": ["/dock"], "ignore_topics": ["/tf"], "ignore_types": ["sensor_msgs/Image"]}
-    sync = _plan.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"]["kobuki1computer"]["sync"]
+    sync = _plan.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"]["kobuki1computer"][
+        "sync"
+    ]
     assert sync == {
         "ignore_topics": ["/dock/goal", "/dock/cancel", "/dock/status", "/dock/feedback", "/dock/result", "/tf"],
         "ignore_type": ["sensor_msgs/Image"],
     }
+
+
+def test_a_white_list_lets_the_verification_pass():
+    filters = {"sync_topics": ["/pose"]}
+    sync = _plan.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"]["kobuki1computer"][
+        "sync"
+    ]
+    assert sync == {"sync_topics": ["/pose", "/multimaster_verify/*"]}
 
 
 WRONG = {
@@ -144,11 +160,16 @@ WRONG = {
     ),
     "no multicast group": (
         everywhere(multimaster_multicast_group="192.168.1.1"),
-        ["kobuki1computer: multimaster_multicast_group is '192.168.1.1'; expected an IPv4 multicast group", "kobuki2computer"],
+        [
+            "kobuki1computer: multimaster_multicast_group is '192.168.1.1'; expected an IPv4 multicast group",
+            "kobuki2computer",
+        ],
     ),
     "outside the network": (
         setting("kobuki1computer", multimaster_address="192.168.2.229"),
-        ["kobuki1computer: multimaster_address is 192.168.2.229, which is outside multimaster_common_network 192.168.1.0/24"],
+        [
+            "kobuki1computer: multimaster_address is 192.168.2.229, which is outside multimaster_common_network 192.168.1.0/24"
+        ],
     ),
     "broadcast address": (
         setting("kobuki1computer", multimaster_address="192.168.1.255"),
@@ -221,7 +242,9 @@ WRONG = {
     ),
     "relative set-up file": (
         setting("kobuki1computer", multimaster_ros_setup="ws/devel/setup.bash"),
-        ["kobuki1computer: multimaster_ros_setup is 'ws/devel/setup.bash'; expected auto, debian, or the absolute path"],
+        [
+            "kobuki1computer: multimaster_ros_setup is 'ws/devel/setup.bash'; expected auto, debian, or the absolute path"
+        ],
     ),
 }
 
@@ -248,13 +271,39 @@ def test_an_empty_inventory_is_named():
         _fleet.read_fleet(_fleet.Inventory(robots={}, variables={}))
 
 
-@given(st.dictionaries(
-    st.sampled_from([f"multimaster_{name}" for name in (
-        "address", "aliases", "common_network", "transport", "multicast_group", "multicast_port", "advertise",
-        "heartbeat_hz", "master", "roscore", "roscore_port", "rpc_port", "filters", "ros_setup", "nonsense")]),
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.lists(st.text() | st.integers())
-    | st.dictionaries(st.text(), st.text() | st.lists(st.text())),
-))
+@given(
+    st.dictionaries(
+        st.sampled_from(
+            [
+                f"multimaster_{name}"
+                for name in (
+                    "address",
+                    "aliases",
+                    "common_network",
+                    "transport",
+                    "multicast_group",
+                    "multicast_port",
+                    "advertise",
+                    "heartbeat_hz",
+                    "master",
+                    "roscore",
+                    "roscore_port",
+                    "rpc_port",
+                    "filters",
+                    "ros_setup",
+                    "nonsense",
+                )
+            ]
+        ),
+        st.none()
+        | st.booleans()
+        | st.integers()
+        | st.floats()
+        | st.text()
+        | st.lists(st.text() | st.integers())
+        | st.dictionaries(st.text(), st.text() | st.lists(st.text())),
+    )
+)
 def test_whatever_the_inventory_says_the_answer_is_a_plan_or_sentences(values):
     try:
         model = fleet(setting("kobuki1computer", **values))

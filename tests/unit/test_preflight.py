@@ -84,7 +84,9 @@ PROBLEMS = {
         r"TCP port 11311 is held by rosmaster \(pid 812, user robot, roscore.service\).*multimaster_roscore to 'existing'",
     ),
     "another discovery": (
-        lambda info: info["ports"].append(holder(11511, "udp")), "UDP port 11511 is held by rosmaster .*only one discovery node"),
+        lambda info: info["ports"].append(holder(11511, "udp")),
+        "UDP port 11511 is held by rosmaster .*only one discovery node",
+    ),
 }
 
 
@@ -112,7 +114,13 @@ def test_a_computer_without_services_only_warns_of_a_missing_ros():
 
 
 def test_an_older_export_is_named_with_file_and_line():
-    export = {"file": "/home/a/.bashrc", "line": 7, "variable": "ROS_IP", "text": "export ROS_IP=10.0.0.5", "value": "10.0.0.5"}
+    export = {
+        "file": "/home/a/.bashrc",
+        "line": 7,
+        "variable": "ROS_IP",
+        "text": "export ROS_IP=10.0.0.5",
+        "value": "10.0.0.5",
+    }
     found = compare(lambda info: info["exports"].append(export))
     assert found.problems == ()
     assert "/home/a/.bashrc, line 7 sets ROS_IP (export ROS_IP=10.0.0.5)" in found.warnings[0]

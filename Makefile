@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+#
+# 'make' lists what there is. Every target does its own set-up.
+.DEFAULT_GOAL := help
+.PHONY: help setup lab demo lab-down lint sanity unit molecule systems test format readme
+.NOTPARALLEL:
+
+export LC_ALL := C.UTF-8
+PYTHON := .work/venv/bin/python
+LAYOUT := single_computer
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+
+setup: ## what the rest needs: Debian packages, tools in .work/venv
+	@bash tools/setup.sh
+
+lab: setup ## build the image of the lab's computers
+	@$(PYTHON) tests/lab/lab.py image
+
+demo: lab ## two robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer)
+	@$(PYTHON) tests/lab/demo.py --layout $(LAYOUT)
+
+lab-down: setup ## remove every container and network of the lab
+	@$(PYTHON) tests/lab/lab.py down --all
+
+test: lab ## every test
+	@$(PYTHON) tools/test.py
+
+lint: setup ## linters and checks of files
+	@$(PYTHON) tools/test.py lint
+
+sanity: setup ## ansible-test sanity
+	@$(PYTHON) tools/test.py sanity
+
+unit: setup ## unit tests
+	@$(PYTHON) tools/test.py unit
+
+molecule: lab ## the roles in containers: check, converge, idempotence, verify, reboot, verify, teardown
+	@$(PYTHON) tools/test.py molecule
+
+systems: lab ## injected faults and the commands of the README, on real systems
+	@$(PYTHON) tools/test.py systems
+
+format: setup ## format the Python files
+	@.work/venv/bin/ruff check --quiet --fix . && .work/venv/bin/ruff format --quiet .
+
+readme: setup ## write the table of variables into README.md
+	@PYTHONPATH=.work/collections $(PYTHON) tools/readme.py

@@ -1,0 +1,223 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Labs: the containers and networks of an inventory, under a name.
+
+The networks have no address management and no way out; every container configures its own interfaces with ifupdown, as a
+robot does. So labs with the same addresses can be up side by side, and a restart of a container is a cold boot.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import subprocess
+import tarfile
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import image
+from layout import Host
+from podman import WORK, LabError, configuration, labelled, podman
+
+LAB, HOST, DIGEST = "rosfleet.lab", "rosfleet.host", "rosfleet.digest"
+FILES = Path(__file__).with_name("files")
+BOOT_SECONDS = 60.0
+OPERATOR = (1000, 37)  # a person's account: its user and group, the group being Debian's own "operator"
+
+# Enough for systemd, kernel settings, routes and packet filters inside; /sys stays read-only and no device is shown.
+RIGHTS = """
+--systemd=always --security-opt=unmask=ALL --cap-add=SYS_ADMIN,NET_ADMIN,NET_RAW
+--no-hosts --dns=none --restart=always --sysctl=net.ipv4.ip_forward=0
+""".split()
+
+
+def container(lab: str, host: str) -> str:
+    """The name of a computer's container."""
+    return f"{lab}-{host}"
+
+
+def _network(lab: str, cidr: str) -> str:
+    return f"{lab}-{cidr.replace('/', '-').replace(':', '.')}"
+
+
+def ssh_key() -> Path:
+    """The lab's own ssh key, made at first use."""
+    key = WORK / "id_ed25519"
+    if not key.exists():
+        WORK.mkdir(parents=True, exist_ok=True)
+        subprocess.run(
+            ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "rosfleet-lab", "-f", str(key)], check=True
+        )
+    return key
+
+
+def _files(host: Host) -> dict[str, tuple[str, int]]:
+    """What a computer gets before its first boot: path -> content, mode."""
+    key = ssh_key().with_suffix(".pub").read_text()
+    files = {
+        "etc/hosts": (host.hosts_file(), 0o644),
+        "etc/resolv.conf": ("", 0o644),
+        "etc/network/interfaces": (host.network_file(), 0o644),
+        "root/.ssh/authorized_keys": (key, 0o600),
+        "home/operator/.ssh/authorized_keys": (key, 0o600),
+    }
+    for path in sorted(path for path in FILES.iterdir() if path.is_file()):
+        text = path.read_text()
+        files[f"usr/local/share/lab/{path.name}"] = (text, 0o755 if text.startswith("#!") else 0o644)
+    return files
+
+
+def _archive(files: dict[str, tuple[str, int]]) -> bytes:
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w") as archive:
+
+        def add(path: str, kind: bytes, mode: int, content: bytes = b"") -> None:
+            member = tarfile.TarInfo(path)
+            member.type, member.mode, member.size, member.mtime = kind, mode, len(content), int(time.time())
+            if path.startswith("home/operator/"):
+                member.uid, member.gid = OPERATOR
+            archive.addfile(member, io.BytesIO(content))
+
+        for folder, mode in {"root/.ssh": 0o700, "home/operator/.ssh": 0o700, "usr/local/share/lab": 0o755}.items():
+            add(folder, tarfile.DIRTYPE, mode)
+        for path, (text, mode) in files.items():
+            add(path, tarfile.REGTYPE, mode, text.encode())
+    return buffer.getvalue()
+
+
+def _digest(image_name: str, host: Host) -> str:
+    inputs = json.dumps([image_name, configuration(), RIGHTS, _files(host), [vars(port) for port in host.interfaces]])
+    return hashlib.sha256(inputs.encode()).hexdigest()[:16]
+
+
+def _create(lab: str, host: Host, image_name: str) -> None:
+    """One computer, from nothing to the beginning of its first boot."""
+    name = container(lab, host.name)
+    networks = [f"--network={_network(lab, port.network)}:interface_name={port.name}" for port in host.interfaces]
+    labels = {LAB: lab, HOST: host.name, DIGEST: _digest(image_name, host)}
+    podman(
+        "create",
+        f"--name={name}",
+        f"--hostname={host.name}",
+        *(f"--label={key}={value}" for key, value in labels.items()),
+        *RIGHTS,
+        *networks,
+        image_name,
+    )
+    podman("cp", "--archive=false", "-", f"{name}:/", stdin=_archive(_files(host)))
+    podman("start", name)
+
+
+def wait(name: str) -> None:
+    """Wait until a container has booted; raise with the failed units when it did not boot well."""
+    deadline = time.monotonic() + BOOT_SECONDS
+    while True:
+        state = podman("exec", name, "systemctl", "is-system-running", "--wait", check=False, timeout=BOOT_SECONDS)
+        if state == "running":
+            return
+        if state == "degraded" or time.monotonic() > deadline:
+            failed = podman("exec", name, "systemctl", "--failed", "--plain", "--no-legend", check=False)
+            raise LabError(f"{name} has not booted well: it is {state or 'not answering'}; failed units: {failed}")
+        time.sleep(0.1)
+
+
+def _each(work: Callable[[str], None], names: Iterable[str]) -> None:
+    """Do the same to several containers at once."""
+    with ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1)) as pool:
+        list(pool.map(work, names))
+
+
+def up(lab: str, hosts: Sequence[Host], suite: str = image.SUITE) -> None:
+    """Bring a lab up. Containers that are up with the same inputs stay as they are; others are made anew."""
+    image_name = image.ensure(suite)
+    by_name = {container(lab, host.name): host for host in hosts}
+    present = {entry["Names"][0]: entry["Labels"].get(DIGEST) for entry in labelled("container", f"{LAB}={lab}")}
+    wanted = {name: _digest(image_name, host) for name, host in by_name.items()}
+    started = time.monotonic()
+    if present == wanted:
+        _each(lambda name: podman("start", name), by_name)
+    else:
+        down(lab)
+        print(f"lab {lab}: starting {', '.join(host.name for host in hosts)} ...", flush=True)
+        for cidr in dict.fromkeys(port.network for host in hosts for port in host.interfaces):
+            # With --internal nothing leads out; without address management podman assigns no address.
+            options = ["--internal", "--disable-dns", "--ipam-driver=none", f"--label={LAB}={lab}"]
+            podman("network", "create", *options, _network(lab, cidr))
+        _each(lambda name: _create(lab, by_name[name], image_name), by_name)
+    _each(wait, by_name)
+    print(f"lab {lab}: {len(hosts)} computers are up ({time.monotonic() - started:.1f} s)", flush=True)
+
+
+def restart(lab: str, host: str | None = None) -> None:
+    """Reboot a computer, or all: processes, addresses, routes and kernel settings go; files stay."""
+    names = [
+        entry["Names"][0] for entry in labelled("container", f"{LAB}={lab}") if host in (None, entry["Labels"][HOST])
+    ]
+    if not names:
+        raise LabError(f"The lab {lab} has no container{f' of {host}' if host else ''}.")
+
+    def reboot(name: str) -> None:
+        podman("restart", "--time=5", name)
+        wait(name)
+
+    _each(reboot, names)
+    print(f"lab {lab}: restarted {', '.join(sorted(names))}", flush=True)
+
+
+def down(lab: str | None) -> None:
+    """Remove the containers and networks of a lab, or of all labs."""
+    label = f"{LAB}={lab}" if lab else LAB
+    containers = [entry["Names"][0] for entry in labelled("container", label)]
+    if containers:
+        podman("rm", "--force", "--time=1", *containers)
+    networks = [entry["name"] for entry in labelled("network", label)]
+    if networks:
+        podman("network", "rm", *networks)
+    if containers or networks:
+        print(f"lab {lab or '(all)'}: removed {len(containers)} containers, {len(networks)} networks", flush=True)
+
+
+def _connection(lab: str, host: str) -> dict[str, object]:
+    """The connection variables of a computer: real ssh, but by way of podman instead of a network."""
+    options = [
+        'ProxyCommand="podman exec -i %h /usr/sbin/sshd -i"',
+        "StrictHostKeyChecking=no",
+        "UserKnownHostsFile=/dev/null",
+        "LogLevel=ERROR",
+    ]
+    return {
+        "ansible_host": container(lab, host),
+        "ansible_connection": "ssh",
+        "ansible_user": "root",
+        "ansible_ssh_private_key_file": str(ssh_key()),
+        "ansible_ssh_common_args": " ".join(f"-o {option}" for option in options),
+        "ansible_control_path_dir": f"/tmp/rosfleet-{os.getuid()}",  # a socket's path is short
+        "ansible_pipelining": True,
+        "ansible_python_interpreter": "/usr/bin/python3",
+    }
+
+
+def write_inventory(lab: str, hosts: Sequence[Host]) -> Path:
+    """Write the connection variables of a lab, to be given after the shipped inventory; return the file."""
+    variables = {host.name: _connection(lab, host.name) for host in hosts}
+    path = WORK / lab / "hosts.yml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps({"all": {"hosts": variables}}, indent=2) + "\n")  # JSON is YAML
+    return path
+
+
+def script_inventory(lab: str, hosts: Sequence[Host]) -> dict[str, object]:
+    """The same in the form that inventory scripts print."""
+    variables = {host.name: _connection(lab, host.name) for host in hosts}
+    return {"all": {"hosts": list(variables)}, "_meta": {"hostvars": variables}}
+
+
+def shell(lab: str, host: str) -> None:
+    """Become a shell on a computer."""
+    name = container(lab, host)
+    os.execvp("podman", ["podman", "exec", "-it", name, "bash", "-l"])

@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The demonstration: the shipped inventory of a layout, on real systems, from nothing to a fleet that talks.
+
+python tests/lab/demo.py --layout single_computer
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import containers
+from layout import hosts_of, read_inventory
+from podman import LabError
+from proof import Computer, prove, table
+
+ROOT = Path(__file__).resolve().parents[2]
+LAB = "demo"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a playbook: how it ended, how long it took, what it ran and changed on each host."""
+
+    status: int
+    seconds: float
+    modules: dict[str, int]
+    changed: dict[str, int]
+
+
+def say(text: str) -> None:
+    """A line between the output of the tools."""
+    print(f"\n== {text}", flush=True)
+
+
+def playbook(name: str, inventory: Path, connection: Path) -> Run:
+    """Run a playbook with the shipped inventory; only the connection variables come from the lab."""
+    counts = connection.with_name("module_runs.json")
+    counts.unlink(missing_ok=True)
+    environment = {
+        **os.environ,
+        "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"),
+        "ANSIBLE_CALLBACK_PLUGINS": str(ROOT / "tests/lab/callbacks"),
+        "ANSIBLE_CALLBACKS_ENABLED": "module_runs",
+        "MODULE_RUNS_FILE": str(counts),
+    }
+    command = [Path(sys.executable).with_name("ansible-playbook"), "-i", inventory, "-i", connection, name]
+    start = time.monotonic()
+    status = subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
+    seconds = time.monotonic() - start
+    counted = json.loads(counts.read_text()) if counts.exists() else {"runs": {}, "changed": {}}
+    return Run(status, seconds, counted["runs"], counted["changed"])
+
+
+def person(connection: Path) -> list[Computer]:
+    """The computers of the lab, as the user `operator` reaches them by ssh."""
+    hosts = json.loads(connection.read_text())["all"]["hosts"]
+    return [
+        Computer(
+            name,
+            (
+                "ssh",
+                *shlex.split(variables["ansible_ssh_common_args"]),
+                *("-i", variables["ansible_ssh_private_key_file"]),
+                f"operator@{variables['ansible_host']}",
+            ),
+        )
+        for name, variables in hosts.items()
+    ]
+
+
+def figures(runs: dict[str, Run]) -> str:
+    """The table of wall times and module runs."""
+    lines = []
+    for what, run in runs.items():
+        modules = sorted(set(run.modules.values()))
+        per_host = "-".join(str(number) for number in (modules[:1] + modules[-1:] if len(modules) > 1 else modules))
+        changed = sum(run.changed.values())
+        lines.append(
+            f"  {what:<24}{run.seconds:7.1f} s   {per_host or '0':>3} module runs per host   changed={changed}"
+        )
+    return "\n".join(lines)
+
+
+def demonstrate(layout: str) -> bool:
+    """Bring the lab up, run site.yml, verify, try what the report tries, run site.yml again; True when all is well."""
+    inventory = ROOT / "inventory" / layout
+    say(f"the lab: the computers of inventory/{layout} as containers with real systemd and ROS")
+    hosts = hosts_of(read_inventory(inventory), {})
+    containers.up(LAB, hosts)
+    connection = containers.write_inventory(LAB, hosts)
+
+    say("site.yml: make the fleet talk")
+    runs = {"site run": playbook("site.yml", inventory, connection)}
+    if runs["site run"].status:
+        return False
+    say("verify.yml: prove it")
+    runs["verification"] = playbook("playbooks/verify.yml", inventory, connection)
+    say("section 3.3 of the report, by ssh as an ordinary user, with nodes that know nothing of the collection")
+    results = prove(person(connection), lambda text: print(f"  {text} ...", flush=True))
+    print(table(results), flush=True)
+    say("site.yml once more: nothing is left to change")
+    runs["second site run"] = playbook("site.yml", inventory, connection)
+
+    unchanged = not any(runs["second site run"].changed.values())
+    well = {
+        "site run": runs["site run"].status == 0,
+        "verification": runs["verification"].status == 0,
+        "section 3.3 of the report": all(result.ok for result in results),
+        "second site run changed nothing": runs["second site run"].status == 0 and unchanged,
+    }
+    say("figures")
+    print(figures(runs))
+    say("result")
+    for what, ok in well.items():
+        print(f"  {'ok    ' if ok else 'FAILED'}  {what}")
+    passed = sum(result.ok for result in results)
+    print(
+        f"\ndemo: {passed} passed, {len(results) - passed} failed; look around: .work/venv/bin/python tests/lab/lab.py shell HOST; "
+        "remove it: make lab-down",
+        flush=True,
+    )
+    return all(well.values())
+
+
+def main() -> int:
+    """Exit status 0 only when every check passed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--layout", default="single_computer", help="a folder of inventory/ (default: %(default)s)")
+    layout = parser.parse_args().layout
+    if not (ROOT / "inventory" / layout).is_dir():
+        layouts = ", ".join(sorted(path.name for path in (ROOT / "inventory").iterdir() if path.is_dir()))
+        print(f"demo: there is no layout {layout}; expected one of {layouts}", file=sys.stderr)
+        return 2
+    try:
+        return int(not demonstrate(layout))
+    except LabError as error:
+        print(f"demo: {error}", file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The lab: real systems in containers, with the addresses of an inventory.
+
+python tests/lab/lab.py up --name demo --inventory inventory/single_computer
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import containers
+import image
+from layout import hosts_of, read_inventory
+from podman import LabError
+
+
+def _extra(text: str) -> tuple[str, list[str]]:
+    name, separator, addresses = text.partition("=")
+    if not (name and separator and addresses):
+        raise argparse.ArgumentTypeError(f"'{text}' is not of the form NAME=ADDRESS[,ADDRESS]")
+    return name, addresses.split(",")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="lab.py", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    def command(name: str, text: str, *, inventory: bool = False, lab: bool = True) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text)
+        if lab:
+            sub.add_argument("--name", metavar="LAB", default="demo", help="name of the lab (default: demo)")
+        if inventory:
+            sub.add_argument("--inventory", metavar="DIR", type=Path, required=True, help="the shipped inventory")
+            sub.add_argument(
+                "--extra",
+                metavar="NAME=ADDRESS[,ADDRESS]",
+                type=_extra,
+                action="append",
+                default=[],
+                help="one more host",
+            )
+        return sub
+
+    for sub in (
+        command("image", "build the image where it is missing", lab=False),
+        command("up", "start the computers of an inventory and write their connection variables", inventory=True),
+    ):
+        sub.add_argument("--suite", default=image.SUITE, help=f"Debian's release (default: {image.SUITE})")
+    command("inventory", "write the connection variables of an inventory's computers", inventory=True).add_argument(
+        "--print", action="store_true", help="print them instead, as an inventory script does"
+    )
+    command("down", "remove a lab").add_argument("--all", action="store_true", help="remove every lab")
+    command("restart", "reboot the computers").add_argument("host", nargs="?", help="only this one")
+    command("shell", "open a shell on a computer").add_argument("host")
+    return parser
+
+
+def run(options: argparse.Namespace) -> None:
+    """Do one command."""
+    if options.command == "image":
+        print(image.ensure(options.suite))
+    elif options.command in ("up", "inventory"):
+        hosts = hosts_of(read_inventory(options.inventory), dict(options.extra))
+        if options.command == "up":
+            containers.up(options.name, hosts, options.suite)
+        if options.command == "inventory" and options.print:
+            print(json.dumps(containers.script_inventory(options.name, hosts), indent=2))
+        else:
+            print(containers.write_inventory(options.name, hosts))
+    elif options.command == "down":
+        containers.down(None if options.all else options.name)
+    elif options.command == "restart":
+        containers.restart(options.name, options.host)
+    elif options.command == "shell":
+        containers.shell(options.name, options.host)
+
+
+def main() -> int:
+    """Exit status 1 with one sentence when something failed."""
+    try:
+        run(_parser().parse_args())
+    except LabError as error:
+        print(f"lab: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What section 3.3 of the report tries by hand, between every pair of robots, as a person by ssh.
+
+All nodes are ordinary ones (rostopic, rosservice, rospy, actionlib): nothing of them knows the collection.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import pathlib
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+NODES = pathlib.Path(__file__).parent / "nodes"
+# A registration crosses within a second; rospy's command-line tools take a few to start.
+PATIENCE = 20.0
+
+
+@dataclass(frozen=True)
+class Computer:
+    """A computer of the lab: its name, and the command that logs a person in there."""
+
+    name: str
+    ssh: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """The name as ROS allows it in a graph name."""
+        return self.name.replace("-", "_")
+
+    def run(self, command: str, script: pathlib.Path | None = None, seconds: float = 45) -> str:
+        """Run a command by ssh, with a file as its input, and return what it printed; '' where it failed."""
+        with contextlib.ExitStack() as stack:
+            stdin = stack.enter_context(script.open("rb")) if script else subprocess.DEVNULL
+            try:
+                done = subprocess.run(
+                    [*self.ssh, command],
+                    stdin=stdin,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.PIPE,
+                    text=True,
+                    timeout=seconds,
+                    check=False,
+                )
+            except subprocess.TimeoutExpired:
+                return ""
+        return done.stdout if done.returncode == 0 else ""
+
+    @contextlib.contextmanager
+    def running(self, command: str, script: pathlib.Path | None = None) -> Iterator[None]:
+        """Run a command by ssh until the end of the block, at most two minutes; it is ended by its own process id."""
+        with contextlib.ExitStack() as stack:
+            stdin = stack.enter_context(script.open("rb")) if script else subprocess.DEVNULL
+            process = subprocess.Popen(
+                [*self.ssh, f"echo $$; exec timeout -s INT 120 {command}"],
+                stdin=stdin,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            )
+            assert process.stdout is not None
+            pid = int(process.stdout.readline())
+            try:
+                yield
+            finally:
+                self.run(f"kill -INT {pid}")
+                process.communicate(timeout=30)
+
+
+@dataclass(frozen=True)
+class Result:
+    """One line of the proof."""
+
+    what: str
+    whom: str
+    ok: bool
+    found: str
+
+
+def wait_for(look: Callable[[], str], wanted: Callable[[str], bool], seconds: float = PATIENCE) -> tuple[bool, str]:
+    """Look until it is as wanted; returns whether it was, and what was last seen."""
+    deadline = time.monotonic() + seconds
+    while True:
+        seen = look()
+        if wanted(seen) or time.monotonic() > deadline:
+            return wanted(seen), seen.strip()
+        time.sleep(0.2)
+
+
+def prove(computers: Sequence[Computer], tell: Callable[[str], None]) -> list[Result]:
+    """Everything of section 3.3, from each computer to each other."""
+    results: list[Result] = []
+    for here in computers:
+        for there in computers:
+            if here != there:
+                tell(f"{here.name} -> {there.name}: topic, connection, service, action, parameter, end of a publisher")
+                results += list(_pair(here, there))
+    return results
+
+
+def _pair(here: Computer, there: Computer) -> Iterator[Result]:
+    whom = f"{here.name} -> {there.name}"
+    topic = f"/{here.label}/test"
+    with here.running(f"rostopic pub -r 5 {topic} std_msgs/Int32 1"):
+        ok, seen = wait_for(lambda: there.run("rostopic list"), lambda text: topic in text.split())
+        yield Result("rostopic list shows the topic", whom, ok, "listed" if ok else f"only {seen.split()}")
+        seen = there.run(f"timeout 20 rostopic echo -n 1 {topic}")
+        yield Result(
+            "rostopic echo prints the message", whom, seen.split() == ["data:", "1", "---"], " ".join(seen.split())
+        )
+        with there.running(f"rostopic echo {topic}"):
+            ok, seen = wait_for(
+                lambda: there.run(f"rostopic info {topic}"),
+                lambda text: (
+                    f"(http://{here.name}:" in text.partition("Subscribers:")[0]
+                    and f"(http://{there.name}:" in text.partition("Subscribers:")[2]
+                ),
+            )
+            yield Result("rostopic info shows a direct connection", whom, ok, " ".join(seen.split()))
+        yield Result(
+            "the message package is known",
+            whom,
+            *_told(there, "rosmsg show fkie_multimaster_msgs/MasterState", "string state"),
+        )
+    ok, seen = wait_for(lambda: there.run("rostopic list"), lambda text: bool(text) and topic not in text.split())
+    yield Result("the topic goes with its publisher", whom, ok, "gone" if ok else "still listed")
+    with here.running(f"python3 - {here.label}_server", NODES / "service_server.py"):
+        ok, seen = wait_for(
+            lambda: there.run(f"rosservice call /{here.label}_server/where"), lambda text: here.name in text
+        )
+        yield Result("a service is called", whom, ok, " ".join(seen.split()))
+    with here.running(f"python3 - {here.label}_action", NODES / "action_server.py"):
+        seen = there.run(f"python3 - {here.label}_action", NODES / "action_client.py")
+        ok = seen.split() in (["1", "42"], ["2", "42"], ["3", "42"])
+        yield Result("an action gives feedback and its result", whom, ok, " ".join(seen.split()))
+    parameter = f"/{here.label}_parameter"
+    here.run(f"rosparam set {parameter} 7")
+    own, other = here.run(f"rosparam get {parameter}").strip(), there.run("rosparam list").split()
+    here.run(f"rosparam delete {parameter}")
+    ok = own == "7" and bool(other) and parameter not in other
+    yield Result(
+        "a parameter stays on its robot",
+        whom,
+        ok,
+        f"{own} here, {'unknown' if parameter not in other else 'known'} there",
+    )
+
+
+def _told(computer: Computer, command: str, part: str) -> tuple[bool, str]:
+    seen = computer.run(command)
+    return part in seen, " ".join(seen.split())[:60]
+
+
+def table(results: Sequence[Result]) -> str:
+    """The results as text: one line each, what was found where it was not as it should be."""
+    width = max(len(result.what) for result in results)
+    return "\n".join(
+        f"  {'ok    ' if result.ok else 'FAILED'}  {result.what:<{width}}  {result.whom}"
+        + ("" if result.ok else f"\n          found: {result.found}")
+        for result in results
+    )

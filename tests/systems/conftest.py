@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A lab of its own for injected faults: the two robots of Fig. 5 after site.yml."""
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+LAB = "faults"
+INVENTORY = ROOT / "inventory" / "single_computer"
+sys.path.insert(0, str(ROOT / "tests" / "lab"))
+
+import containers  # noqa: E402
+from layout import hosts_of, read_inventory  # noqa: E402
+from podman import podman  # noqa: E402
+
+
+class Lab:
+    """The computers of the lab, and the playbooks against them."""
+
+    def __init__(self, connection):
+        self.connection = connection
+
+    def run(self, host, command, check=True, stdin=None):
+        """Run a shell command as root on a computer and return what it printed."""
+        done = subprocess.run(
+            ["podman", "exec", "-i", containers.container(LAB, host), "bash", "-lc", command],
+            input=stdin,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        assert not check or done.returncode == 0, f"{host}: {command}: {done.stdout}{done.stderr}"
+        return done.stdout
+
+    def podman(self, *arguments):
+        """Run podman with a computer's container as the last argument."""
+        *words, host = arguments
+        podman(*words, containers.container(LAB, host))
+
+    def wait_until_up(self, host):
+        containers.wait(containers.container(LAB, host))
+
+    def play(self, name, *options, variables=None):
+        """Run a playbook; returns its exit status and its output on one line."""
+        extra = ["-e", json.dumps(variables)] if variables else []
+        return self._ansible("ansible-playbook", name, *options, *extra)
+
+    def module(self, host, name, arguments):
+        """Run one module of the collection on a computer; returns exit status and output on one line."""
+        return self._ansible("ansible", host, "-m", f"rosfleet.multimaster.{name}", "-a", json.dumps(arguments))
+
+    def _ansible(self, tool, *words):
+        done = subprocess.run(
+            [Path(sys.executable).with_name(tool), "-i", INVENTORY, "-i", self.connection, *words],
+            cwd=ROOT,
+            env={**os.environ, "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"), "ANSIBLE_NOCOLOR": "1"},
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        return done.returncode, " ".join((done.stdout + done.stderr).split())
+
+
+@pytest.fixture(scope="session")
+def untouched():
+    """The lab before site.yml."""
+    hosts = hosts_of(read_inventory(INVENTORY), {})
+    containers.down(LAB)
+    containers.up(LAB, hosts)
+    yield Lab(containers.write_inventory(LAB, hosts))
+    containers.down(LAB)
+
+
+@pytest.fixture(scope="session")
+def lab(untouched):
+    """The lab after site.yml."""
+    status, output = untouched.play("site.yml")
+    assert status == 0, output
+    return untouched
+
+
+# What ansible-core needs to run: itself and its libraries.
+LIBRARIES = (
+    "ansible cffi cryptography jinja2 markupsafe packaging pycparser resolvelib yaml _cffi_backend* _yaml *.dist-info"
+)
+
+
+@pytest.fixture(scope="session")
+def ansible_inside(lab):
+    """The command for ansible-playbook on the first computer, with the checkout in /tmp/fleet and a way to the second."""
+    host = "kobuki1computer"
+    here = shlex.quote(containers.container(LAB, host))
+    packages = Path(pytest.__file__).parents[1]
+    key = json.loads(lab.connection.read_text())["all"]["hosts"][host]["ansible_ssh_private_key_file"]
+    member = {
+        "all": {
+            "hosts": {
+                host: {"ansible_connection": "local"},
+                "kobuki2computer": {
+                    "ansible_user": "root",
+                    "ansible_ssh_private_key_file": "/tmp/fleet/key",
+                    "ansible_ssh_common_args": "-o StrictHostKeyChecking=no -o UserKnownHostsFile=/dev/null",
+                },
+            }
+        }
+    }
+    into = f"podman exec -i {here} tar -x -C"
+    lab.run(host, "mkdir -p /tmp/ansible /tmp/fleet /tmp/collections/ansible_collections/rosfleet")
+    for command in (
+        f"cd {packages} && tar -c $(ls -d {LIBRARIES}) | {into} /tmp/ansible",
+        f"cd {ROOT} && git ls-files -z -co --exclude-standard | tar -c --null -T - --ignore-failed-read | {into} /tmp/fleet",
+    ):
+        subprocess.run(["bash", "-o", "pipefail", "-c", command], check=True, stderr=subprocess.DEVNULL)
+    lab.run(host, "umask 077; cat > /tmp/fleet/key", stdin=Path(key).read_text())
+    lab.run(host, "cat > /tmp/fleet/member.yml", stdin=json.dumps(member))
+    lab.run(host, "ln -sfn /tmp/fleet /tmp/collections/ansible_collections/rosfleet/multimaster")
+    return (
+        "cd /tmp/fleet && LC_ALL=C.UTF-8 PYTHONPATH=/tmp/ansible ANSIBLE_COLLECTIONS_PATH=/tmp/collections "
+        "python3 -m ansible playbook"
+    )

@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Injected faults on real systems: what goes wrong is named, and nothing is lost. The order of the tests is that of a day."""
+
+import json
+import re
+import time
+
+FIRST, SECOND = "kobuki1computer", "kobuki2computer"
+OURS = "ls /etc/sysctl.d /etc/rosfleet-multimaster /usr/local/lib/rosfleet-multimaster 2>/dev/null | grep -c rosfleet"
+
+
+def masters(lab, host):
+    """The names that list_masters returns."""
+    return re.findall(r"name: \"?([\w-]+)", lab.run(host, "rosservice call /master_discovery/list_masters"))
+
+
+def eventually(look, wanted, seconds=20):
+    """Look until it is as wanted, for some seconds at most; returns what was last seen."""
+    deadline = time.monotonic() + seconds
+    while True:
+        seen = look()
+        if wanted(seen) or time.monotonic() > deadline:
+            return seen
+        time.sleep(0.3)
+
+
+def test_an_address_that_the_machine_has_not_ends_the_run_before_any_change(untouched, tmp_path):
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps({"all": {"hosts": {SECOND: {"multimaster_address": "192.168.1.240"}}}}))
+    status, output = untouched.play("site.yml", "-i", str(other))
+    assert status != 0
+    assert (
+        f"{SECOND}: multimaster_address is 192.168.1.240, but the machine has 192.168.1.239 on eth0; expected that address"
+    ) in output
+    for host in (FIRST, SECOND):
+        assert untouched.run(host, OURS, check=False).strip() == "0"
+
+
+def test_a_stranger_on_the_port_of_the_roscore_is_named(untouched):
+    untouched.run(FIRST, "systemd-run --unit stranger python3 -m http.server 11311")
+    status, output = untouched.play("site.yml")
+    untouched.run(FIRST, "systemctl stop stranger")
+    assert status != 0
+    assert f"{FIRST}: TCP port 11311 is held by" in output
+    assert "stranger.service" in output
+    assert "set multimaster_roscore to 'existing'" in output
+    assert untouched.run(FIRST, OURS, check=False).strip() == "0"
+
+
+def test_a_computer_that_is_down_is_named_and_spoils_nothing(untouched):
+    untouched.podman("stop", "--time=2", SECOND)
+    status, output = untouched.play("site.yml")
+    untouched.podman("start", SECOND)
+    untouched.wait_until_up(SECOND)
+    assert status == 4  # Ansible's for unreachable hosts
+    assert re.search(rf"{FIRST} : ok=\d+ changed=\d+ unreachable=0 failed=0", output)
+    assert re.search(rf"{SECOND} : ok=\d+ changed=\d+ unreachable=1", output)
+    assert untouched.run(FIRST, "systemctl is-active multimaster-sync").strip() == "active"
+
+
+def test_malformed_datagrams_and_requests_are_counted_and_change_nothing(lab):
+    before = eventually(lambda: masters(lab, FIRST), lambda names: len(names) == 2)
+    assert sorted(before) == [FIRST, SECOND]
+    lab.run(
+        SECOND,
+        "python3 -",
+        stdin=f"""
+import http.client, os, random, socket
+random.seed(1)
+udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+for number in range(2000):
+    size = random.choice([1, 2, 3, 14, 21, 23, 24, 25, 100, 1400])
+    data = random.randbytes(size)
+    if size == 24:
+        data = b"R" + bytes([random.choice([1, 4, 200])]) + data[2:]
+    udp.sendto(data, ("{FIRST}", 11511))
+bodies = [b"", b"<", b"<methodCall/>", b"\\0" * 500, b"<methodCall><methodName>os.system</methodName></methodCall>",
+          b"<!DOCTYPE a [<!ENTITY b 'c'>]><methodCall><methodName>&b;</methodName></methodCall>"]
+for number in range(60):
+    connection = http.client.HTTPConnection("{FIRST}", 11611, timeout=5)
+    try:
+        connection.request("POST", "/RPC2", random.choice(bodies))
+        connection.getresponse().read()
+    except (OSError, http.client.HTTPException):
+        pass
+    connection.close()
+""",
+    )
+    assert sorted(masters(lab, FIRST)) == [FIRST, SECOND]
+    log = lab.run(FIRST, "journalctl --unit multimaster-discovery --output cat --since -30s")
+    assert lab.run(FIRST, "systemctl show --property NRestarts --value multimaster-discovery").strip() == "0"
+    lines = [line for line in log.splitlines() if "datagram" in line or "request" in line]
+    assert 0 < len(lines) < 20, log
+
+
+def test_a_node_with_the_name_of_a_local_one_is_refused_and_reported(lab):
+    """Without the guard, the import would end the local node (section 11 of the interface facts)."""
+    talker = "timeout 60 rostopic pub -r 5 /here{} std_msgs/Int32 1 __name:=twin"
+    for host in (FIRST, SECOND):
+        lab.run(host, f"systemd-run --unit twin --collect bash -lc '{talker.format(host[6])}'")
+    for host, other in ((FIRST, "2"), (SECOND, "1")):
+        log = eventually(
+            lambda host=host: lab.run(host, "journalctl --unit multimaster-sync --output cat --since -60s"),
+            lambda text: "twin" in text,
+        )
+        assert "/twin" in log
+        assert f"/here{other}" not in lab.run(host, "rostopic list").split()
+        assert lab.run(host, "systemctl is-active twin").strip() == "active"
+    for host in (FIRST, SECOND):
+        lab.run(host, "systemctl stop twin")
+
+
+def test_a_killed_discovery_and_a_restarted_roscore_come_back_by_themselves(lab):
+    lab.run(FIRST, "systemctl kill --signal KILL multimaster-discovery")
+    names = eventually(
+        lambda: masters(lab, FIRST) if "active" in state(lab, FIRST) else [], lambda names: len(names) == 2
+    )
+    assert sorted(names) == [FIRST, SECOND]
+    lab.run(FIRST, "systemctl restart multimaster-roscore")
+    names = eventually(
+        lambda: masters(lab, FIRST) if "active" in state(lab, FIRST) else [], lambda names: len(names) == 2
+    )
+    assert sorted(names) == [FIRST, SECOND]
+
+
+def state(lab, host):
+    return lab.run(host, "systemctl is-active multimaster-discovery", check=False).split()
+
+
+def test_a_service_that_cannot_start_leaves_the_previous_one(lab):
+    unit = "[Service]\nExecStart={}\n[Install]\nWantedBy=multi-user.target\n"
+    arguments = {"bundle": "faults", "units": [{"name": "faults.service", "content": unit.format("/bin/sleep 1000")}]}
+    status, output = lab.module(FIRST, "managed_services", arguments)
+    assert status == 0, output
+    arguments["units"][0]["content"] = unit.format("/bin/false")
+    status, output = lab.module(FIRST, "managed_services", arguments)
+    assert status != 0
+    assert "faults.service" in output and "The previous state is back" in output
+    assert lab.run(FIRST, "systemctl is-active faults.service").strip() == "active"
+    assert lab.run(FIRST, "cat /etc/systemd/system/faults.service") == unit.format("/bin/sleep 1000")
+    status, output = lab.module(FIRST, "managed_services", {"bundle": "faults", "units": []})
+    assert status == 0
+    assert "faults" not in lab.run(
+        FIRST, "systemctl list-units --all; ls /etc/systemd/system /var/lib/rosfleet-multimaster"
+    )
+
+
+def test_the_verification_names_the_cause(lab):
+    lab.run(SECOND, "sed -i 's/^192.168.1.229/192.168.1.77/' /etc/hosts")
+    status, output = lab.play("playbooks/verify.yml", variables={"verify_patience": 3})
+    assert status != 0
+    assert "192.168.1.77" in output
+    status, output = lab.play("site.yml")
+    assert status == 0
+    assert lab.play("playbooks/verify.yml")[0] == 0
+
+
+def test_one_fork_verifies_as_well(lab):
+    status, output = lab.play("playbooks/verify.yml", "--forks", "1")
+    assert status == 0, output
+
+
+def test_the_operators_computer_may_be_a_member(lab, ansible_inside):
+    """Ansible on the first computer itself: there ansible_connection is local, the other robot is reached by ssh."""
+    output = lab.run(
+        FIRST, f"{ansible_inside} -i /tmp/fleet/inventory/single_computer -i /tmp/fleet/member.yml /tmp/fleet/site.yml"
+    )
+    assert re.search(rf"{FIRST} +: ok=\d+ +changed=0 +unreachable=0 +failed=0", output), output
+    assert re.search(rf"{SECOND} +: ok=\d+ +changed=0 +unreachable=0 +failed=0", output), output

@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Every command of the README, run as it stands there, in its order."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = Path("/tmp/rosfleet")
+# Run by whoever runs the tests: CI runs the second, which runs the first.
+ELSEWHERE = {"make demo", "make test"}
+
+
+def commands():
+    """The lines after a prompt in the README's blocks."""
+    blocks = re.findall(r"^ *```console\n(.*?)^ *```", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE)
+    return [line.strip()[2:] for block in blocks for line in block.splitlines() if line.strip().startswith("$ ")]
+
+
+def test_every_command_of_the_readme_works(lab, tmp_path):
+    found = commands()
+    assert ELSEWHERE < set(found)
+    shutil.rmtree(FOLDER, ignore_errors=True)
+    environment = {
+        **{name: value for name, value in os.environ.items() if not name.startswith("ANSIBLE_")},
+        "HOME": str(tmp_path),
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        # The installed collection, not the checkout.
+        "ANSIBLE_CONFIG": str(tmp_path / "ansible.cfg"),
+        "ANSIBLE_COLLECTIONS_PATH": str(tmp_path / ".ansible/collections"),
+        "LC_ALL": "C.UTF-8",
+    }
+    environment.pop("PYTHONPATH", None)
+    try:
+        for command in found:
+            if command in ELSEWHERE:
+                continue
+            done = subprocess.run(
+                ["bash", "-c", command],
+                cwd=ROOT,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                timeout=300,
+                check=False,
+            )
+            assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+            if command.startswith("cp "):
+                shutil.copy(lab.connection, FOLDER / "fleet" / "zz_lab.yml")  # the way to the containers
+    finally:
+        shutil.rmtree(FOLDER, ignore_errors=True)

@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The shipped inventories and the playbooks with Ansible itself; no host is reached."""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BIN = pathlib.Path(sys.executable).parent
+
+
+def ansible(tool, *arguments):
+    """Run one of Ansible's programs in the checkout; every connection goes to a command that fails at once."""
+    environment = {
+        **os.environ,
+        "ANSIBLE_COLLECTIONS_PATH": str(ROOT / ".work/collections"),
+        "ANSIBLE_NOCOLOR": "1",
+        "ANSIBLE_SSH_EXECUTABLE": "/bin/false",
+        "ANSIBLE_LOCALHOST_WARNING": "0",
+        "ANSIBLE_CALLBACK_RESULT_FORMAT": "json",
+    }
+    return subprocess.run(
+        [BIN / tool, *arguments], cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=120
+    )
+
+
+def plan(*inventories):
+    """What fleet_plan makes of inventories."""
+    options = [word for inventory in inventories for word in ("-i", str(inventory))]
+    done = ansible("ansible", "robots", *options, "-m", "rosfleet.multimaster.fleet_plan", "--limit", "kobuki1")
+    return done.returncode, done.stdout + done.stderr
+
+
+def site(*inventories, limit="robots"):
+    options = [word for inventory in inventories for word in ("-i", str(inventory))]
+    done = ansible("ansible-playbook", *options, "site.yml", "--limit", limit)
+    return done.returncode, " ".join((done.stdout + done.stderr).split())
+
+
+@pytest.fixture
+def changed(tmp_path):
+    """A second inventory that changes the first."""
+
+    def write(variables, **groups):
+        path = tmp_path / "changed.json"
+        path.write_text(json.dumps({"all": {"hosts": variables, **groups}}))
+        return path
+
+    return write
+
+
+def test_the_plan_covers_the_whole_inventory_whatever_the_limit():
+    status, output = plan("inventory/single_computer")
+    assert status == 0, output
+    found = json.loads(output.partition("=>")[2])
+    assert sorted(found["computers"]) == ["kobuki1computer", "kobuki2computer"]
+
+
+def test_a_wrong_inventory_ends_before_any_host_is_reached(changed):
+    wrong = changed({"kobuki2computer": {"multimaster_address": "192.168.1.229"}})
+    status, output = site("inventory/single_computer", wrong)
+    assert status != 0
+    assert (
+        "kobuki2computer: multimaster_address is 192.168.1.229, which kobuki1computer has too; expected an address of its "
+        "own: correct one of the two."
+    ) in output
+    assert "UNREACHABLE" not in output
+
+
+def test_a_wrong_host_outside_the_limit_is_named_too(changed):
+    wrong = changed({"kobuki2computer": {"multimaster_master": "kobuki3computer"}})
+    status, output = site("inventory/single_computer", wrong, limit="kobuki1")
+    assert status != 0
+    assert (
+        "kobuki2computer: multimaster_master is 'kobuki3computer', which is no computer of the robot kobuki2" in output
+    )
+
+
+def test_an_undefined_variable_in_a_template_is_named(changed):
+    wrong = changed({"kobuki2computer": {"multimaster_address": "{{ nowhere }}"}})
+    status, output = site("inventory/single_computer", wrong)
+    assert status != 0
+    assert "kobuki2computer: multimaster_address cannot be computed" in output
+    assert "nowhere" in output
+
+
+def test_robots_that_are_no_groups_are_named(tmp_path):
+    flat = tmp_path / "flat.yml"
+    flat.write_text("robots: {hosts: {kobuki1computer: {multimaster_address: 192.168.1.229}}}\n")
+    status, output = site(flat)
+    assert status != 0
+    assert "kobuki1computer: is in the group 'robots' but in none of its robots" in output
+
+
+@pytest.mark.parametrize("name", ["site", "single_computer", "verify", "teardown"])
+def test_every_playbook_is_callable_by_its_full_name(name):
+    done = ansible(
+        "ansible-playbook", "-i", "inventory/single_computer", f"rosfleet.multimaster.{name}", "--syntax-check"
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_host_below_robots_and_beside_its_groups_is_no_robot(changed):
+    extra = changed({}, children={"robots": {"hosts": {"laptop": {}}}})
+    status, output = site("inventory/single_computer", extra)
+    assert status != 0
+    assert "laptop: is in the group 'robots' but in none of its robots" in output

@@ -1,0 +1,65 @@
+#!/usr/bin/env bash
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+#
+# Puts in place what the tests and the lab need: Debian packages where they are missing, a virtual environment in .work/venv,
+# and the path under which Ansible finds this checkout as the collection. Does nothing, quickly, when all is there.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+packages=(
+  git rsync shellcheck openssh-client                     # tests
+  podman netavark iptables runc conmon mmdebstrap zstd    # lab
+  python3-venv                                            # where python3 is Debian's
+)
+stamp=.work/venv/stamp
+inputs=$(sha256sum requirements-dev.txt)
+
+say() { printf 'setup: %s\n' "$*"; }
+
+install_packages() {
+  local missing=() package apt=(env DEBIAN_FRONTEND=noninteractive apt-get -qq)
+  command -v dpkg-query >/dev/null || { say "this is no Debian: you need podman, mmdebstrap, zstd, rsync and shellcheck"; return; }
+  for package in "${packages[@]}"; do
+    dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null | grep -qx installed || missing+=("$package")
+  done
+  [[ ${#missing[@]} -gt 0 ]] || return 0
+  [[ $EUID -eq 0 ]] || apt=(sudo "${apt[@]}")
+  say "installing ${missing[*]} with apt ..."
+  "${apt[@]}" update
+  "${apt[@]}" install --yes --no-install-recommends "${missing[@]}" >/dev/null
+}
+
+# The first Python that ansible-core runs on and that can make a virtual environment.
+find_python() {
+  local python
+  for python in python3.11 python3 python3.12 python3.13 /usr/bin/python3; do
+    if "$python" -c 'import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null; then
+      echo "$python"
+      return
+    fi
+  done
+  say "no Python from 3.11 to 3.13 with the venv module was found" >&2
+  return 1
+}
+
+make_venv() {
+  [[ -x .work/venv/bin/python && $(cat "$stamp" 2>/dev/null) == "$inputs" ]] && .work/venv/bin/python -c '' && return
+  local python
+  python=$(find_python)
+  say "making .work/venv with $python and the tools of requirements-dev.txt (about half a minute) ..."
+  rm -rf .work/venv
+  mkdir -p .work
+  "$python" -m venv .work/venv
+  .work/venv/bin/python -m pip install -qq --disable-pip-version-check --requirement requirements-dev.txt
+  echo "$inputs" >"$stamp"
+}
+
+link_collection() {
+  mkdir -p .work/collections/ansible_collections/rosfleet
+  ln -sfn "$PWD" .work/collections/ansible_collections/rosfleet/multimaster
+}
+
+install_packages
+make_venv
+link_collection
