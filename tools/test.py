@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -80,12 +81,11 @@ def vermin(target: str, *paths: str) -> Suite:
     return Suite("lint", f"vermin {target}", ["vermin", f"--target={target}-", "--no-tips", "--violations", *present])
 
 
-def cases(group: str) -> Suite:
+def cases(group: str, lab: str = "") -> Suite:
     """The test cases of a folder of tests/."""
     report = REPORTS / f"{group}.xml"
-    report.unlink(missing_ok=True)
     command = ["pytest", "--quiet", f"--junit-xml={report}", f"tests/{group}"]
-    return Suite(group, "pytest", command, pytest_cases(report), shown=True)
+    return Suite(group, "pytest", command, pytest_cases(report), shown=True, lab=lab)
 
 
 def scenarios() -> list[Suite]:
@@ -99,7 +99,9 @@ def scenarios() -> list[Suite]:
 
 def demonstration(layout: str) -> Suite:
     """One layout in the lab; its second run, on systems that are as they should be, is a person's affair."""
-    return Suite("demo", layout, [sys.executable, "tests/lab/demo.py", "--layout", layout], shown=True, lab="demo")
+    lab = "test-demo"  # a person may have theirs up
+    command = [sys.executable, "tests/lab/demo.py", "--layout", layout, "--name", lab]
+    return Suite("demo", layout, command, shown=True, lab=lab)
 
 
 SUITES = [
@@ -118,7 +120,7 @@ SUITES = [
     Suite("sanity", "ansible-test", [sys.executable, "tools/sanity.py"], sanity_tests, shown=True),
     cases("unit"),
     *scenarios(),
-    cases("systems"),
+    cases("systems", lab="systems"),
     demonstration("single_computer"),
 ]
 
@@ -179,7 +181,8 @@ def run(suite: Suite) -> Count:
 def main() -> int:
     """Return 1 when a test failed or none ran."""
     groups = sys.argv[1:] or list(dict.fromkeys(suite.group for suite in SUITES))
-    REPORTS.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(REPORTS, ignore_errors=True)
+    REPORTS.mkdir(parents=True)
     started = time.monotonic()
     counts = []
     for group in groups:

@@ -1,14 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
 """The lookup file_tree: a folder of the controller as the files of managed_files."""
 
 from __future__ import annotations
-
-import os
-
-from ansible.errors import AnsibleError
-from ansible.plugins.lookup import LookupBase
 
 DOCUMENTATION = r"""
 name: file_tree
@@ -71,6 +67,11 @@ _raw:
       type: str
       sample: "0644"
 """
+
+import os
+
+from ansible.errors import AnsibleError
+from ansible.plugins.lookup import LookupBase
 
 
 def skipped(name: str) -> bool:

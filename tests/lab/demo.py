@@ -24,7 +24,6 @@ from podman import LabError
 from proof import Computer, prove, table
 
 ROOT = Path(__file__).resolve().parents[2]
-LAB = "demo"
 
 
 @dataclass(frozen=True)
@@ -91,13 +90,13 @@ def figures(runs: dict[str, Run]) -> str:
     return "\n".join(lines)
 
 
-def demonstrate(layout: str) -> bool:
+def demonstrate(layout: str, lab: str) -> bool:
     """Bring the lab up, run site.yml, verify, try what the report tries, run site.yml again; True when all is well."""
     inventory = ROOT / "inventory" / layout
     say(f"the lab: the computers of inventory/{layout} as containers with real systemd and ROS")
     hosts = hosts_of(read_inventory(inventory), {})
-    containers.up(LAB, hosts)
-    connection = containers.write_inventory(LAB, hosts)
+    containers.up(lab, hosts)
+    connection = containers.write_inventory(lab, hosts)
 
     say("site.yml: make the fleet talk")
     runs = {"site run": playbook("site.yml", inventory, connection)}
@@ -136,13 +135,15 @@ def main() -> int:
     """Exit status 0 only when every check passed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--layout", default="single_computer", help="a folder of inventory/ (default: %(default)s)")
-    layout = parser.parse_args().layout
+    parser.add_argument("--name", default="demo", help="the name of the lab (default: %(default)s)")
+    options = parser.parse_args()
+    layout = options.layout
     if not (ROOT / "inventory" / layout).is_dir():
         layouts = ", ".join(sorted(path.name for path in (ROOT / "inventory").iterdir() if path.is_dir()))
         print(f"demo: there is no layout {layout}; expected one of {layouts}", file=sys.stderr)
         return 2
     try:
-        return int(not demonstrate(layout))
+        return int(not demonstrate(layout, options.name))
     except LabError as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-LAB = "faults"
+LAB = "systems"
 INVENTORY = ROOT / "inventory" / "single_computer"
 sys.path.insert(0, str(ROOT / "tests" / "lab"))
 

@@ -341,7 +341,7 @@ def test_a_mounted_file_is_repaired_after_kills_in_the_middle(machine):
     """Big enough to be hit while it is written: the record stands exactly as long as the writing takes."""
     big = OLD + b"# " + b"x" * 2_000_000 + b"\n"
     record = machine.records / "hosts_entries.json"
-    for _ in range(8):
+    for attempt in range(8):
         machine.hosts.write_bytes(big)
         child = subprocess.Popen(machine.command(mounted=True), env=environment(), stdout=subprocess.DEVNULL)
         while child.poll() is None and not record.exists():

@@ -162,7 +162,7 @@ def test_a_foreign_file_that_is_right_stays_foreign(place):
         (lambda path: (path.write_text("F"), path.chmod(0o600)), "a file of 1 bytes with mode 0600"),
         (lambda path: path.symlink_to("/dev/null"), "a symbolic link to /dev/null"),
         (lambda path: path.mkdir(), "a folder"),
-        (lambda path: os.mkfifo(path), "a device, pipe or socket"),
+        (os.mkfifo, "a device, pipe or socket"),
     ],
 )
 def test_what_is_not_ours_is_a_sentence_before_any_change(place, make, said):

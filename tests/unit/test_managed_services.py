@@ -47,10 +47,10 @@ def absent(name):
     return state(name, load="not-found", active="inactive", sub="dead", file_state="", fragment="", pid="0", inputs="")
 
 
-def plan(states=(), units=UNITS, removed=(), texts=None, pending=()):
+def plan(states=(), units=None, removed=(), texts=None, pending=()):
     known = {name: state(name) for name in [*NAMES, *removed]}
     known.update({entry.name: entry for entry in states})
-    return _units.plan(list(units), list(removed), known, texts or {}, pending)
+    return _units.plan(UNITS if units is None else list(units), list(removed), known, texts or {}, pending)
 
 
 def actions(steps):
