@@ -16,6 +16,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import
 # actionlib: an action NAME is these five topics (section 2 of the report).
 ACTION_TOPICS = ("goal", "cancel", "status", "feedback", "result")
 
+# Upstream's timeout_factor: at one heartbeat a second, a robot that lost its power is offline after 5 x 2 = 10 s, and
+# ten datagrams in a row do not get lost.
+SILENCE = 2
+
 # What the verification publishes while it runs, so that it can tell under a white list too whether topics cross.
 VERIFICATION_TOPICS = "/multimaster_verify/*"
 
@@ -130,6 +134,7 @@ def _discovery(fleet: Fleet, robot: Robot) -> dict[str, Any]:
         "interface": robot.master.address,
         "rpc_port": robot.rpc_port,
         "heartbeat_hz": fleet.heartbeat_hz,
+        "timeout_factor": SILENCE,
         "send_mcast": multicast,
         "listen_mcast": multicast,
         "robot_hosts": peers if fleet.transport in ("both", "unicast") else [],

@@ -49,18 +49,25 @@ class Lab:
     def wait_until_up(self, host):
         containers.wait(containers.container(LAB, host))
 
-    def play(self, name, *options, variables=None):
+    def play(self, name, *options, variables=None, programs=Path(sys.executable).parent):
         """Run a playbook; returns its exit status and its output on one line."""
         extra = ["-e", json.dumps(variables)] if variables else []
-        return self._ansible("ansible-playbook", name, *options, *extra)
+        return self._ansible(programs / "ansible-playbook", name, *options, *extra)
 
     def module(self, host, name, arguments):
         """Run one module of the collection on a computer; returns exit status and output on one line."""
-        return self._ansible("ansible", host, "-m", f"rosfleet.multimaster.{name}", "-a", json.dumps(arguments))
+        return self._ansible(
+            Path(sys.executable).with_name("ansible"),
+            host,
+            "-m",
+            f"rosfleet.multimaster.{name}",
+            "-a",
+            json.dumps(arguments),
+        )
 
-    def _ansible(self, tool, *words):
+    def _ansible(self, program, *words):
         done = subprocess.run(
-            [Path(sys.executable).with_name(tool), "-i", INVENTORY, "-i", self.connection, *words],
+            [program, "-i", INVENTORY, "-i", self.connection, *words],
             cwd=ROOT,
             env={**os.environ, "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"), "ANSIBLE_NOCOLOR": "1"},
             capture_output=True,

@@ -74,6 +74,7 @@ def test_plan_of_figure_5():
         "interface": "192.168.1.229",
         "rpc_port": 11611,
         "heartbeat_hz": 1.0,
+        "timeout_factor": 2,
         "send_mcast": True,
         "listen_mcast": True,
         "robot_hosts": ["192.168.1.239"],
