@@ -116,9 +116,9 @@ def test_a_node_with_the_name_of_a_local_one_is_refused_and_reported(lab):
     for host, other in ((FIRST, "2"), (SECOND, "1")):
         log = eventually(
             lambda host=host: lab.run(host, "journalctl --unit multimaster-sync --output cat --since -60s"),
-            lambda text: "twin" in text,
+            lambda text: "/twin" in text,
         )
-        assert "/twin" in log
+        assert re.search(r"the node /twin at \S+ is refused: here it is", log), log
         assert f"/here{other}" not in lab.run(host, "rostopic list").split()
         assert lab.run(host, "systemctl is-active twin").strip() == "active"
     for host in (FIRST, SECOND):

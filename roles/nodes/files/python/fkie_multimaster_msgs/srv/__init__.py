@@ -1,0 +1,4 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+from ._DiscoverMasters import *
+from ._GetSyncInfo import *

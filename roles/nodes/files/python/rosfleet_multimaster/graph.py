@@ -1,0 +1,258 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The state of a master: from the roscore's answers to the document that other masters read, and back.
+
+Locality is decided by origin. What a node of this robot registered is of this master and "local", on whichever computer
+it runs; what master_sync registered for another master carries that master's URI and is "remote".
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+
+from .filters import Rules
+
+LOCAL, REMOTE = "local", "remote"
+Endpoints = Mapping[str, Tuple[str, ...]]  # topic or service -> nodes
+Origins = Mapping[Tuple[str, str], str]  # (node, URI of the node) -> URI of the master that it is of
+
+
+class Malformed(ValueError):
+    """The document is no state of a master; the text says where."""
+
+
+class Node(NamedTuple):
+    """A node, and where it is from."""
+
+    uri: Optional[str]
+    origin: str
+    locality: str
+    pid: Optional[int] = None
+
+
+class Provider(NamedTuple):
+    """The provider of a service, and where it is from."""
+
+    uri: Optional[str]
+    origin: str
+    locality: str
+    type: str = ""
+
+
+@dataclass(frozen=True)
+class State:
+    """The state of one master."""
+
+    uri: str
+    name: str
+    stamp: float = 0.0  # wall clock, when the state was first seen as it is
+    local_stamp: float = 0.0  # the same for what is of this master
+    publishers: Endpoints = field(default_factory=dict)
+    subscribers: Endpoints = field(default_factory=dict)
+    services: Endpoints = field(default_factory=dict)
+    types: Mapping[str, str] = field(default_factory=dict)
+    nodes: Mapping[str, Node] = field(default_factory=dict)
+    providers: Mapping[str, Provider] = field(default_factory=dict)
+
+
+# From the roscore
+
+
+class Graph(NamedTuple):
+    """What getSystemState and getTopicTypes of a roscore say."""
+
+    publishers: Dict[str, Tuple[str, ...]]
+    subscribers: Dict[str, Tuple[str, ...]]
+    services: Dict[str, Tuple[str, ...]]
+    types: Dict[str, str]
+
+    def nodes(self) -> Set[str]:
+        """The names of all nodes."""
+        return {node for endpoints in self[:3] for nodes in endpoints.values() for node in nodes}
+
+
+def graph_of(system_state: Sequence[Any], topic_types: Sequence[Any]) -> Graph:
+    """The graph from the values of getSystemState and getTopicTypes."""
+    publishers, subscribers, services = (
+        {str(name): tuple(sorted(map(str, nodes))) for name, nodes in part} for part in system_state
+    )
+    return Graph(publishers, subscribers, services, {str(topic): str(kind) for topic, kind in topic_types})
+
+
+def build(
+    uri: str,
+    name: str,
+    graph: Graph,
+    node_uris: Mapping[str, str],
+    service_uris: Mapping[str, str],
+    origins: Origins,
+) -> State:
+    """The state of a master, without stamps. `origins` names the nodes that are of other masters."""
+
+    def origin(node: str) -> str:
+        return origins.get((node, node_uris.get(node, "")), uri)
+
+    def locality(of: str) -> str:
+        return LOCAL if of == uri else REMOTE
+
+    nodes = {node: Node(node_uris.get(node), origin(node), locality(origin(node))) for node in graph.nodes()}
+    providers = {
+        service: Provider(service_uris.get(service), origin(users[0]), locality(origin(users[0])))
+        for service, users in graph.services.items()
+        if users
+    }
+    used = {topic: graph.types[topic] for topic in {**graph.publishers, **graph.subscribers} if topic in graph.types}
+    return State(
+        uri=uri,
+        name=name,
+        publishers=graph.publishers,
+        subscribers=graph.subscribers,
+        services=graph.services,
+        types=used,
+        nodes=nodes,
+        providers=providers,
+    )
+
+
+def stamped(state: State, before: Optional[State], wall: float) -> State:
+    """The state with its stamps: `wall` (Unix time, seconds) where it changed, else those from before."""
+    if before is None:
+        return replace(state, stamp=wall, local_stamp=wall)
+    if replace(state, stamp=before.stamp, local_stamp=before.local_stamp) == before:
+        return before
+    stamp = _other(wall, before.stamp)
+    return replace(state, stamp=stamp, local_stamp=before.local_stamp if own(state) == own(before) else stamp)
+
+
+def _other(wall: float, before: float) -> float:
+    """A stamp says "changed" by being another one; the clock may have stepped back to exactly the old one."""
+    return wall if abs(wall - before) > 1e-6 else wall + 1e-5
+
+
+def own(state: State) -> Tuple[Any, ...]:
+    """The part of a state that is of its own master."""
+
+    def mine(endpoints: Endpoints) -> Dict[str, Tuple[str, ...]]:
+        left = {name: tuple(node for node in nodes if node in nodes_of) for name, nodes in endpoints.items()}
+        return {name: nodes for name, nodes in left.items() if nodes}
+
+    nodes_of = {name: node for name, node in state.nodes.items() if node.origin == state.uri}
+    publishers, subscribers, services = mine(state.publishers), mine(state.subscribers), mine(state.services)
+    types = {topic: state.types.get(topic) for topic in {**publishers, **subscribers}}
+    providers = {service: state.providers.get(service) for service in services}
+    return publishers, subscribers, services, types, nodes_of, providers
+
+
+# The document
+
+
+def stamp_text(stamp: float) -> str:
+    """A stamp as masterInfo and masterContacts write it."""
+    return f"{stamp:.9f}"
+
+
+def document(state: State, rules: Iterable[Rules] = ()) -> List[Any]:
+    """The ten elements of masterInfo; what one of the rules does not want is left out."""
+    every = list(rules)
+
+    def topics(endpoints: Endpoints, publisher: bool) -> List[Any]:
+        found = []
+        for topic, users in endpoints.items():
+            kind = state.types.get(topic, "")
+            left = [node for node in users if all(rule.topic(node, topic, kind, publisher) for rule in every)]
+            if left:
+                found.append([topic, left])
+        return found
+
+    def services() -> List[Any]:
+        found = []
+        for service, users in state.services.items():
+            left = [node for node in users if all(rule.service(node, service) for rule in every)]
+            if left:
+                found.append([service, left])
+        return found
+
+    publishers, subscribers, provided = topics(state.publishers, True), topics(state.subscribers, False), services()
+    names = dict.fromkeys(name for name, _nodes in publishers + subscribers)
+    used = dict.fromkeys(node for _name, nodes in publishers + subscribers + provided for node in nodes)
+    return [
+        stamp_text(state.stamp),
+        stamp_text(state.local_stamp),
+        state.uri,
+        state.name,
+        publishers,
+        subscribers,
+        provided,
+        [[topic, state.types[topic]] for topic in names if topic in state.types],
+        [[name, node.uri, node.origin, node.pid, node.locality] for name, node in _pick(state.nodes, used)],
+        [
+            [name, provider.uri, provider.origin, provider.type, provider.locality]
+            for name, provider in _pick(state.providers, (service for service, _nodes in provided))
+        ],
+    ]
+
+
+def _pick(table: Mapping[str, Any], names: Iterable[str]) -> List[Tuple[str, Any]]:
+    return [(name, table[name]) for name in names if name in table]
+
+
+def parse(value: Any) -> State:
+    """The state in a document from another computer. Raises Malformed."""
+    if not isinstance(value, (list, tuple)) or len(value) != 10:
+        raise Malformed("not an array of ten elements")
+    try:
+        stamp, local_stamp = float(value[0]), float(value[1])
+    except (TypeError, ValueError):
+        raise Malformed("its stamps are no numbers") from None
+    uri, name = _text(value[2], "the URI"), _text(value[3], "the name")
+    return State(
+        uri=uri,
+        name=name,
+        stamp=stamp,
+        local_stamp=local_stamp,
+        publishers=_endpoints(value[4], "publishers"),
+        subscribers=_endpoints(value[5], "subscribers"),
+        services=_endpoints(value[6], "services"),
+        types={_text(topic, "a topic"): _text(kind, "a type") for topic, kind in _rows(value[7], 2, "topic types")},
+        nodes={
+            _text(node, "a node"): Node(
+                _uri(where, "http://"), _text(origin, "an origin"), _text(locality, "a locality")
+            )
+            for node, where, origin, _pid, locality in _rows(value[8], 5, "nodes")
+        },
+        providers={
+            _text(service, "a service"): Provider(
+                _uri(where, "rosrpc://"),
+                _text(origin, "an origin"),
+                _text(locality, "a locality"),
+                _text(kind, "a type"),
+            )
+            for service, where, origin, kind, locality in _rows(value[9], 5, "service providers")
+        },
+    )
+
+
+def _rows(value: Any, width: int, what: str) -> List[Any]:
+    if not isinstance(value, (list, tuple)) or any(
+        not isinstance(row, (list, tuple)) or len(row) != width for row in value
+    ):
+        raise Malformed(f"its {what} are no array of arrays of {width}")
+    return list(value)
+
+
+def _text(value: Any, what: str) -> str:
+    if not isinstance(value, str):
+        raise Malformed(f"{what} is no text")
+    return value
+
+
+def _uri(value: Any, scheme: str) -> Optional[str]:
+    return value if isinstance(value, str) and value.startswith(scheme) else None
+
+
+def _endpoints(value: Any, what: str) -> Dict[str, Tuple[str, ...]]:
+    found = {}
+    for name, nodes in _rows(value, 2, what):
+        if not isinstance(nodes, (list, tuple)):
+            raise Malformed(f"the nodes of {what} are no array")
+        found[_text(name, what)] = tuple(_text(node, "a node") for node in nodes)
+    return found

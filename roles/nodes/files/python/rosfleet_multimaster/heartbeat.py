@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The 24-byte record that discovery nodes exchange by UDP.
+
+Little endian with explicit padding: what upstream's native structure is on x86-64 and aarch64.
+"""
+
+import struct
+from enum import Enum
+from typing import NamedTuple
+
+SIZE = 24
+_RECORD = struct.Struct("<cBBxiiHxxii")
+_MARK = b"R"
+_VERSION = 2
+_VERSION_WITH_REQUESTS = 3
+_GONE = -1
+MAX_RATE = 25.5  # Hz: one byte, in tenths
+
+
+class Malformed(ValueError):
+    """The datagram is no record of this protocol; the text says why, in a few words."""
+
+
+class Stamp(NamedTuple):
+    """A time of the sender's wall clock, as it stands in the record."""
+
+    secs: int = 0
+    nsecs: int = 0
+
+    @classmethod
+    def at(cls, seconds: float) -> "Stamp":
+        """The stamp of a Unix time in seconds."""
+        whole = int(seconds)
+        return cls(whole, int((seconds - whole) * 1e9))
+
+    @property
+    def seconds(self) -> float:
+        """Unix time in seconds; equal, as a double, to the text "%.9f" of the time it was made from."""
+        return self.secs + self.nsecs / 1e9
+
+
+class Kind(Enum):
+    """What a record says."""
+
+    STATE = "state"  # I am here, and my state has this stamp
+    REQUEST = "request"  # tell me your state
+    LEAVE = "leave"  # I go
+
+
+class Heartbeat(NamedTuple):
+    """One record."""
+
+    kind: Kind
+    rpc_port: int
+    rate: float = 0.0  # Hz, 0 where the sender promises none
+    stamp: Stamp = Stamp()  # anything of the state changed
+    local_stamp: Stamp = Stamp()  # something of this master changed
+
+
+def encode(heartbeat: Heartbeat) -> bytes:
+    """The datagram of a record."""
+    version, stamp, local_stamp = _VERSION, heartbeat.stamp, heartbeat.local_stamp
+    if heartbeat.kind is Kind.REQUEST:
+        version, stamp, local_stamp = _VERSION_WITH_REQUESTS, Stamp(), Stamp()
+    elif heartbeat.kind is Kind.LEAVE:
+        stamp = local_stamp = Stamp(_GONE, _GONE)
+    rate = int(min(max(heartbeat.rate, 0.0), MAX_RATE) * 10)
+    return _RECORD.pack(_MARK, version, rate, *stamp, heartbeat.rpc_port, *local_stamp)
+
+
+def decode(datagram: bytes) -> Heartbeat:
+    """The record of a datagram. Raises Malformed."""
+    if len(datagram) > 1 and datagram[1] not in (_VERSION, _VERSION_WITH_REQUESTS):
+        raise Malformed(f"version {datagram[1]} instead of {_VERSION} or {_VERSION_WITH_REQUESTS}")
+    if datagram[:1] != _MARK:
+        raise Malformed("it does not begin with the letter R")
+    if len(datagram) != SIZE:
+        raise Malformed(f"{len(datagram)} bytes instead of {SIZE}")
+    _mark, version, rate, secs, nsecs, rpc_port, local_secs, local_nsecs = _RECORD.unpack(datagram)
+    stamp, local_stamp = Stamp(secs, nsecs), Stamp(local_secs, local_nsecs)
+    kind = Kind.STATE
+    if _GONE in (secs, local_secs):
+        kind = Kind.LEAVE
+    elif version == _VERSION_WITH_REQUESTS and stamp == Stamp():
+        kind = Kind.REQUEST
+    return Heartbeat(kind, rpc_port, rate / 10, stamp, local_stamp)

@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The private parameters of the two nodes: names, defaults, types, and the sentences about wrong ones."""
+
+import difflib
+import ipaddress
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
+
+from .filters import HOSTS, NAMES, Filters, InvalidPattern
+
+
+class ParameterError(ValueError):
+    """One sentence: which parameter, what was found, what is expected."""
+
+
+class Parameter(NamedTuple):
+    """A parameter: its default (None: worked out at the start) and what is accepted."""
+
+    default: Any
+    kind: str
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _port(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 < value < 65536
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(item, str) for item in value)
+
+
+def _patterns(value: Any) -> bool:
+    return isinstance(value, (str, list, dict))
+
+
+KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
+    "text": ("a text", lambda value: isinstance(value, str)),
+    "flag": ("true or false", lambda value: isinstance(value, bool)),
+    "port": ("a port number from 1 to 65535", _port),
+    "rate": ("a number above 0", lambda value: _number(value) and value > 0),
+    "seconds": ("a number of seconds", _number),
+    "count": ("a whole number of at least 1", lambda value: isinstance(value, int) and value >= 1),
+    "texts": ("a list of texts", _texts),
+    "patterns": ("a list of patterns, or a mapping from a master's name to one", _patterns),
+    "level": ("DEBUG, INFO, WARN, ERROR or FATAL", lambda value: value in ("DEBUG", "INFO", "WARN", "ERROR", "FATAL")),
+}
+
+DISCOVERY: Mapping[str, Parameter] = {
+    "name": Parameter("", "text"),
+    "mcast_group": Parameter("226.0.0.0", "text"),
+    "mcast_port": Parameter(11511, "port"),
+    "interface": Parameter("", "text"),
+    "rpc_port": Parameter(None, "port"),
+    "rpc_addr": Parameter("", "text"),
+    "rosmaster_hz": Parameter(2.0, "rate"),
+    "heartbeat_hz": Parameter(0.02, "rate"),
+    "measurement_intervals": Parameter(5, "count"),
+    "timeout_factor": Parameter(10.0, "rate"),
+    "remove_after": Parameter(300.0, "seconds"),
+    "active_request_after": Parameter(60.0, "seconds"),
+    "robot_hosts": Parameter([], "texts"),
+    "send_mcast": Parameter(True, "flag"),
+    "listen_mcast": Parameter(True, "flag"),
+    "hide_nodes": Parameter([], "patterns"),
+    "hide_topics": Parameter([], "patterns"),
+    "hide_services": Parameter([], "patterns"),
+    "do_not_sync": Parameter([], "patterns"),
+    "log_level": Parameter("INFO", "level"),
+}
+
+SYNC: Mapping[str, Parameter] = {
+    **{name: Parameter([], "patterns") for name in (*HOSTS, *NAMES)},
+    "sync_topics_on_demand": Parameter(False, "flag"),
+    "sync_remote_nodes": Parameter(False, "flag"),
+    "resync_on_reconnect": Parameter(True, "flag"),
+    "resync_on_reconnect_timeout": Parameter(0.0, "seconds"),
+    "log_level": Parameter("INFO", "level"),
+}
+
+# Parameters of upstream that these nodes do not need, and why.
+WITHOUT_EFFECT: Mapping[str, str] = {
+    "change_notification_count": "a change is always announced three times",
+    "check_host": "what belongs to this master is known by its origin",
+    "interface_url": "filters are parameters here: give the lists themselves",
+}
+
+
+def overlay(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> Tuple[Dict[str, Any], List[str]]:
+    """All parameters, and a warning for every name that is not known. Raises ParameterError."""
+    values: Dict[str, Any] = {name: parameter.default for name, parameter in table.items()}
+    warnings = []
+    for name, value in given.items():
+        if name in table:
+            expected, accepts = KINDS[table[name].kind]
+            if not accepts(value):
+                raise ParameterError(f"~{name} is {value!r}, but {expected} is expected")
+            values[name] = value
+        elif name in WITHOUT_EFFECT:
+            warnings.append(f"~{name} has no effect: {WITHOUT_EFFECT[name]}")
+        elif table is SYNC and isinstance(value, dict) and set(value) <= {*NAMES, *HOSTS}:
+            values[name] = value  # the filters of one host
+        else:
+            near = difflib.get_close_matches(name, table, n=1, cutoff=0.5)
+            warnings.append(
+                f"~{name} is no parameter of this node and is ignored" + (f"; did you mean ~{near[0]}?" if near else "")
+            )
+    _check(table, values)
+    return values, warnings
+
+
+def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
+    try:
+        Filters(values).check()
+        for name in ("hide_nodes", "hide_topics", "hide_services"):
+            Filters({"ignore_nodes": values.get(name)}).check()
+    except InvalidPattern as problem:
+        raise ParameterError(f"~{problem}") from None
+    if table is DISCOVERY:
+        group = values["mcast_group"].partition("@")[0]
+        try:
+            multicast = ipaddress.IPv4Address(group).is_multicast
+        except ValueError:
+            multicast = False
+        if not multicast:
+            raise ParameterError(
+                f"~mcast_group is {values['mcast_group']!r}, but an IPv4 multicast group is expected, such as 226.0.0.0"
+            )

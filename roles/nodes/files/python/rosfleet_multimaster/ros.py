@@ -1,0 +1,228 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The ROS side of the two nodes: the only module that imports rospy and the message classes."""
+
+import logging
+import os
+import sys
+import urllib.parse
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+
+# rospy would write log files: its configuration is replaced before it is imported.
+os.environ["ROS_PYTHON_LOG_CONFIG_FILE"] = os.path.join(os.path.dirname(os.path.abspath(__file__)), "logging.conf")
+if "RUNTIME_DIRECTORY" in os.environ:  # systemd's: the only folder that a service may write
+    os.environ.setdefault("ROS_HOME", os.environ["RUNTIME_DIRECTORY"])
+    os.environ.setdefault("ROS_LOG_DIR", os.environ["RUNTIME_DIRECTORY"])
+
+import genpy  # noqa: E402
+import rosgraph  # noqa: E402
+import rosgraph.network  # noqa: E402
+import roslib.message  # noqa: E402
+import rospy  # noqa: E402
+import std_srvs.srv  # noqa: E402
+from fkie_multimaster_msgs import msg, srv  # noqa: E402
+
+from .discovery_core import Link, Master  # noqa: E402
+from .sync_core import Announced, Registration  # noqa: E402
+
+try:
+    import diagnostic_msgs.msg as diagnostics
+except ImportError:  # not everywhere installed: then there is no /diagnostics
+    diagnostics = None
+
+_log = logging.getLogger("rosfleet.ros")
+
+CHANGES_TYPE = "MasterState"  # the topic of discovery is known by the end of its type,
+LIST_MASTERS = "list_masters"  # and its service by the end of its name
+GET_SYNC_INFO = "get_sync_info"
+
+
+def master_uri() -> str:
+    """ROS_MASTER_URI."""
+    return str(rosgraph.get_master_uri())
+
+
+def hostname() -> str:
+    """How this computer is called in URIs: ROS_HOSTNAME, ROS_IP or its own name."""
+    return str(rosgraph.network.get_host_name())
+
+
+def node_name(default: str) -> str:
+    """The full name that the node will have, remappings considered."""
+    mappings = rosgraph.names.load_mappings(sys.argv)
+    namespace = mappings.get("__ns", os.environ.get("ROS_NAMESPACE", "/"))
+    return str(rosgraph.names.ns_join(rosgraph.names.make_global_ns(namespace), mappings.get("__name", default)))
+
+
+def start(default_name: str) -> Tuple[str, str]:
+    """Become a ROS node; its name and URI. Signals stay with the program."""
+    rospy.init_node(default_name, disable_signals=True, log_level=rospy.WARN)
+    return rospy.get_name(), str(rospy.get_node_uri())
+
+
+def ended_by(callback: Callable[[str], None]) -> None:
+    """Tell why somebody else ended the node (another node with its name, `rosnode kill`)."""
+    rospy.core.add_preshutdown_hook(lambda reason: callback(str(reason)))
+
+
+def stop(reason: str) -> None:
+    """Withdraw the node's registrations."""
+    rospy.signal_shutdown(reason)
+
+
+def md5sum(type_name: str) -> Optional[str]:
+    """The md5 sum of a message type, None where it is not installed."""
+    try:
+        found = roslib.message.get_message_class(type_name)
+    except Exception:  # whatever the import of a foreign package raises
+        return None
+    return str(found._md5sum) if found else None
+
+
+# Messages
+
+
+def _time(seconds: float) -> Any:
+    whole = int(seconds)
+    return genpy.Time(whole, int((seconds - whole) * 1e9))
+
+
+def _ros_master(master: Master) -> Any:
+    return msg.ROSMaster(
+        name=master.name,
+        uri=master.uri,
+        last_change=_time(master.stamp),
+        last_change_local=_time(master.local_stamp),
+        online=master.online,
+        discoverer_name=master.discoverer,
+        monitoruri=master.monitor_uri,
+    )
+
+
+def _announced(master: Any) -> Announced:
+    stamp, local_stamp = master.last_change.to_sec(), master.last_change_local.to_sec()
+    return Announced(
+        master.name, master.uri, master.monitoruri, master.discoverer_name, stamp, local_stamp, master.online
+    )
+
+
+# master_discovery
+
+
+class DiscoveryNode:
+    """The topics and services of master_discovery."""
+
+    def __init__(self, masters: Callable[[], Sequence[Master]], refresh: Callable[[], None]) -> None:
+        """`masters` and `refresh` are called in threads of rospy."""
+        self._changes = rospy.Publisher("~changes", msg.MasterState, queue_size=100)
+        self._links = rospy.Publisher("~linkstats", msg.LinkStatesStamped, queue_size=1)
+
+        def listed(_request: Any) -> Any:
+            return srv.DiscoverMastersResponse([_ros_master(master) for master in masters()])
+
+        def refreshed(_request: Any) -> Any:
+            refresh()
+            return std_srvs.srv.EmptyResponse()
+
+        self.list_masters = rospy.Service("~list_masters", srv.DiscoverMasters, listed)
+        rospy.Service("~refresh", std_srvs.srv.Empty, refreshed)
+
+    def service_uri(self) -> Tuple[str, str]:
+        """Name and URI of a service of this node: what the roscore must know."""
+        return str(self.list_masters.resolved_name), str(self.list_masters.uri)
+
+    def changed(self, change: str, master: Master) -> None:
+        """Publish that a master is new, changed or removed."""
+        self._changes.publish(msg.MasterState(state=change, master=_ros_master(master)))
+
+    def links(self, own_name: str, links: Iterable[Link], now: float) -> None:
+        """Publish the quality of the links; `now` is the wall clock."""
+        if self._links.get_num_connections() == 0:
+            return
+        message = msg.LinkStatesStamped()
+        message.header.stamp, message.header.frame_id = _time(now), own_name
+        message.links = [msg.LinkState(link.name, link.quality, _time(now - link.silent)) for link in links]
+        self._links.publish(message)
+
+
+def sync_info(service: str) -> Dict[Tuple[str, str], str]:
+    """(node, URI) -> URI of its master: what another implementation of master_sync has registered. Blocks; may raise."""
+    found = {}
+    for host in rospy.ServiceProxy(service, srv.GetSyncInfo)().hosts:
+        for entry in [*host.publisher, *host.subscriber, *host.services]:
+            found[(entry.node, entry.nodeuri)] = host.masteruri
+    return found
+
+
+# master_sync
+
+
+class SyncNode:
+    """The topics and services of master_sync."""
+
+    def __init__(self, held: Callable[[], Mapping[Registration, str]]) -> None:
+        """`held` is called in threads of rospy."""
+        self._subscriber: Any = None
+        self._subscribed = ""
+        self._diagnostics = diagnostics and rospy.Publisher(
+            "/diagnostics", diagnostics.DiagnosticArray, queue_size=1, latch=True
+        )
+        self._service = rospy.Service("~get_sync_info", srv.GetSyncInfo, lambda _request: _sync_info(held()))
+
+    def service_uri(self) -> Tuple[str, str]:
+        """Name and URI of a service of this node: what the roscore must know."""
+        return str(self._service.resolved_name), str(self._service.uri)
+
+    def subscribe(self, topic: str, callback: Callable[[str, Announced], None]) -> None:
+        """Listen to `~changes` of the discovery node; `callback` is called in a thread of rospy."""
+        if topic != self._subscribed:
+            if self._subscriber is not None:
+                self._subscriber.unregister()
+            self._subscriber = rospy.Subscriber(
+                topic,
+                msg.MasterState,
+                lambda message: callback(message.state, _announced(message.master)),
+                queue_size=1000,
+            )
+            self._subscribed = topic
+
+    def diagnose(self, texts: Sequence[Tuple[str, str]], name: str, now: float) -> None:
+        """Say on /diagnostics what is wrong: (what, who has it); nothing is a message too."""
+        if not self._diagnostics:
+            return
+        status = diagnostics.DiagnosticStatus(
+            level=diagnostics.DiagnosticStatus.WARN if texts else diagnostics.DiagnosticStatus.OK,
+            name=f"{name.lstrip('/')}: names",
+            message=f"refused, since the name is taken here: {len(texts)}" if texts else "OK",
+            hardware_id=hostname(),
+            values=[diagnostics.KeyValue(key, value) for key, value in texts],
+        )
+        message = diagnostics.DiagnosticArray(status=[status])
+        message.header.stamp = _time(now)
+        self._diagnostics.publish(message)
+
+
+def list_masters(service: str) -> List[Announced]:
+    """The list of a discovery node. Blocks; may raise."""
+    return [_announced(master) for master in rospy.ServiceProxy(service, srv.DiscoverMasters)().masters]
+
+
+def _sync_info(held: Mapping[Registration, str]) -> Any:
+    hosts: Dict[str, Any] = {}
+    for entry, master in sorted(held.items()):
+        host = hosts.setdefault(master, msg.SyncMasterInfo(masteruri=master))
+        if entry.node not in host.nodes:
+            host.nodes.append(entry.node)
+        if entry.kind == "service":
+            host.services.append(msg.SyncServiceInfo(entry.name, entry.service_uri, entry.node, entry.node_uri))
+        else:
+            part = host.publisher if entry.kind == "publisher" else host.subscriber
+            part.append(msg.SyncTopicInfo(entry.name, entry.node, entry.node_uri))
+    return srv.GetSyncInfoResponse(list(hosts.values()))
+
+
+def master_name(uri: str) -> str:
+    """The name of a master by upstream's rule: the host of its URI, and the port of ROS_MASTER_URI where it is unusual."""
+    port = urllib.parse.urlsplit(master_uri()).port
+    host = urllib.parse.urlsplit(uri).hostname or ""
+    return host if port in (None, 11311) else f"{host}_{port}"

@@ -1,0 +1,427 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is registered for other masters: lists and documents in, calls to the own roscore out.
+
+There is no bookkeeping beside the roscore itself. What we registered is what the roscore holds for the nodes that we
+claim; the claims are written to the parameter server before the registrations, so they live exactly as long, and outlive
+a killed master_sync. Every round compares what is wanted with what the roscore holds.
+
+Free of sockets, threads and clocks: times are arguments, in seconds of a clock that never steps.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+
+from .filters import Filters, Rules
+from .graph import LOCAL, State
+
+COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
+RETRY = (0.2, 1.0, 3.0, 10.0, 30.0)  # seconds after failed fetches
+MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
+
+NodeKey = Tuple[str, str]  # name and URI of a node
+Claims = Dict[NodeKey, str]  # nodes that we registered -> URI of the master that they are of
+
+
+class Registration(NamedTuple):
+    """One registration of a node of another master."""
+
+    kind: str  # publisher, subscriber, service
+    name: str
+    node: str
+    node_uri: str
+    service_uri: str = ""
+
+    @property
+    def of(self) -> NodeKey:
+        """The node."""
+        return self.node, self.node_uri
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.name} of {self.node}"
+
+
+@dataclass
+class View:
+    """What the own roscore holds; URIs only of the nodes and services that were asked for."""
+
+    publishers: Mapping[str, Sequence[str]]
+    subscribers: Mapping[str, Sequence[str]]
+    services: Mapping[str, Sequence[str]]
+    types: Mapping[str, str]
+    node_uris: Mapping[str, str] = field(default_factory=dict)
+    service_uris: Mapping[str, str] = field(default_factory=dict)
+
+    def registrations(self, claims: Iterable[NodeKey]) -> Set[Registration]:
+        """Everything that the claimed nodes have registered."""
+        claimed = {node: uri for node, uri in claims if self.node_uris.get(node) == uri}
+        found = set()
+        for kind, table in (
+            ("publisher", self.publishers),
+            ("subscriber", self.subscribers),
+            ("service", self.services),
+        ):
+            for name, nodes in table.items():
+                for node in nodes:
+                    if node in claimed:
+                        service_uri = self.service_uris.get(name, "") if kind == "service" else ""
+                        found.add(Registration(kind, name, node, claimed[node], service_uri))
+        return found
+
+    def own_topics(self, claims: Mapping[NodeKey, str]) -> Set[str]:
+        """The topics that nodes have which are not claimed."""
+        claimed = {node for node, uri in claims if self.node_uris.get(node) == uri}
+        tables = (self.publishers, self.subscribers)
+        return {
+            topic for table in tables for topic, nodes in table.items() if any(node not in claimed for node in nodes)
+        }
+
+
+class Refusal(NamedTuple):
+    """A registration that is not made, since another node or service has the name."""
+
+    kind: str  # node, service
+    name: str
+    master: str  # name of the master that it is of
+    uri: str
+    holder: str  # URI of who has the name here
+
+
+@dataclass
+class Plan:
+    """What to do now."""
+
+    claims: Claims
+    unregister: List[Registration]
+    register: List[Registration]
+    held: Dict[Registration, str]  # what will be held after it -> URI of its master
+    refused: List[Refusal]
+
+
+class Wanted(NamedTuple):
+    """A wanted registration and the master that it is of."""
+
+    registration: Registration
+    master_uri: str
+    master: str
+
+
+def plan(wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str]) -> Plan:
+    """Wanted, held and foreign registrations in, calls out.
+
+    A node whose name another node has is refused (a roscore would shut down the older one, on whichever robot it runs);
+    so is a service whose name another provider has. Among several masters the one that holds a name keeps it.
+    """
+    refused: Dict[Refusal, None] = {}
+    owner = _owners(wanted, view, claims, refused)
+    provider = _providers(
+        [item for item in wanted if owner.get(item.registration.node) == item.registration.node_uri],
+        view,
+        claims,
+        refused,
+    )
+    held: Dict[Registration, str] = {}
+    for item in wanted:
+        registration = item.registration
+        if owner.get(registration.node) != registration.node_uri:
+            continue
+        if registration.kind == "service" and provider.get(registration.name) != registration.service_uri:
+            continue
+        held.setdefault(registration, item.master_uri)
+    ours = view.registrations(claims)
+    after = {registration.of: master for registration, master in held.items()}
+    return Plan(
+        claims={**{item.of: claims[item.of] for item in ours}, **after},
+        unregister=sorted(ours - set(held)),
+        register=sorted(set(held) - ours),
+        held=held,
+        refused=list(refused),
+    )
+
+
+def _owners(
+    wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str], refused: Dict[Refusal, None]
+) -> Dict[str, str]:
+    """Node name -> URI of the node that is to have it here."""
+    claimants: Dict[str, List[Wanted]] = {}
+    for item in wanted:
+        claimants.setdefault(item.registration.node, []).append(item)
+    owner = {}
+    for node, items in claimants.items():
+        current = view.node_uris.get(node)
+        uris = [item.registration.node_uri for item in items]
+        if current is None or (node, current) in claims:
+            owner[node] = current if current in uris else uris[0]
+        for item in items:
+            uri = item.registration.node_uri
+            if uri != owner.get(node) and uri != current:  # the same URI: the own node, seen through another master
+                refused[Refusal("node", node, item.master, uri, owner.get(node) or current or "")] = None
+    return owner
+
+
+def _providers(
+    wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str], refused: Dict[Refusal, None]
+) -> Dict[str, str]:
+    """Service name -> URI of the provider that is to have it here."""
+    provider: Dict[str, str] = {}
+    uris: Dict[str, List[str]] = {}
+    for item in wanted:
+        if item.registration.kind == "service":
+            uris.setdefault(item.registration.name, []).append(item.registration.service_uri)
+    for name, offered in uris.items():
+        current, users = view.service_uris.get(name), view.services.get(name, ())
+        ours = all((user, view.node_uris.get(user, "")) in claims for user in users)
+        if current is None or ours:
+            provider[name] = current if current in offered else offered[0]
+    for item in wanted:
+        name, uri = item.registration.name, item.registration.service_uri
+        if item.registration.kind == "service" and uri != provider.get(name):
+            refused[
+                Refusal("service", name, item.master, uri, provider.get(name) or view.service_uris.get(name, ""))
+            ] = None
+    return provider
+
+
+def calls(todo: Plan, types: Mapping[str, str]) -> List[Tuple[Any, ...]]:
+    """The calls to the own roscore, (method, argument, ...), in the order of `unregister` and `register`."""
+    return [_call("unregister", item, types) for item in todo.unregister] + [
+        _call("register", item, types) for item in todo.register
+    ]
+
+
+def _call(verb: str, item: Registration, types: Mapping[str, str]) -> Tuple[Any, ...]:
+    method = verb + item.kind.capitalize()
+    if item.kind == "service":
+        head = (method, item.node, item.name, item.service_uri)
+        return head if verb == "unregister" else head + (item.node_uri,)
+    if verb == "unregister":
+        return method, item.node, item.name, item.node_uri
+    return method, item.node, item.name, types.get(item.name) or "*", item.node_uri
+
+
+def select(state: State, rules: Rules, own_uri: str, sync_remote_nodes: bool) -> List[Registration]:
+    """The registrations of a master that are wanted here: of its own nodes, and not filtered."""
+
+    def node_uri(name: str) -> Optional[str]:
+        node = state.nodes.get(name)
+        if node is None or node.uri is None or node.origin == own_uri:
+            return None
+        if node.locality == LOCAL or (sync_remote_nodes and node.origin == state.uri):
+            return node.uri
+        return None
+
+    found = []
+    for kind, endpoints in (("publisher", state.publishers), ("subscriber", state.subscribers)):
+        for topic, nodes in endpoints.items():
+            type_name = state.types.get(topic, "")
+            if kind == "publisher" and type_name in ("", "*", "None"):
+                continue
+            for node in nodes:
+                uri = node_uri(node)
+                if uri and rules.topic(node, topic, type_name, kind == "publisher"):
+                    found.append(Registration(kind, topic, node, uri))
+    for service, nodes in state.services.items():
+        provider = state.providers.get(service)
+        for node in nodes:
+            uri = node_uri(node)
+            if uri and provider is not None and provider.uri and rules.service(node, service):
+                found.append(Registration("service", service, node, uri, provider.uri))
+    return found
+
+
+# The other masters
+
+
+class Announced(NamedTuple):
+    """A master as discovery announces it."""
+
+    name: str
+    uri: str
+    monitor_uri: str
+    discoverer: str
+    stamp: float
+    local_stamp: float
+    online: bool
+
+
+class Fetch(NamedTuple):
+    """Fetch the state of a master from its discovery node and hand it to `fetched`."""
+
+    uri: str
+    monitor_uri: str
+    rules: Rules
+
+
+@dataclass
+class Remote:
+    """Another master."""
+
+    announced: Announced
+    rules: Rules
+    state: Optional[State] = None
+    due: Optional[float] = None
+    fetching: bool = False
+    failures: int = 0
+    offline_since: Optional[float] = None
+    missing_since: Optional[float] = None
+    asking_for: float = 0.0  # local stamp that was announced when the fetch under way began
+    answered_for: float = 0.0  # the same of the last successful one
+    problem: str = ""
+
+
+class Sync:
+    """Which masters there are, whose state is to be fetched, and what is wanted of them."""
+
+    def __init__(
+        self,
+        filters: Filters,
+        own_uri: str,
+        own_node: str,
+        sync_remote_nodes: bool,
+        on_demand: bool,
+        keep_offline: Optional[float],
+    ) -> None:
+        """`keep_offline`: seconds that the registrations of an offline master are kept, None for ever."""
+        self.filters, self.own_uri, self.own_node = filters, own_uri, own_node
+        self.sync_remote_nodes, self.on_demand, self.keep_offline = sync_remote_nodes, on_demand, keep_offline
+        self.remotes: Dict[str, Remote] = {}
+
+    def listed(self, masters: Sequence[Announced], now: float) -> None:
+        """The complete list of discovery. Who is missing is kept for a while: discovery may have just started."""
+        for master in masters:
+            self.announced(master, now)
+        present = {master.uri for master in masters}
+        for uri, remote in list(self.remotes.items()):
+            if uri in present:
+                remote.missing_since = None
+            elif remote.missing_since is None:
+                remote.missing_since = now
+            elif now - remote.missing_since >= MISSING:
+                del self.remotes[uri]
+
+    def removed(self, uri: str) -> None:
+        """Discovery says that a master is gone."""
+        self.remotes.pop(uri, None)
+
+    def announced(self, master: Announced, now: float) -> None:
+        """Discovery says that a master is there, or changed."""
+        if master.uri == self.own_uri or not self.filters.wants_host(master.name):
+            return
+        remote = self.remotes.get(master.uri)
+        if remote is None:
+            rules = self.filters.rules(master.name, (master.discoverer, self.own_node))
+            remote = self.remotes[master.uri] = Remote(master, rules)
+        elif master.name != remote.announced.name or master.discoverer != remote.announced.discoverer:
+            remote.rules, remote.state = self.filters.rules(master.name, (master.discoverer, self.own_node)), None
+        before, remote.announced = remote.announced, master
+        remote.missing_since = None
+        if not master.online:
+            remote.offline_since = now if remote.offline_since is None else remote.offline_since
+            return
+        if self._gone(remote, now):
+            remote.state = None
+        remote.offline_since = None
+        if (
+            self._outdated(remote)
+            and not remote.fetching
+            and (remote.due is None or (remote.failures and master != before))
+        ):
+            remote.due, remote.failures = now + COALESCE, 0
+
+    def due(self, now: float) -> List[Fetch]:
+        """The states to fetch now."""
+        found = []
+        for uri, remote in self.remotes.items():
+            if remote.due is not None and remote.due <= now and not remote.fetching:
+                remote.fetching, remote.due, remote.asking_for = True, None, remote.announced.local_stamp
+                found.append(Fetch(uri, remote.announced.monitor_uri, remote.rules))
+        return found
+
+    def next_due(self) -> Optional[float]:
+        """The time of the next fetch."""
+        return min(
+            (remote.due for remote in self.remotes.values() if remote.due is not None and not remote.fetching),
+            default=None,
+        )
+
+    def fetched(self, fetch: Fetch, state: Optional[State], problem: str, now: float) -> bool:
+        """The result of a fetch: a state, or None and why. True where there is a new state; without one the old is kept."""
+        remote = self.remotes.get(fetch.uri)
+        if remote is None:
+            return False
+        remote.fetching = False
+        if state is not None and state.uri != fetch.uri:
+            state, problem = None, f"{fetch.monitor_uri} answers for {state.uri}"
+        if fetch.rules != remote.rules:  # who it is has changed meanwhile
+            state, problem = None, "it changed its name"
+        remote.problem = "" if state is not None else problem
+        if state is not None:
+            remote.state, remote.answered_for, remote.failures = state, remote.asking_for, 0
+            if self._outdated(remote):  # changed again meanwhile
+                remote.due = now + COALESCE
+        elif remote.announced.online:
+            remote.due = now + RETRY[min(remote.failures, len(RETRY) - 1)]
+            remote.failures += 1
+        return state is not None
+
+    def settled(self) -> bool:
+        """Every master that is online has been asked for its state."""
+        return all(
+            remote.state is not None or remote.failures or not remote.announced.online
+            for remote in self.remotes.values()
+        )
+
+    def wanted(self, now: float, own_topics: Optional[Iterable[str]] = None) -> List[Wanted]:
+        """What is to be registered here. `own_topics`: those of the own nodes, for synchronisation on demand; None for any."""
+        demanded = None if own_topics is None or not self.on_demand else set(own_topics)
+        found = []
+        for uri, remote in sorted(self.remotes.items()):
+            if remote.state is None or self._gone(remote, now):
+                continue
+            for item in select(remote.state, remote.rules, self.own_uri, self.sync_remote_nodes):
+                if demanded is not None and item.kind != "service" and item.name not in demanded:
+                    if not remote.rules.sync_topics.matches(item.name):
+                        continue
+                found.append(Wanted(item, uri, remote.announced.name))
+        return found
+
+    def types(self) -> Dict[str, str]:
+        """Topic -> type, of all masters."""
+        return {
+            topic: kind
+            for remote in self.remotes.values()
+            if remote.state
+            for topic, kind in remote.state.types.items()
+        }
+
+    def publishers_of(self, topic: str, master_uri: str) -> List[str]:
+        """The URIs of a master's own publishers of a topic: its subscribers must not lose them."""
+        remote = self.remotes.get(master_uri)
+        state = remote.state if remote else None
+        nodes = (state.nodes.get(node) for node in state.publishers.get(topic, ())) if state else ()
+        return [node.uri for node in nodes if node is not None and node.uri]
+
+    def next_gone(self, now: float) -> Optional[float]:
+        """The time at which the registrations of an offline master are to go."""
+        if self.keep_offline is None:
+            return None
+        times = [
+            remote.offline_since + self.keep_offline
+            for remote in self.remotes.values()
+            if remote.offline_since is not None
+        ]
+        return min((time for time in times if time > now), default=None)
+
+    def _gone(self, remote: Remote, now: float) -> bool:
+        return (
+            remote.offline_since is not None
+            and self.keep_offline is not None
+            and now >= remote.offline_since + self.keep_offline
+        )
+
+    def _outdated(self, remote: Remote) -> bool:
+        """A state that was fetched after an announcement contains what was announced, whatever stamps both carry."""
+        return remote.state is None or remote.announced.local_stamp not in (
+            remote.state.local_stamp,
+            remote.answered_for,
+        )

@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosfleet_multimaster.filters import NAMES, Filters, InvalidPattern, Pattern, Rules
+
+names = st.from_regex(r"(/[a-z][a-z0-9_]{0,8}){1,3}", fullmatch=True)
+
+
+def rules(**values):
+    return Filters(values).rules("other")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "matches"),
+    [
+        ("/tf", "/tf", True),
+        ("/tf", "/tf_static", False),
+        ("/tf*", "/tf_static", True),
+        ("/TF", "/tf", True),
+        ("/a.b", "/axb", True),
+        ("/tf.*", "/tf", False),  # upstream's: every * becomes "any characters", so .* wants one
+        ("/a|/b", "/a_longer", False),
+        ("/a|/b", "/b", True),
+        (" /tf ", "/tf", True),
+    ],
+)
+def test_patterns(pattern, name, matches):
+    assert Pattern.of([pattern]).matches(name) is matches
+
+
+@given(st.lists(names, max_size=5), names)
+def test_a_list_of_names_matches_exactly_these_names(items, name):
+    assert Pattern.of(items).matches(name) == (name in items)
+
+
+@given(st.text(max_size=30))
+def test_any_text_is_a_pattern_or_refused(text):
+    for make in (lambda: Pattern.of([text]), lambda: Pattern.from_wire(text)):
+        try:
+            make().matches("/chatter")
+        except InvalidPattern as problem:
+            assert str(problem)
+
+
+@pytest.mark.parametrize("text", [r"(a+)+b", r"(a*)*b", r"(a|b*)*c", r"(.*a){20}", r".*.*.*.*.*.*.*x", r"(a)\1"])
+def test_costly_patterns_of_others_are_refused(text):
+    with pytest.raises(InvalidPattern, match="costly"):
+        Pattern.from_wire(text)
+
+
+def test_the_worst_pattern_that_is_accepted_ends():
+    pattern = Pattern.from_wire(r"\A" + ".*" * 5 + r"x\Z")
+    started = time.monotonic()
+    assert not pattern.matches("/" + "a" * 60)
+    assert time.monotonic() - started < 5
+
+
+def test_everything_is_exchanged_by_default_but_not_what_belongs_to_the_exchange():
+    default = rules()
+    assert default.topic("/talker", "/chatter", "std_msgs/String", True)
+    assert default.service("/adder", "/add")
+    assert not default.topic("/rosout", "/rosout_agg", "rosgraph_msgs/Log", True)
+    assert not default.topic("/talker", "/rosout", "rosgraph_msgs/Log", True)
+    assert not default.topic("/x", "/master_discovery/changes", "fkie_multimaster_msgs/MasterState", True)
+    assert not default.service("/talker", "/talker/get_loggers")
+    assert not default.topic("/n", "/bond", "bond/Status", True)
+
+
+@pytest.mark.parametrize(
+    ("values", "topic", "wanted"),
+    [
+        ({"sync_topics": ["/a"]}, "/a", True),
+        ({"sync_topics": ["/a"]}, "/b", False),
+        ({"sync_topics": ["/a"], "ignore_topics": ["/a"]}, "/a", False),
+        ({"sync_nodes": ["/n"]}, "/b", True),
+        ({"sync_nodes": ["/other"]}, "/b", False),
+        ({"ignore_nodes": ["/n"], "sync_topics": ["/a"]}, "/a", False),
+        ({"ignore_publishers": ["/a"]}, "/a", False),
+        ({"ignore_subscribers": ["/a"]}, "/a", True),
+        ({"ignore_type": ["std_msgs/*"]}, "/a", False),
+        ({"do_not_sync": ["/n"]}, "/a", False),
+        ({"ignore_topics": "/a"}, "/a", False),
+    ],
+)
+def test_topics(values, topic, wanted):
+    assert rules(**values).topic("/n", topic, "std_msgs/String", True) is wanted
+
+
+def test_a_white_list_of_topics_does_not_restrict_services():
+    assert rules(sync_topics=["/a"]).service("/n", "/s")
+    assert not rules(sync_services=["/t"]).service("/n", "/s")
+
+
+@pytest.mark.parametrize(
+    ("values", "host", "wanted"),
+    [
+        ({}, "a", True),
+        ({"sync_hosts": ["a"]}, "a", True),
+        ({"sync_hosts": ["a"]}, "b", False),
+        ({"ignore_hosts": ["a"]}, "a", False),
+        ({"ignore_hosts": ["a"], "sync_hosts": ["c"]}, "b", True),  # upstream's trap
+        ({"ignore_hosts": ["*"], "sync_hosts": ["c"]}, "b", False),
+        ({"ignore_hosts": ["*"], "sync_hosts": ["c"]}, "c", True),
+    ],
+)
+def test_hosts(values, host, wanted):
+    assert Filters(values).wants_host(host) is wanted
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"ignore_topics": [{"Robot1": ["/a"]}]},
+        {"ignore_topics": {"ROBOT1": "/a"}},
+        {"robot1": {"ignore_topics": ["/a"]}},
+    ],
+)
+def test_filters_of_one_host_whatever_its_case(values):
+    assert not Filters(values).rules("robot1").topic("/n", "/a", "t", True)
+    assert Filters(values).rules("robot2").topic("/n", "/a", "t", True)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"ignore_topics": ["/a["]},
+        {"sync_hosts": ["("]},
+        {"x": {"ignore_nodes": ["[b"]}},
+        {"ignore_nodes": [7]},
+        {"ignore_nodes": 7},
+    ],
+)
+def test_an_invalid_pattern_is_named(values):
+    with pytest.raises(InvalidPattern, match="_"):
+        Filters(values).check()
+
+
+def test_the_wire_carries_the_rules():
+    sent = rules(ignore_topics=["/a*"], do_not_sync=["/secret"])
+    wire = sent.to_wire(True)
+    assert len(wire) == 1 + len(NAMES) == 11
+    assert wire[0] is True
+    assert Rules.from_wire(wire) == sent
+    assert Rules.from_wire(wire[:8]).do_not_sync == Pattern()
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        "x",
+        [],
+        [False] * 7,
+        [False] * 12,
+        [False, 1, 2, 3, 4, 5, 6, 7],
+        [False, "("] + [""] * 6,
+        [False, "a" * 70000] + [""] * 6,
+    ],
+)
+def test_what_is_no_filter_is_refused(value):
+    with pytest.raises(InvalidPattern):
+        Rules.from_wire(value)
