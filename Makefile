@@ -22,7 +22,7 @@ lab: setup ## build the image of the lab's computers
 demo: lab ## two robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer)
 	@$(PYTHON) tests/lab/demo.py --layout $(LAYOUT)
 
-lab-down: setup ## remove every container and network of the lab
+lab-down: setup ## remove everything that the lab made: containers, networks, the image
 	@$(PYTHON) tests/lab/lab.py down --all
 
 test: lab ## every test

@@ -91,29 +91,13 @@ def _group(value: Any) -> str:
     return str(address)
 
 
-def _whole(low: int, high: int) -> Callable[[Any], int]:
-    def read(value: Any) -> int:
-        expected = Unexpected(f"a whole number from {low} to {high}")
-        if isinstance(value, bool) or not isinstance(value, (int, str)):
-            raise expected
-        try:
-            number = int(value)
-        except ValueError:
-            raise expected from None
-        if not low <= number <= high:
-            raise expected
-        return number
-
-    return read
-
-
-def _number(low: float, high: float) -> Callable[[Any], float]:
+def _number(kind: type[int] | type[float], low: float, high: float) -> Callable[[Any], float]:
     def read(value: Any) -> float:
-        expected = Unexpected(f"a number from {low} to {high}")
-        if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        expected = Unexpected(f"{'a whole number' if kind is int else 'a number'} from {low} to {high}")
+        if isinstance(value, bool) or not isinstance(value, (kind, int, str)):
             raise expected
         try:
-            number = float(value)
+            number = kind(value)
         except ValueError:
             raise expected from None
         if not low <= number <= high:
@@ -232,7 +216,7 @@ VARIABLES = (
     Variable(
         "multimaster_multicast_port",
         "fleet",
-        _whole(1024, 65535),
+        _number(int, 1024, 65535),
         11511,
         "The UDP port of the discovery nodes.",
         "11511",
@@ -257,7 +241,7 @@ VARIABLES = (
     Variable(
         "multimaster_heartbeat_hz",
         "fleet",
-        _number(0.02, 25.5),
+        _number(float, 0.02, 25.5),
         1.0,
         "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.",
         "0.5",
@@ -278,11 +262,13 @@ VARIABLES = (
         "Whether the collection runs the roscore as a service, or uses one that something else starts.",
         "existing",
     ),
-    Variable("multimaster_roscore_port", "robot", _whole(1024, 65235), 11311, "The TCP port of the roscore.", "11311"),
+    Variable(
+        "multimaster_roscore_port", "robot", _number(int, 1024, 65235), 11311, "The TCP port of the roscore.", "11311"
+    ),
     Variable(
         "multimaster_rpc_port",
         "robot",
-        _whole(1024, 65535),
+        _number(int, 1024, 65535),
         None,
         "The TCP port on which the discovery node answers the others. Default: the port of the roscore + 300.",
         "11611",

@@ -174,7 +174,9 @@ def down(lab: str | None) -> None:
     label = f"{LAB}={lab}" if lab else LAB
     containers = [entry["Names"][0] for entry in labelled("container", label)]
     if containers:
-        podman("rm", "--force", "--time=1", *containers)
+        # With --restart=always a container may be on its way up again, and refuses once.
+        podman("rm", "--force", "--time=1", *containers, check=False)
+        podman("rm", "--force", "--time=1", "--ignore", *containers)
     networks = [entry["name"] for entry in labelled("network", label)]
     if networks:
         podman("network", "rm", *networks)

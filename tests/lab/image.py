@@ -113,3 +113,12 @@ def ensure(suite: str = SUITE) -> str:
             _forget_old(suite)
         podman("tag", tag, latest)
     return tag
+
+
+def remove() -> None:
+    """Remove the images and their archives; the next lab builds them anew."""
+    names = podman("images", "--format", "{{.Repository}}:{{.Tag}}", NAME).split()
+    if names:
+        podman("rmi", "--force", *names)
+    shutil.rmtree(cache(), ignore_errors=True)
+    print(f"image: removed {len(names)} images and {cache()}", flush=True)

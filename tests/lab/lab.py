@@ -54,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
     command("inventory", "write the connection variables of an inventory's computers", inventory=True).add_argument(
         "--print", action="store_true", help="print them instead, as an inventory script does"
     )
-    command("down", "remove a lab").add_argument("--all", action="store_true", help="remove every lab")
+    command("down", "remove a lab").add_argument("--all", action="store_true", help="remove every lab, and the image")
     command("restart", "reboot the computers").add_argument("host", nargs="?", help="only this one")
     command("shell", "open a shell on a computer").add_argument("host")
     return parser
@@ -74,6 +74,8 @@ def run(options: argparse.Namespace) -> None:
             print(containers.write_inventory(options.name, hosts))
     elif options.command == "down":
         containers.down(None if options.all else options.name)
+        if options.all:
+            image.remove()
     elif options.command == "restart":
         containers.restart(options.name, options.host)
     elif options.command == "shell":
