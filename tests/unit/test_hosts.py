@@ -261,6 +261,7 @@ def test_any_file_comes_back_and_foreign_lines_stay(content, entries, later):
 
 
 @given(content=content_of(WORDS + MARKS), entries=ENTRIES)
+@example(content=b"# rosfleet.multimaster created this file", entries={})
 @example(content=b"# rosfleet.multimaster replaced: 10.0.0.9 alpha # rosfleet.multimaster\n", entries={})
 def test_any_file_with_marks_settles_and_names_get_their_address(content, entries):
     wanted = valid(entries)
@@ -268,7 +269,7 @@ def test_any_file_with_marks_settles_and_names_get_their_address(content, entrie
     assert _hosts.plan(plan.content, wanted).content == plan.content
     taken_back = _hosts.plan(plan.content, []).content
     assert _hosts.plan(taken_back, []).content == taken_back
-    hosts = [host for host in map(_hosts_entries.parse, plan.content.split(b"\n")) if host]
+    hosts = [host for host in map(_hosts_entries.parse, (plan.content or b"").split(b"\n")) if host]
     for binding in wanted:
         assert any(host.address == binding.address and set(binding.keys) <= set(host.keys) for host in hosts)
         for version, name in binding.keys:

@@ -22,8 +22,10 @@ SERVICES = {"/add": "rosrpc://kobuki1second:5000", "/talker/get_loggers": "rosrp
 ORIGINS = {("/far", NODES["/far"]): OTHER}
 
 
-def state(system=SYSTEM, types=TYPES, nodes=NODES, origins=ORIGINS):
-    return build(URI, "kobuki1computer", graph_of(system, types), nodes, SERVICES, origins)
+def state(system=None, types=None, nodes=None, origins=None):
+    graph = graph_of(SYSTEM if system is None else system, TYPES if types is None else types)
+    nodes, origins = NODES if nodes is None else nodes, ORIGINS if origins is None else origins
+    return build(URI, "kobuki1computer", graph, nodes, SERVICES, origins)
 
 
 def test_the_document_has_the_shape_of_the_interface():

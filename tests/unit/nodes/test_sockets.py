@@ -77,7 +77,7 @@ def test_the_standard_librarys_client_and_ours_agree(server):
 def test_long_answers_are_compressed_for_who_can_read_it(server):
     body = xmlrpc.client.dumps((), "big").encode()
     assert b"gzip" not in server.raw(post(body))
-    head, _, packed = server.raw(post(body, more="Accept-Encoding: gzip\r\n")).partition(b"\r\n\r\n")
+    head, _gap, packed = server.raw(post(body, more="Accept-Encoding: gzip\r\n")).partition(b"\r\n\r\n")
     assert b"Content-Encoding: gzip" in head and b"xxx" in gzip.decompress(packed)
 
 
