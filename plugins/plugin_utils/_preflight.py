@@ -38,6 +38,7 @@ def compare(plan: Mapping[str, Any], info: Mapping[str, Any]) -> Comparison:
     warnings = _own_name(plan, info) + _exports(plan, info) + _sshd(plan, info)
     if plan["is_master"]:
         problems += _ros(plan, info) + _port_holders(plan, info)
+        warnings += _no_roscore(plan, info)
     else:
         warnings += _ros(plan, info)
     return Comparison(tuple(problems), tuple(warnings), interface)
@@ -135,6 +136,16 @@ def _port_holders(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]
                 f"{use} of the collection: {what}."
             )
     return list(dict.fromkeys(problems))  # a process may hold a port on several addresses
+
+
+def _no_roscore(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
+    listening = {(holder["protocol"], holder["port"]) for holder in info["ports"]}
+    if plan["roscore"] == "managed" or ("tcp", plan["roscore_port"]) in listening:
+        return []
+    return [
+        f"{plan['computer']}: nothing listens on TCP port {plan['roscore_port']}; expected the roscore that something else starts, "
+        "since multimaster_roscore is 'existing': start it now, for the discovery node waits for it."
+    ]
 
 
 def _own_name(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:

@@ -107,6 +107,12 @@ def test_an_existing_roscore_may_hold_its_port():
     assert compare(lambda info: info.update(ports=[holder(11311)]), roscore="existing").problems == ()
 
 
+def test_an_existing_roscore_that_is_not_there_is_named():
+    found = compare(roscore="existing")
+    assert found.problems == ()
+    assert "nothing listens on TCP port 11311" in found.warnings[0]
+
+
 def test_a_computer_without_services_only_warns_of_a_missing_ros():
     found = compare(lambda info: info["ros"].update(chosen=None), is_master=False, ports=[], discovery={})
     assert found.problems == ()
