@@ -63,7 +63,7 @@ def wanted_files(files):
     wanted = []  # type: typing.List[Wanted]
     for entry in files:
         path, mode = entry["path"], entry["mode"]
-        if not path.startswith("/") or os.path.normpath(path) != path or path == "/":
+        if not path.startswith("/") or os.path.normpath(path) != path or path == "/" or "\0" in path:
             raise _owned.Problem(
                 "The path %r of the files is not absolute and plain; expected for example /etc/example/file, "
                 "without '..', '//' or '/' at the end." % path
@@ -97,6 +97,8 @@ def record_of(kind, bundle, records):
             "The bundle %r is not usable as a label; expected 1 to 64 letters, digits, '.', '_' and '-', "
             "for example nodes." % bundle
         )
+    if not os.path.isabs(records):
+        raise _owned.Problem("records is %r, expected an absolute path." % records)
     return _owned.Record("%s-%s" % (kind, bundle), records)
 
 

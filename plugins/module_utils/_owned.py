@@ -81,7 +81,7 @@ def make_folders(path):
     # type: (str) -> typing.List[str]
     """Make a folder (mode 0755) and its missing parents; returns those that were made, outermost first."""
     missing = []
-    while not os.path.isdir(path):
+    while path and not os.path.isdir(path):
         missing.append(path)
         path = os.path.dirname(path)
     for folder in reversed(missing):
@@ -124,7 +124,13 @@ class Record:
     def load(self):
         # type: () -> typing.Dict[str, typing.Any]
         """The remembered object, or an empty one. Raises Problem where the file is not ours to read."""
-        content = read_bytes(self.path)
+        try:
+            content = read_bytes(self.path)
+        except OSError as problem:
+            raise Problem(
+                "The record %s cannot be read (%s); expected a file that this module wrote: run as root (become: true)."
+                % (self.path, problem.strerror)
+            ) from problem
         if content is None:
             return {}
         try:

@@ -153,7 +153,7 @@ def ping(
                 except OSError as problem:
                     results[address]["error"] = problem.strerror or str(problem)
             deadline = time.monotonic() + answer
-            while not all(results[address]["ok"] for address in late):
+            while time.monotonic() < deadline and not all(results[address]["ok"] for address in late):
                 ready = select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]
                 if not ready:
                     break

@@ -111,7 +111,8 @@ def settings_of(items):
     wanted = {}  # type: typing.Dict[str, typing.Tuple[str, Setting]]
     for item in items:
         name, key, value = item["name"], key_of(item["name"].lstrip("-").strip()), normal(item["value"])
-        if not re.match(r"[^\s=#;*?\[\]/]+(/[^\s=*?\[\]/]+)+$", key) or key_of(name_of(key)) != key or ".." in key:
+        plain = re.match(r"[^\s=#;*?\[\]/]+(/[^\s=*?\[\]/]+)+$", key) and key.isprintable()
+        if not plain or key_of(name_of(key)) != key or ".." in key:
             raise Problem(
                 "settings: found the name %r, expected one key such as net.ipv4.ip_forward, without patterns." % name
             )
@@ -139,7 +140,8 @@ def check_drop_in(path):
     """Raises Problem where a drop-in would not be read at boot, or not be there any more."""
     lasting = [folder for folder in SYSCTL_FOLDERS if not folder.startswith("/run/")]
     name = os.path.basename(path)
-    if os.path.dirname(path) not in lasting or not name.endswith(".conf") or name.startswith("."):
+    usable = name.endswith(".conf") and not name.startswith(".") and name.isprintable()
+    if os.path.dirname(path) not in lasting or not usable:
         raise Problem("drop_in: found %s, expected a file NAME.conf in one of %s." % (path, ", ".join(lasting)))
 
 
@@ -354,6 +356,9 @@ class Run:
     def __init__(self, options):
         # type: (typing.Mapping[str, typing.Any]) -> None
         """Changes nothing. Raises Problem for options, files or a record that cannot be used."""
+        for option in ("root", "proc", "records"):
+            if not os.path.isabs(options[option]):
+                raise Problem("%s is %r, expected an absolute path." % (option, options[option]))
         self.settings = settings_of(options["settings"])
         self.drop_in = options["drop_in"]
         check_drop_in(self.drop_in)
@@ -512,13 +517,13 @@ class Run:
             undo.append((self.drop_in, self._restore_files))
             self._write_files()
             self.record.save(self.plan.final)
-        except (OSError, Problem) as problem:
+        except (OSError, ValueError, Problem) as problem:
             kept = []
             for what, step in reversed(undo):
                 try:
                     step()
-                except OSError as failure:
-                    kept.append("%s (%s)" % (what, failure.strerror))
+                except (OSError, ValueError) as failure:
+                    kept.append("%s (%s)" % (what, getattr(failure, "strerror", None) or failure))
             end = "Not put back: %s." % ", ".join(kept) if kept else "Everything is as it was before."
             raise Problem("%s %s" % (_sentence(problem), end)) from problem
 

@@ -167,7 +167,7 @@ def _run(unit, state, text, pending, restarted):
     if planned and state.pid != "0" and planned != state.inputs:
         return "restart", "it ran with the inputs %s" % (state.inputs[:12] or "of nobody")
     if pending:
-        return "restart", "it ran with its text from before an interrupted run"
+        return "restart", "an earlier run did not come to its end"
     others = sorted(followed(unit.content) & restarted)
     if others:
         return "follow", "systemd restarts it with %s" % others[0]
@@ -293,6 +293,8 @@ class Applier:
         self.new_directories = {}  # type: typing.Dict[str, typing.List[str]]
         self.new_parents = []  # type: typing.List[str]
         self.restarted = False  # whether this run has restarted a unit that others may follow
+        self.later = []  # type: typing.List[str]  # units that were stopped, to start after what they depend on
+        self.brought_back = []  # type: typing.List[str]  # units that `restore` has restarted
 
     def apply(self, reload, fresh, paths):
         # type: (bool, typing.List[str], typing.Dict[str, str]) -> typing.Dict[str, State]
@@ -315,15 +317,20 @@ class Applier:
         if fresh:
             self._check_loaded(fresh, paths)
             self._remember_directories(fresh)
-        failed = [step.name for step in self.steps if step.run == "start" and self.before[step.name].active == "failed"]
-        self.systemd.try_call("reset-failed", *failed)  # a start limit that was hit would refuse the next start
         for step in self.steps:
             if step.name in wanted and step.switch:
                 self.systemd.call(step.switch, "--", step.name)
-        for step in self.steps:
-            if step.run in ("start", "restart", "follow"):
-                self._bring_up(step)
-        if any(step.run in ("start", "restart", "follow") for step in self.steps):
+        # Units that restart together end in reverse order before the first one does: a node that saw its roscore go
+        # would end with an error instead of taking leave.
+        self.later = [step.name for step in self.steps if step.run == "restart"][1:]
+        for name in reversed(self.later):
+            self.systemd.call("stop", "--", name)
+        begun = [step for step in self.steps if step.run in ("start", "restart", "follow")]
+        # A start limit that was hit would refuse the next start, and restarts of before would be taken for new ones.
+        self.systemd.try_call("reset-failed", *[step.name for step in begun])
+        for step in begun:
+            self._bring_up(step)
+        if begun:
             time.sleep(_SETTLE)
         after = self.systemd.show(names)
         self._check_up(after)
@@ -377,6 +384,7 @@ class Applier:
                 attempt(self.systemd.call, "reenable", *(runtime + ("--", name)))
             untouched = state.active in UP and state.invocation == before.invocation
             if before.active in RUNNING and not untouched:
+                self.brought_back.append(name)
                 attempt(self._restart, name, state.invocation)
         return left
 
@@ -389,7 +397,7 @@ class Applier:
 
     def _bring_up(self, step):
         # type: (Step) -> None
-        if step.run == "restart":
+        if step.run == "restart" and step.name not in self.later:
             self._restart(step.name, self.before[step.name].invocation)
         else:
             self.systemd.bring("start", step.name)

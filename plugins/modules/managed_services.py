@@ -372,6 +372,12 @@ def main():
             transaction.settle(dict(memory, units=names, pending=[]))
         except (OSError, _owned.Problem) as problem:
             left = applier.restore()
+            if applier.brought_back:
+                # They run with the old text, but with environment and code that other modules may have changed already.
+                try:
+                    record.save(dict(record.load(), pending=sorted(pending | set(applier.brought_back))))
+                except OSError as trouble:
+                    left.append("The record %s could not be written (%s)." % (record.path, trouble))
             back = ["The previous state is back."] if not left else ["This could not be taken back:"] + left
             module.fail_json(msg=" ".join([str(problem)] + back), changed=bool(left), previous_state_is_back=not left)
 

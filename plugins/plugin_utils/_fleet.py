@@ -161,11 +161,7 @@ def _is_name(host: str) -> bool:
         _variables.BY_NAME["multimaster_master"].read(host)
     except _variables.Unexpected:
         return False
-    try:
-        ipaddress.ip_address(host)
-    except ValueError:
-        return host.lower() != "localhost"
-    return False
+    return host.lower() != "localhost"
 
 
 def _shown(value: Any) -> str:

@@ -50,8 +50,8 @@ def _text(value: Any) -> str:
 
 
 def _name(value: Any) -> str:
-    if not isinstance(value, str) or not _NAME.fullmatch(value):
-        raise Unexpected("a host name: letters, digits and hyphens (RFC 1123)")
+    if not isinstance(value, str) or not _NAME.fullmatch(value) or value.replace(".", "").isdigit():
+        raise Unexpected("a host name: letters, digits and hyphens (RFC 1123), and no address")
     return str(value)
 
 

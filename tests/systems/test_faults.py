@@ -153,6 +153,27 @@ def test_a_service_that_cannot_start_leaves_the_previous_one(lab):
     )
 
 
+def test_the_environment_of_a_running_fleet_changes_and_changes_back(lab):
+    """A change that restarts the roscore, and the nodes after it."""
+    for advertised, expected in (("address", "http://192.168.1.229:11311/"), ("name", f"http://{FIRST}:11311/")):
+        status, output = lab.play("site.yml", variables={"multimaster_advertise": advertised})
+        assert status == 0, output
+        assert expected in lab.run(FIRST, "rosservice call /master_discovery/list_masters")
+        status, output = lab.play("playbooks/verify.yml", variables={"multimaster_advertise": advertised})
+        assert status == 0, output
+
+
+def test_a_failed_change_is_repaired_by_going_back(lab):
+    """The nodes cannot start with this; the run after it restarts what ran with half of the change."""
+    wrong = {"multimaster_advertise": "address", "nodes_configuration": "/etc/rosfleet-multimaster/elsewhere"}
+    status, output = lab.play("site.yml", variables={**wrong, "services_timeout": 15})
+    assert status != 0
+    status, output = lab.play("site.yml")
+    assert status == 0, output
+    status, output = lab.play("playbooks/verify.yml")
+    assert status == 0, output
+
+
 def test_the_verification_names_the_cause(lab):
     lab.run(SECOND, "sed -i 's/^192.168.1.229/192.168.1.77/' /etc/hosts")
     status, output = lab.play("playbooks/verify.yml", variables={"verify_patience": 3})

@@ -155,6 +155,10 @@ WRONG = {
         setting("kobuki2computer", multimaster_aliases=["localhost"]),
         ["kobuki2computer: multimaster_aliases has localhost"],
     ),
+    "alias that is an address": (
+        setting("kobuki2computer", multimaster_aliases=["192.168.1.240"]),
+        ["kobuki2computer: multimaster_aliases is ['192.168.1.240']; expected a host name"],
+    ),
     "master of another robot": (
         setting("kobuki2computer", multimaster_master="kobuki1computer"),
         ["kobuki2computer: multimaster_master is 'kobuki1computer', which is no computer of the robot kobuki2"],

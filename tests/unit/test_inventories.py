@@ -99,6 +99,17 @@ def test_robots_that_are_no_groups_are_named(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["site", "single_computer", "verify", "teardown"])
+def test_an_inventory_without_robots_is_an_error(tmp_path, name):
+    mistyped = tmp_path / "mistyped.yml"
+    mistyped.write_text(
+        "robot: {children: {kobuki1: {hosts: {kobuki1computer: {multimaster_address: 192.168.1.229}}}}}\n"
+    )
+    done = ansible("ansible-playbook", "-i", str(mistyped), f"rosfleet.multimaster.{name}")
+    assert done.returncode != 0
+    assert "The inventory has no robots" in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("name", ["site", "single_computer", "verify", "teardown"])
 def test_every_playbook_is_callable_by_its_full_name(name):
     done = ansible(
         "ansible-playbook", "-i", "inventory/single_computer", f"rosfleet.multimaster.{name}", "--syntax-check"

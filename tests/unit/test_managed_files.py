@@ -313,6 +313,7 @@ def test_whatever_the_order_of_plans_nothing_is_left(tmp_path_factory, plans):
         ([{"path": "relative/x", "content": "", "mode": "0644"}], "relative/x"),
         ([{"path": "/a/../b", "content": "", "mode": "0644"}], "plain"),
         ([{"path": "/a/", "content": "", "mode": "0644"}], "plain"),
+        ([{"path": "/a\0b", "content": "", "mode": "0644"}], "plain"),
         ([{"path": "/a", "content": "", "mode": "420"}], "in quotes"),
         ([{"path": "/a", "content": "", "mode": "0999"}], "0999"),
         ([{"path": "/a", "content": "", "mode": "0644"}] * 2, "twice"),
@@ -328,6 +329,11 @@ def test_bad_files_are_sentences(files, said):
 def test_a_bundle_is_a_plain_label(label, tmp_path):
     with pytest.raises(_owned.Problem, match="label"):
         _files.record_of("files", label, str(tmp_path))
+
+
+def test_the_folder_of_records_is_absolute():
+    with pytest.raises(_owned.Problem, match="records is 'here', expected an absolute path"):
+        _files.record_of("files", "x", "here")
 
 
 def test_the_digest_tells_any_change_and_no_order():

@@ -98,7 +98,7 @@ def test_what_runs_decides(changed, run, why):
 
 def test_an_interrupted_run_is_continued():
     step = plan(pending={SYNC})[2]
-    assert step.run == "restart" and "interrupted" in step.why
+    assert step.run == "restart" and "not come to its end" in step.why
 
 
 @pytest.mark.parametrize(

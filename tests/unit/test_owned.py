@@ -66,6 +66,11 @@ def test_a_broken_record_is_a_sentence(tmp_path, content):
         _owned.Record("broken", str(tmp_path)).load()
 
 
+def test_make_folders_ends_for_a_relative_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert _owned.make_folders("a/b") == ["a", "a/b"]
+
+
 def test_make_folders_tells_what_it_made(tmp_path):
     assert _owned.make_folders(str(tmp_path / "a" / "b")) == [str(tmp_path / "a"), str(tmp_path / "a" / "b")]
     assert _owned.make_folders(str(tmp_path / "a" / "b")) == []

@@ -161,6 +161,8 @@ def test_any_runs_reach_the_settings_do_nothing_twice_and_can_be_taken_back(befo
         ([{"name": "", "value": "1"}], "''"),
         ([{"name": "ip_forward", "value": "1"}], "'ip_forward'"),
         ([{"name": "net.ipv4.ip_forward", "value": "1\x00"}], "printable"),
+        ([{"name": "net.ipv4.ip_forward\x00", "value": "1"}], "one key"),
+        ([{"name": "net.ipv4.\ud800", "value": "1"}], "one key"),
         (listed(ip_forward="1") + [{"name": "-net/ipv4/ip_forward", "value": "0"}], "-net/ipv4/ip_forward = 0"),
         (listed(**{"ip_forward": "1", "conf.all.forwarding": "0"}), "one key of the kernel"),
     ],
@@ -187,7 +189,14 @@ def test_a_value_never_adds_a_line_to_the_drop_in(value):
 
 
 @pytest.mark.parametrize(
-    "path", ["/etc/sysctl.conf", "/run/sysctl.d/90-a.conf", "/etc/sysctl.d/90-a", "/etc/sysctl.d/.conf"]
+    "path",
+    [
+        "/etc/sysctl.conf",
+        "/run/sysctl.d/90-a.conf",
+        "/etc/sysctl.d/90-a",
+        "/etc/sysctl.d/.conf",
+        "/etc/sysctl.d/a\x00b.conf",
+    ],
 )
 def test_a_drop_in_that_nothing_would_read(path):
     with pytest.raises(Problem, match="drop_in: found " + path):
@@ -421,6 +430,18 @@ def test_a_new_name_of_the_drop_in_moves_it(machine):
     machine.run([])  # knows from the record where the drop-in is
     assert not (machine.root / other[1:]).exists()
     assert not machine.records.exists()
+
+
+@pytest.mark.parametrize("option", ["root", "proc", "records"])
+def test_a_relative_folder_is_named(option):
+    options = dict({"settings": [], "drop_in": DROP_IN, "root": "/r", "proc": "/p", "records": "/d"}, **{option: "x"})
+    with pytest.raises(Problem, match=option + " is 'x', expected an absolute path"):
+        _sysctl.Run(options)
+
+
+def test_a_record_that_cannot_be_read_is_named(machine):
+    (machine.records / "sysctl.json").mkdir(parents=True)
+    assert "cannot be read (Is a directory)" in machine.run(REPORT)["msg"]
 
 
 def test_a_record_that_is_no_json_is_named(machine):

@@ -360,3 +360,32 @@ def test_who_slept_does_not_take_the_others_for_silent():
     assert take(core, Event) == []
     _out, events = run(core, 40.25, 50.0)
     assert [change for _now, change, _online in events] == ["changed"]
+
+
+ANSWER = ["2000.000000000", "http://kobuki2computer:11311/", "kobuki2computer", "/master_discovery", "http://x:1/"]
+
+
+def test_the_answer_of_another_discovery_node():
+    assert Contact.of(ANSWER) == CONTACT
+
+
+@pytest.mark.parametrize(
+    ("at", "value"),
+    [
+        (0, "nan"),
+        (0, "inf"),
+        (0, "1e300"),
+        (0, "-1"),
+        (0, "x"),
+        (0, 2000.0),
+        (1, "http://["),
+        (1, "http://"),
+        (1, "ftp://kobuki2computer:21/"),
+        (1, ""),
+        (2, "x" * 2000),
+        (3, None),
+    ],
+)
+def test_an_answer_that_cannot_be_used_is_refused(at, value):
+    with pytest.raises(ValueError):
+        Contact.of([*ANSWER[:at], value, *ANSWER[at + 1 :]])

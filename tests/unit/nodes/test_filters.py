@@ -1,5 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+import sys
 import time
 
 import pytest
@@ -46,10 +47,55 @@ def test_any_text_is_a_pattern_or_refused(text):
             assert str(problem)
 
 
-@pytest.mark.parametrize("text", [r"(a+)+b", r"(a*)*b", r"(a|b*)*c", r"(.*a){20}", r".*.*.*.*.*.*.*x", r"(a)\1"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        r"(a+)+b",
+        r"(a*)*b",
+        r"(a|b*)*c",
+        r"(.*a){20}",
+        r".*.*.*.*.*.*.*x",
+        r"(a)\1",
+        r"(a{0,16}){0,16}b",
+        "a?" * 40 + "b",
+        "(?:ab|a|b)" * 40 + "c",
+        r"(ab|a)+c",
+    ],
+)
 def test_costly_patterns_of_others_are_refused(text):
     with pytest.raises(InvalidPattern, match="costly"):
         Pattern.from_wire(text)
+
+
+@pytest.mark.parametrize("text", [r"\A/cam[0-9]?/(left|right)/.*\Z", "|".join(rf"\A/topic{n}\Z" for n in range(2000))])
+def test_ordinary_patterns_of_others_are_not_costly(text):
+    assert Pattern.from_wire(text)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"ignore_topics": ["/a", "(?a)(?u)/b"]},
+        {"ignore_topics": ["(?P<n>a)", "(?P<n>b)"]},
+        {"ignore_topics": ["(?P<n>a)", {"robot2": ["(?P<n>b)"]}]},
+    ],
+)
+def test_patterns_that_are_wrong_only_together_are_refused_at_the_start(values):
+    with pytest.raises(InvalidPattern, match="ignore_topics"):
+        Filters(values).check()
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="older Pythons accept it")
+def test_a_flag_in_the_middle_is_refused_at_the_start():
+    with pytest.raises(InvalidPattern, match="in its anchors"):
+        Filters({"ignore_topics": ["(?i)/a"]}).check()
+
+
+@pytest.mark.parametrize("name", ["/x ", "/x\n", "/" + "x" * 70000, "", "*", "(", "/a*"])
+def test_what_another_master_calls_its_discovery_is_no_pattern(name):
+    found = Filters({}).rules("other", (name, "/own_sync"))
+    assert found.topic("/talker", "/chatter", "std_msgs/String", True)
+    assert not found.topic("/own_sync", "/chatter", "std_msgs/String", True)
 
 
 def test_the_worst_pattern_that_is_accepted_ends():

@@ -68,6 +68,8 @@ def test_any_datagram_is_a_record_or_malformed(data):
         (b"X\x02" + bytes(22), "letter R"),
         (b"R\x02" + bytes(19), "21 bytes"),
         (b"R\x02" + bytes(23), "25 bytes"),
+        (encode(Heartbeat(Kind.STATE, 11611, 0.0, Stamp(-2, 0), Stamp(1, 0))), "before 1970"),
+        (encode(Heartbeat(Kind.STATE, 11611, 0.0, Stamp(1, 0), Stamp(0, -5))), "before 1970"),
     ],
 )
 def test_what_is_no_record_is_named(data, why):

@@ -35,6 +35,8 @@ def test_an_unknown_name_is_a_warning_that_names_the_nearest(table, given, words
         (DISCOVERY, {"mcast_group": "192.168.1.1"}, "an IPv4 multicast group"),
         (DISCOVERY, {"mcast_group": "ff02::1"}, "an IPv4 multicast group"),
         (DISCOVERY, {"hide_topics": ["/a["]}, "'/a['"),
+        (DISCOVERY, {"hide_nodes": {"robot2": ["/a"]}}, "a pattern, or a list of patterns"),
+        (DISCOVERY, {"do_not_sync": [{"robot2": ["/a"]}]}, "a pattern, or a list of patterns"),
         (SYNC, {"ignore_topics": ["/a["]}, "ignore_topics: the pattern '/a[' is no regular expression"),
         (SYNC, {"sync_hosts": 5}, "~sync_hosts is 5"),
     ],

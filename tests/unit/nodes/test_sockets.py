@@ -103,6 +103,7 @@ def test_what_cannot_be_answered_is_a_fault(server, call):
         post(gzip.compress(b" " * (2 << 20)), more="Content-Encoding: gzip\r\n"),
         post(b"no gzip", more="Content-Encoding: gzip\r\n"),
         post(b"\xff\xfe\x00"),
+        post(CALL.decode().replace("?>", "?><!DOCTYPE methodCall>").encode("utf-16")),
     ],
 )
 def test_a_malformed_request_is_counted_and_changes_nothing(server, data):
@@ -144,6 +145,27 @@ def test_a_server_stops_at_once(server):
     assert monotonic() - started < 0.5
     with pytest.raises(OSError):
         Rpc(other.uri, 1.0).call("add", 1, 2)
+
+
+def test_a_server_that_drips_headers_is_not_waited_for():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def drip():
+            connection, _address = listener.accept()
+            with connection:
+                connection.sendall(b"HTTP/1.0 200 OK\r\n")
+                try:
+                    for number in range(40):
+                        connection.sendall(f"X-{number}: 1\r\n".encode())
+                        time.sleep(0.1)
+                except OSError:
+                    pass
+
+        threading.Thread(target=drip, daemon=True).start()
+        started = monotonic()
+        with pytest.raises((OSError, ValueError)):
+            Rpc("http://127.0.0.1:%d" % listener.getsockname()[1], 0.5).call("getUri")
+        assert monotonic() - started < 2.0
 
 
 def test_a_server_that_drips_is_not_waited_for():

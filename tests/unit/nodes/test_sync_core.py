@@ -337,6 +337,35 @@ def test_on_demand_only_what_is_there():
     assert {item.registration.name for item in sync.wanted(1.0, [])} == {"/add"}
 
 
+@pytest.mark.parametrize(
+    ("filters", "names"),
+    [
+        ({"sync_topics": ["/scan"]}, {"/scan", "/chatter"}),
+        ({"sync_nodes": ["/laser"]}, {"/scan", "/chatter"}),
+        ({"sync_topics": ["/scan"], "ignore_topics": ["/chatter"]}, {"/scan"}),
+        ({}, {"/chatter"}),
+    ],
+)
+def test_a_white_list_admits_more_than_what_is_demanded(filters, names):
+    sync = core(on_demand=True, **filters)
+    sync.announced(announced(), 0.0)
+    publishers = {"/chatter": ("/talker",), "/scan": ("/laser",), "/map": ("/talker",)}
+    nodes = {name: Node(f"http://robot2:4000{at}/", R2, "local") for at, name in enumerate(("/talker", "/laser"))}
+    found = State(R2, "robot2", 1.0, 1.0, publishers, types=dict.fromkeys(publishers, "std_msgs/String"), nodes=nodes)
+    asked = fetch(sync, 0.1)
+    assert all(asked.rules.topic(nodes[0], topic, "x/Y", True) for topic, nodes in publishers.items() if topic in names)
+    sync.fetched(asked, found, "", 0.2)
+    assert {item.registration.name for item in sync.wanted(1.0, ["/chatter"])} == names
+
+
+@pytest.mark.parametrize("kind", ["", "*", "None"])
+def test_a_type_that_nobody_knows_is_not_told_to_the_roscore(kind):
+    sync = core()
+    sync.announced(announced(), 0.0)
+    sync.fetched(fetch(sync, 0.1), state(kind=kind), "", 0.2)
+    assert sync.types() == {}
+
+
 def test_a_subscriber_keeps_the_publishers_of_its_own_robot():
     sync = synced()
     assert sync.publishers_of("/chatter", R2) == ["http://robot2:40000/"]

@@ -8,7 +8,8 @@ What is to be done accumulates in `Discovery.actions`, which the program takes a
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Deque, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
+from urllib.parse import urlsplit
 
 from .heartbeat import Heartbeat, Kind, Malformed, Stamp, decode, encode
 
@@ -25,6 +26,7 @@ CONTACT_RETRY_NO_STATE = 1.0  # seconds: it answered that it has no state yet
 CONTACT_PAUSE = 5.0  # seconds between two contacts that nothing but requests of the other side ask for
 LEAVE_CHECKS = (0.2, 1.0, 3.0)  # seconds: who still answers after these has not left
 MAX_MASTERS = 1024  # more would be somebody's flood
+MAX_NAME = 1024  # characters of a name or URI in an answer
 FORGET_UNKNOWN = 30.0  # seconds of silence after which an entry that never said who it is goes
 
 
@@ -49,6 +51,20 @@ class Contact(NamedTuple):
     uri: str
     name: str
     discoverer: str
+
+    @classmethod
+    def of(cls, answer: Any) -> "Contact":
+        """The contact in an answer, which may be anybody's. Raises ValueError."""
+        if not isinstance(answer, list) or len(answer) < 4 or not all(isinstance(part, str) for part in answer[:4]):
+            raise ValueError("it does not say who it is")
+        stamp, (uri, name, discoverer) = float(answer[0]), answer[1:4]
+        if not 0.0 <= stamp < 2**31:
+            raise ValueError(f"its stamp is {answer[0][:40]}")
+        if max(len(uri), len(name), len(discoverer)) > MAX_NAME:
+            raise ValueError(f"a name of more than {MAX_NAME} characters")
+        if not uri.startswith("http://") or not urlsplit(uri).hostname:
+            raise ValueError(f"it calls its master {uri}")
+        return cls(stamp, uri, name, discoverer)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ without regard to case: `/tf` is only /tf, `/tf*` also /tf_static. (`.*` therefo
 import re
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
 
 try:
     from re import _parser as _sre  # type: ignore[attr-defined]  # Python 3.11 and later
@@ -17,7 +17,8 @@ except ImportError:
     import sre_parse as _sre  # type: ignore[no-redef]
 
 MAX_TEXT = 65536  # characters of all patterns of a request
-MAX_OPEN = 6  # unbounded repetitions in one alternative: the cost grows with the length of a name to this power
+MAX_OPEN = 6  # choices (repetitions, groups of alternatives) in one alternative: the cost grows exponentially with them
+_NODE = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]{0,255}\Z")
 
 
 class InvalidPattern(ValueError):
@@ -41,7 +42,10 @@ class Pattern:
                 text = item.strip().replace("*", ".*")
                 _check(text, f"{what}: the pattern {item.strip()!r}")
                 texts.append(rf"\A(?:{text})\Z" if "|" in text else rf"\A{text}\Z")
-        return cls("|".join(texts))
+                _check(texts[-1], f"{what}: the pattern {item.strip()!r} in its anchors")  # (?i) may only come first
+        text = "|".join(texts)
+        _check(text, f"{what}: all patterns together")  # a named group may only come once
+        return cls(text)
 
     @classmethod
     def from_wire(cls, text: Any) -> "Pattern":
@@ -75,27 +79,31 @@ def _check(text: str, what: str, costly: bool = True) -> None:
     try:
         tree = _sre.parse(text, re.IGNORECASE)
         re.compile(text, re.IGNORECASE)
-    except (re.error, RecursionError, OverflowError) as problem:
+    except (re.error, ValueError, RecursionError, OverflowError) as problem:
         raise InvalidPattern(f"{what} is no regular expression: {problem}") from None
-    if not costly and _openness(tree) > MAX_OPEN:
-        raise InvalidPattern(
-            f"{what} would be too costly: more than {MAX_OPEN} repetitions without a bound, or one in another"
-        )
+    if not costly and _openness(tree, alternatives=True) > MAX_OPEN:
+        raise InvalidPattern(f"{what} would be too costly: more than {MAX_OPEN} repetitions, or one in another")
 
 
-def _openness(tree: Any) -> int:
-    """How many unbounded repetitions follow each other in a pattern; one in another counts as too many."""
+def _openness(tree: Any, alternatives: bool = False) -> int:
+    """How many choices follow each other in a pattern; one that is repeated counts as often, or as too many.
+
+    `alternatives`: the first alternation is that of whole patterns, which are tried one after the other.
+    """
     count = 0
     for operation, argument in tree:
         name = str(operation)
         if "REPEAT" in name:
-            _low, high, inner = argument
-            nested = _openness(inner)
-            count += nested * (MAX_OPEN + 1 if high > 1 else 1) + (1 if high > 16 else 0)
+            low, high, inner = argument
+            count += _openness(inner) * min(high, MAX_OPEN + 1) + (1 if low != high else 0)
         elif name == "BRANCH":
             count += max(_openness(branch) for branch in argument[1])
+            count += 0 if alternatives else (len(argument[1]).bit_length() + 3) // 4
+            alternatives = False
         elif name == "SUBPATTERN":
             count += _openness(argument[-1])
+        elif name == "ATOMIC_GROUP":
+            count += _openness(argument)
         elif name in ("ASSERT", "ASSERT_NOT"):
             count += _openness(argument[1])
         elif name in ("GROUPREF", "GROUPREF_EXISTS", "GROUPREF_IGNORE"):
@@ -216,6 +224,9 @@ class Filters:
             for name, value in section.items():
                 for _host, items in _parts(name, value):
                     Pattern.of(items, f"{host}/{name}")
+        for host in self._hosts():
+            self.wants_host(host)
+            self.rules(host)
 
     def wants_host(self, host: str) -> bool:
         """Whether a master of this name is synchronised with; ignored hosts are re-admitted by `sync_hosts`.
@@ -231,7 +242,8 @@ class Filters:
     def rules(self, host: str, also_ignore: Sequence[str] = ()) -> Rules:
         """The rules for the master of this name; `also_ignore` are nodes that are never exchanged."""
         patterns = {name: self._pattern(name, host, BUILT_IN.get(name, ())) for name in NAMES}
-        nodes = [re.escape(node) for node in also_ignore if node not in BUILT_IN["ignore_nodes"]]
+        # What is no name of a node is somebody's nonsense, and must not become a pattern.
+        nodes = [node for node in also_ignore if _NODE.match(node) and node not in BUILT_IN["ignore_nodes"]]
         patterns["ignore_nodes"] = self._pattern("ignore_nodes", host, (*BUILT_IN["ignore_nodes"], *nodes))
         return Rules(**patterns)
 
@@ -245,6 +257,11 @@ class Filters:
                 for _of, values in _parts(name, section.get(name)):
                     items += values
         return Pattern.of(items, name)
+
+    def _hosts(self) -> Set[str]:
+        """The hosts with filters of their own, and "" for all others."""
+        values = [part for name in (*NAMES, *HOSTS) for part in _parts(name, self.values.get(name))]
+        return {"", *(host for host, _items in values if host), *(host for host, _section in self._sections())}
 
     def _sections(self) -> List[Tuple[str, Mapping[str, Any]]]:
         """`<mastername>/<parameter>`: the parameters of one host."""

@@ -82,6 +82,8 @@ def decode(datagram: bytes) -> Heartbeat:
     kind = Kind.STATE
     if _GONE in (secs, local_secs):
         kind = Kind.LEAVE
+    elif min(*stamp, *local_stamp) < 0:  # ROS has no such times, so it could not be told to anybody
+        raise Malformed("a time before 1970")
     elif version == _VERSION_WITH_REQUESTS and stamp == Stamp():
         kind = Kind.REQUEST
     return Heartbeat(kind, rpc_port, rate / 10, stamp, local_stamp)

@@ -264,6 +264,9 @@ class MasterDiscovery:
     def _event(self, event: Event) -> None:
         master, before = event.master, self.told.get(event.master.uri)
         self.told[master.uri] = master
+        if event.change == "removed":
+            del self.told[master.uri]
+            self.errors.pop(master.uri, None)
         if event.change == "new":
             self.log.info(
                 "%s is there: its master is %s, its discovery answers at %s",
@@ -321,7 +324,8 @@ class MasterDiscovery:
         name = os.environ.get("ROS_HOSTNAME", "")
         if name:
             try:
-                return "" if resolve(name).startswith("127.") else name
+                if not resolve(name).startswith("127."):
+                    return name
             except OSError:
                 self.log.warning("ROS_HOSTNAME is %s, which has no address on this computer", name)
         return os.environ.get("ROS_IP", "")
@@ -596,16 +600,13 @@ def _resolve_all(hosts: List[str]) -> Dict[str, str]:
     for host in hosts:
         try:
             found[host] = socket.gethostbyname(host)
-        except OSError:
+        except (OSError, UnicodeError):  # one that is no host name must not hide the others
             pass
     return found
 
 
 def _contact(monitor_uri: str) -> Contact:
-    answer = Rpc(monitor_uri, CONTACT_TIMEOUT).call("masterContacts")
-    if not isinstance(answer, list) or len(answer) < 4 or not all(isinstance(part, str) for part in answer[:4]):
-        raise ValueError(f"{monitor_uri} does not say who it is")
-    return Contact(float(answer[0]), answer[1], answer[2], answer[3])
+    return Contact.of(Rpc(monitor_uri, CONTACT_TIMEOUT).call("masterContacts"))
 
 
 if __name__ == "__main__":

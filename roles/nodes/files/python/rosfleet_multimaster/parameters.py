@@ -44,6 +44,7 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
     "seconds": ("a number of seconds", _number),
     "count": ("a whole number of at least 1", lambda value: isinstance(value, int) and value >= 1),
     "texts": ("a list of texts", _texts),
+    "names": ("a pattern, or a list of patterns", lambda value: isinstance(value, str) or _texts(value)),
     "patterns": ("a list of patterns, or a mapping from a master's name to one", _patterns),
     "level": ("DEBUG, INFO, WARN, ERROR or FATAL", lambda value: value in ("DEBUG", "INFO", "WARN", "ERROR", "FATAL")),
 }
@@ -64,10 +65,10 @@ DISCOVERY: Mapping[str, Parameter] = {
     "robot_hosts": Parameter([], "texts"),
     "send_mcast": Parameter(True, "flag"),
     "listen_mcast": Parameter(True, "flag"),
-    "hide_nodes": Parameter([], "patterns"),
-    "hide_topics": Parameter([], "patterns"),
-    "hide_services": Parameter([], "patterns"),
-    "do_not_sync": Parameter([], "patterns"),
+    "hide_nodes": Parameter([], "names"),
+    "hide_topics": Parameter([], "names"),
+    "hide_services": Parameter([], "names"),
+    "do_not_sync": Parameter([], "names"),
     "log_level": Parameter("INFO", "level"),
 }
 

@@ -382,6 +382,8 @@ def loads(body: bytes) -> Tuple[Tuple[Any, ...], Optional[str]]:
     """The values and the method of an XML-RPC document; document types and entities are not read."""
     if b"<!DOCTYPE" in body or b"<!ENTITY" in body:
         raise ValueError("a document type in an XML-RPC document")
+    if b"\0" in body:  # UTF-16, in which they would not be found
+        raise ValueError("an XML-RPC document that is not in UTF-8")
     return xmlrpc.client.loads(body, use_builtin_types=True)
 
 
@@ -446,10 +448,19 @@ class Rpc:
             self._connection.connect()
             if self._connection.sock is not None:
                 self._connection.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        deadline = monotonic() + self._timeout
+        # The socket's own limit begins again with each byte, so whoever sends one now and then would hold this thread.
+        limit = threading.Timer(self._timeout, _cut, (self._connection.sock,))
+        limit.daemon = True
+        limit.start()
+        try:
+            return self._exchange(self._connection, body, monotonic() + self._timeout)
+        finally:
+            limit.cancel()
+
+    def _exchange(self, connection: http.client.HTTPConnection, body: bytes, deadline: float) -> bytes:
         headers = {"Content-Type": "text/xml", "Accept-Encoding": "gzip"}
-        self._connection.request("POST", self._path, body, headers)
-        answer = self._connection.getresponse()
+        connection.request("POST", self._path, body, headers)
+        answer = connection.getresponse()
         chunks, size = [], 0
         while True:
             chunk = answer.read1(1 << 16)
@@ -457,14 +468,23 @@ class Rpc:
                 break
             chunks.append(chunk)
             size += len(chunk)
-            if size > MAX_ANSWER or monotonic() > deadline:
-                raise OSError(f"{self.uri} answers too much or too slowly")
+            if size > MAX_ANSWER:
+                break
+        if size > MAX_ANSWER or monotonic() > deadline:
+            raise OSError(f"{self.uri} answers too much or too slowly")
         if answer.status != 200:
             raise OSError(f"{self.uri} answers {answer.status} {answer.reason}")
         if answer.will_close:
             self.close()
         content = b"".join(chunks)
         return unpack(content, MAX_ANSWER) if answer.headers.get("Content-Encoding") == "gzip" else content
+
+
+def _cut(connection: socket.socket) -> None:
+    try:
+        connection.shutdown(socket.SHUT_RDWR)
+    except OSError:  # it has ended
+        pass
 
 
 def _fault(part: Any) -> xmlrpc.client.Fault:

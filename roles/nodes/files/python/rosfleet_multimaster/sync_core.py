@@ -9,15 +9,17 @@ a killed master_sync. Every round compares what is wanted with what the roscore 
 Free of sockets, threads and clocks: times are arguments, in seconds of a clock that never steps.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
-from .filters import Filters, Rules
+from .filters import Filters, Pattern, Rules
 from .graph import LOCAL, State
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
 RETRY = (0.2, 1.0, 3.0, 10.0, 30.0)  # seconds after failed fetches
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
+
+UNKNOWN_TYPES = ("", "*", "None")  # as documents say that a master knows no type
 
 NodeKey = Tuple[str, str]  # name and URI of a node
 Claims = Dict[NodeKey, str]  # nodes that we registered -> URI of the master that they are of
@@ -214,7 +216,7 @@ def select(state: State, rules: Rules, own_uri: str, sync_remote_nodes: bool) ->
     for kind, endpoints in (("publisher", state.publishers), ("subscriber", state.subscribers)):
         for topic, nodes in endpoints.items():
             type_name = state.types.get(topic, "")
-            if kind == "publisher" and type_name in ("", "*", "None"):
+            if kind == "publisher" and type_name in UNKNOWN_TYPES:
                 continue
             for node in nodes:
                 uri = node_uri(node)
@@ -257,7 +259,8 @@ class Remote:
     """Another master."""
 
     announced: Announced
-    rules: Rules
+    rules: Rules  # for fetching and selecting
+    given: Rules  # as they stand in the parameters
     state: Optional[State] = None
     due: Optional[float] = None
     fetching: bool = False
@@ -309,10 +312,10 @@ class Sync:
             return
         remote = self.remotes.get(master.uri)
         if remote is None:
-            rules = self.filters.rules(master.name, (master.discoverer, self.own_node))
-            remote = self.remotes[master.uri] = Remote(master, rules)
+            remote = self.remotes[master.uri] = Remote(master, *self._rules(master))
         elif master.name != remote.announced.name or master.discoverer != remote.announced.discoverer:
-            remote.rules, remote.state = self.filters.rules(master.name, (master.discoverer, self.own_node)), None
+            remote.rules, remote.given = self._rules(master)
+            remote.state = None
         before, remote.announced = remote.announced, master
         remote.missing_since = None
         if not master.online:
@@ -327,6 +330,11 @@ class Sync:
             and (remote.due is None or (remote.failures and master != before))
         ):
             remote.due, remote.failures = now + COALESCE, 0
+
+    def _rules(self, master: Announced) -> Tuple[Rules, Rules]:
+        given = self.filters.rules(master.name, (master.discoverer, self.own_node))
+        # On demand every topic may be wanted: `wanted` chooses.
+        return (replace(given, sync_topics=Pattern.of(["*"])) if self.on_demand else given), given
 
     def due(self, now: float) -> List[Fetch]:
         """The states to fetch now."""
@@ -380,8 +388,9 @@ class Sync:
                 continue
             for item in select(remote.state, remote.rules, self.own_uri, self.sync_remote_nodes):
                 if demanded is not None and item.kind != "service" and item.name not in demanded:
-                    if not remote.rules.sync_topics.matches(item.name):
-                        continue
+                    if not remote.given.sync_topics.matches(item.name):
+                        if not remote.given.sync_nodes.matches(item.node):
+                            continue
                 found.append(Wanted(item, uri, remote.announced.name))
         return found
 
@@ -392,6 +401,7 @@ class Sync:
             for remote in self.remotes.values()
             if remote.state
             for topic, kind in remote.state.types.items()
+            if kind not in UNKNOWN_TYPES
         }
 
     def publishers_of(self, topic: str, master_uri: str) -> List[str]:
