@@ -236,12 +236,18 @@ def changes(planned):
     )
 
 
-def differences(planned, machine):
-    # type: (Plan, Machine) -> typing.List[typing.Dict[str, str]]
-    """The `diff` of a module: one entry per file that changes."""
+def differences(planned, machine, brief=()):
+    # type: (Plan, Machine, typing.Iterable[str]) -> typing.List[typing.Dict[str, str]]
+    """The `diff` of a module: one entry per file that changes, and one for all that are below the `brief` folders."""
     entries = []
+    named = ["", ""]  # lines before and after
+    below = tuple(folder.rstrip("/") + "/" for folder in brief)
     for path, after in [(file.path, file) for file in planned.writes] + [(path, None) for path in planned.removals]:
         found = machine.found[path]
+        if path.startswith(below):
+            named[0] += _line(path, found)
+            named[1] += _line(path, after)
+            continue
         entry = _owned.difference(path, found and found.content, after and after.content)
         if found and after and found.kind == _FILE and found.content == after.content:
             entry["before"] = "mode %04o, owner %d:%d\n" % ((found.mode,) + found.owner)
@@ -249,7 +255,22 @@ def differences(planned, machine):
         elif found and found.kind != _FILE:
             entry["before"] = "(%s)\n" % found.kind
         entries.append(entry)
+    if any(named):
+        header = "files below " + ", ".join(brief)
+        entries.append(dict(before=named[0], after=named[1], before_header=header, after_header=header))
     return entries
+
+
+def _line(path, file):
+    # type: (str, typing.Union[Found, Wanted, None]) -> str
+    if file is None:
+        return ""
+    return "%s, mode %04o, %d bytes, SHA-256 %s\n" % (
+        path,
+        file.mode,
+        len(file.content),
+        hashlib.sha256(file.content).hexdigest()[:12],
+    )
 
 
 class Transaction:

@@ -45,6 +45,13 @@ options:
         description: The permission bits as four octal digits in quotes, for example V("0755").
         type: str
         default: "0644"
+  brief:
+    description:
+      - Folders whose files the difference names with size and digest, instead of showing their content, for example
+        V([/usr/local/lib/example]) where the content is code.
+    type: list
+    elements: str
+    default: []
   records:
     description:
       - The folder of this collection's memory on the computer, for example V(/var/lib/rosfleet-multimaster).
@@ -170,6 +177,7 @@ def main():
                     mode=dict(type="str", default="0644"),
                 ),
             ),
+            brief=dict(type="list", elements="str", default=[]),
             records=dict(type="str", default=_owned.RECORDS),
         ),
         supports_check_mode=True,
@@ -214,7 +222,7 @@ def main():
         msg=summary(bundle, planned, module.check_mode),
     )
     if module._diff:
-        result["diff"] = _files.differences(planned, machine)
+        result["diff"] = _files.differences(planned, machine, module.params["brief"])
     module.exit_json(**result)
 
 

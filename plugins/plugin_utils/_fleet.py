@@ -110,7 +110,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
     if "multimaster_common_network" in shared:
         problems += _in_network(computers, shared["multimaster_common_network"])
     if problems or not robots:
-        raise InventoryProblems(problems)
+        raise InventoryProblems(_collapsed(problems, list(values)))
     return Fleet(
         robots=tuple(robots),
         common_network=shared["multimaster_common_network"],
@@ -154,6 +154,19 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict
             "(RFC 1123), since it is the name by which the other computers know it: rename it."
         )
     return read
+
+
+def _collapsed(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
+    """One sentence for a value that is wrong on many hosts, since it stands in one place of the inventory."""
+    of: dict[str, list[str]] = {}
+    for problem in problems:
+        host, colon, text = problem.partition(": ")
+        of.setdefault(text if colon and host in hosts else problem, []).append(host)
+    sentences = []
+    for text, named in of.items():
+        others = f" and {len(named) - 3} more" if len(named) > 3 else ""
+        sentences.append(text if named[0] not in hosts else f"{', '.join(named[:3])}{others}: {text}")
+    return sentences
 
 
 def _is_name(host: str) -> bool:

@@ -174,6 +174,19 @@ def test_a_failed_change_is_repaired_by_going_back(lab):
     assert status == 0, output
 
 
+def test_a_filter_keeps_out_what_is_not_wanted(lab):
+    assert lab.play("site.yml", variables={"multimaster_filters": {"sync_topics": ["/wanted/*"]}})[0] == 0
+    for topic in ("wanted/one", "unwanted"):
+        unit = topic.replace("/", "-")
+        talker = f"timeout 60 rostopic pub -r 5 /{topic} std_msgs/Int32 1"
+        lab.run(SECOND, f"systemd-run --unit {unit} --collect bash -lc '{talker}'")
+    eventually(lambda: lab.run(SECOND, "rostopic list").split(), lambda topics: "/unwanted" in topics)
+    topics = eventually(lambda: lab.run(FIRST, "rostopic list").split(), lambda topics: "/wanted/one" in topics)
+    assert "/wanted/one" in topics and "/unwanted" not in topics
+    lab.run(SECOND, "systemctl stop wanted-one unwanted")
+    assert lab.play("site.yml")[0] == 0
+
+
 def test_the_verification_names_the_cause(lab):
     lab.run(SECOND, "sed -i 's/^192.168.1.229/192.168.1.77/' /etc/hosts")
     status, output = lab.play("playbooks/verify.yml", variables={"verify_patience": 3})

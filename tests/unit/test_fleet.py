@@ -166,8 +166,7 @@ WRONG = {
     "no multicast group": (
         everywhere(multimaster_multicast_group="192.168.1.1"),
         [
-            "kobuki1computer: multimaster_multicast_group is '192.168.1.1'; expected an IPv4 multicast group",
-            "kobuki2computer",
+            "kobuki1computer, kobuki2computer: multimaster_multicast_group is '192.168.1.1'; expected an IPv4 multicast",
         ],
     ),
     "outside the network": (
@@ -190,7 +189,7 @@ WRONG = {
     ),
     "mistyped transport": (
         everywhere(multimaster_transport="broadcast"),
-        ["multimaster_transport is 'broadcast'; expected one of both, multicast, unicast", "kobuki2computer"],
+        ["kobuki1computer, kobuki2computer: multimaster_transport is 'broadcast'; expected one of both, multicast"],
     ),
     "the fleet disagrees": (
         setting("kobuki2computer", multimaster_multicast_port=11512),
@@ -269,6 +268,21 @@ def test_all_problems_are_found_in_one_pass():
         setting("kobuki2computer", multimaster_roscore="none")(robots, variables)
 
     assert len(problems(change)) == 2
+
+
+def test_one_wrong_line_of_the_inventory_is_one_sentence():
+    def change(robots, variables):
+        for number in range(3, 9):
+            robots[f"kobuki{number}"] = [f"kobuki{number}computer"]
+            variables[f"kobuki{number}computer"] = dict(
+                variables["kobuki1computer"], multimaster_address=f"192.168.1.{number}"
+            )
+        everywhere(multimaster_transport="radio")(robots, variables)
+
+    (sentence,) = problems(change)
+    assert sentence.startswith(
+        "kobuki1computer, kobuki2computer, kobuki3computer and 5 more: multimaster_transport is 'radio'"
+    )
 
 
 def test_an_empty_inventory_is_named():

@@ -343,3 +343,13 @@ def test_the_digest_tells_any_change_and_no_order():
     a, b = ("/a", "A", "0644"), ("/b", "B", "0644")
     assert digest(a, b) == digest(b, a)
     assert len({digest(a, b), digest(a), digest(("/a", "A", "0755"), b), digest(("/a", "X", "0644"), b)}) == 4
+
+
+def test_the_difference_names_code_and_shows_the_rest(place):
+    planned, machine, transaction = place.steps({"lib/node.py": ("import this\n", "0644"), "etc/a": ("A", "0644")})
+    entries = _files.differences(planned, machine, [place.path("lib")])
+    assert len(entries) == 2
+    shown = next(entry for entry in entries if entry["after_header"] == place.path("etc/a"))
+    named = next(entry for entry in entries if entry is not shown)
+    assert shown["after"] == "A"
+    assert "import this" not in named["after"] and "lib/node.py, mode 0644, 12 bytes" in named["after"]
