@@ -230,6 +230,15 @@ def test_the_oldest_supported_ansible_core_agrees(lab, tmp_path):
         assert re.search(rf"{host} : ok=\d+ changed=0 unreachable=0 failed=0", output), output
 
 
+def test_a_user_with_sudo_is_enough(lab):
+    for host in (FIRST, SECOND):
+        lab.run(host, "echo 'operator ALL=(ALL) NOPASSWD: ALL' > /etc/sudoers.d/operator")
+    status, output = lab.play("site.yml", variables={"ansible_user": "operator"})
+    assert status == 0, output
+    assert re.search(rf"{FIRST} : ok=\d+ changed=0", output), output
+    assert lab.play("playbooks/verify.yml", variables={"ansible_user": "operator"})[0] == 0
+
+
 def test_the_operators_computer_may_be_a_member(lab, ansible_inside):
     """Ansible on the first computer itself: there ansible_connection is local, the other robot is reached by ssh."""
     output = lab.run(
