@@ -9,15 +9,19 @@ All nodes are ordinary ones (rostopic, rosservice, rospy, actionlib): nothing of
 from __future__ import annotations
 
 import contextlib
+import itertools
 import pathlib
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 NODES = pathlib.Path(__file__).parent / "nodes"
 # A registration crosses within a second; rospy's command-line tools take a few to start.
 PATIENCE = 20.0
+# Pairs that are tried at the same time: most of it is waiting for command-line tools to start.
+AT_ONCE = 4
 
 
 @dataclass(frozen=True)
@@ -93,13 +97,14 @@ def wait_for(look: Callable[[], str], wanted: Callable[[str], bool], seconds: fl
 
 def prove(computers: Sequence[Computer], tell: Callable[[str], None]) -> list[Result]:
     """Everything of section 3.3, from each computer to each other."""
-    results: list[Result] = []
-    for here in computers:
-        for there in computers:
-            if here != there:
-                tell(f"{here.name} -> {there.name}: topic, connection, service, action, parameter, end of a publisher")
-                results += list(_pair(here, there))
-    return results
+
+    def pair(both: tuple[Computer, Computer]) -> list[Result]:
+        here, there = both
+        tell(f"{here.name} -> {there.name}: topic, connection, service, action, parameter, end of a publisher")
+        return list(_pair(here, there))
+
+    with ThreadPoolExecutor(max_workers=AT_ONCE) as pool:
+        return [result for results in pool.map(pair, itertools.permutations(computers, 2)) for result in results]
 
 
 def _pair(here: Computer, there: Computer) -> Iterator[Result]:
