@@ -142,7 +142,7 @@ def detach(sockets, settings, path):
             os._exit(0)
         _let_go(item.fileno() for item in sockets)
         serve(sockets, settings, path)
-    except Exception as error:  # noqa: BLE001  nobody else is left to tell
+    except Exception as error:  # nobody else is left to tell
         syslog.syslog(syslog.LOG_ERR, f"multicast_verify's helper ended: {error!r}")
     finally:
         os._exit(0)

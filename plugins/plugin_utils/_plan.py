@@ -89,8 +89,6 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, Any]:
         "is_master": is_master,
         "roscore": robot.roscore,
         "roscore_port": robot.roscore_port,
-        "rpc_port": robot.rpc_port,
-        "master": robot.master.name,
         "ros_setup": computer.ros_setup,
         "sysctl": _sysctl(fleet),
         "environment": {
