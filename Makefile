@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup lab demo lab-down lint sanity unit molecule systems test format readme
+.PHONY: help setup lab demo lab-down lint sanity unit molecule systems bench-site test format readme
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -19,7 +19,7 @@ setup: ## what the rest needs: Debian packages, tools in .work/venv
 lab: setup ## build the image of the lab's computers
 	@$(PYTHON) tests/lab/lab.py image
 
-demo: lab ## two robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer)
+demo: lab ## robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer or multi_computer)
 	@$(PYTHON) tests/lab/demo.py --layout $(LAYOUT)
 
 lab-down: setup ## remove everything that the lab made: containers, networks, the image
@@ -42,6 +42,9 @@ molecule: lab ## the roles in containers: check, converge, idempotence, verify, 
 
 systems: lab ## injected faults and the commands of the README, on real systems
 	@$(PYTHON) tools/test.py systems
+
+bench-site: lab ## the second run of site.yml beside a playbook of the usual tasks, on 13 systems (ten minutes)
+	@$(PYTHON) tests/bench/site/site.py
 
 format: setup ## format the Python files
 	@.work/venv/bin/ruff check --quiet --fix . && .work/venv/bin/ruff format --quiet .

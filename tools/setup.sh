@@ -3,7 +3,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 #
 # Puts in place what the tests and the lab need: Debian packages where they are missing, a virtual environment in .work/venv,
-# and the path under which Ansible finds this checkout as the collection. Does nothing, quickly, when all is there.
+# the path under which Ansible finds this checkout as the collection, and one limit of the kernel until the next boot.
+# Does nothing, quickly, when all is there.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -15,19 +16,31 @@ packages=(
 stamp=.work/venv/stamp
 inputs=$(sha256sum requirements-dev.txt)
 
+# A system with somebody logged in holds about a dozen; kernels allow a user 128, which thirteen systems exceed.
+instances=fs.inotify.max_user_instances
+instances_wanted=1024
+
 say() { printf 'setup: %s\n' "$*"; }
+as_root() { if [[ $EUID -eq 0 ]]; then "$@"; else sudo "$@"; fi; }
 
 install_packages() {
-  local missing=() package apt=(env DEBIAN_FRONTEND=noninteractive apt-get -qq)
+  local missing=() package apt=(as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq)
   command -v dpkg-query >/dev/null || { say "this is no Debian: you need podman, mmdebstrap, zstd, rsync and shellcheck"; return; }
   for package in "${packages[@]}"; do
     dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null | grep -qx installed || missing+=("$package")
   done
   [[ ${#missing[@]} -gt 0 ]] || return 0
-  [[ $EUID -eq 0 ]] || apt=(sudo "${apt[@]}")
   say "installing ${missing[*]} with apt ..."
   "${apt[@]}" update
   "${apt[@]}" install --yes --no-install-recommends "${missing[@]}" >/dev/null
+}
+
+raise_limit() {
+  local file=/proc/sys/${instances//.//}
+  [[ $(<"$file") -lt $instances_wanted ]] || return 0
+  say "raising $instances from $(<"$file") to $instances_wanted until the next boot ..."
+  # Without it small labs still work, and a large one says what is missing.
+  as_root tee "$file" >/dev/null <<<"$instances_wanted" || say "it stays at $(<"$file")"
 }
 
 # The first Python that ansible-core runs on and that can make a virtual environment.
@@ -61,5 +74,6 @@ link_collection() {
 }
 
 install_packages
+raise_limit
 make_venv
 link_collection

@@ -72,7 +72,7 @@ class Suite:
     command: Sequence[str]
     count: Callable[[int, str], Count] = one
     shown: bool = False  # whether its output is shown as it comes, or only when it fails
-    lab: str = ""  # what it runs in: nothing is there when it begins, and nothing stays
+    labs: Sequence[str] = ()  # what it runs in: nothing is there when it begins, and nothing stays
 
 
 def vermin(target: str, *paths: str) -> Suite:
@@ -81,18 +81,18 @@ def vermin(target: str, *paths: str) -> Suite:
     return Suite("lint", f"vermin {target}", ["vermin", f"--target={target}-", "--no-tips", "--violations", *present])
 
 
-def cases(group: str, lab: str = "") -> Suite:
+def cases(group: str, *labs: str) -> Suite:
     """The test cases of a folder of tests/."""
     report = REPORTS / f"{group}.xml"
     command = ["pytest", "--quiet", f"--junit-xml={report}", f"tests/{group}"]
-    return Suite(group, "pytest", command, pytest_cases(report), shown=True, lab=lab)
+    return Suite(group, "pytest", command, pytest_cases(report), shown=True, labs=labs)
 
 
 def scenarios() -> list[Suite]:
     """The Molecule scenarios."""
     names = sorted(path.parent.name for path in (ROOT / "extensions" / "molecule").glob("*/molecule.yml"))
     return [
-        Suite("molecule", name, ["molecule", "test", "--scenario-name", name], shown=True, lab=f"molecule-{name}")
+        Suite("molecule", name, ["molecule", "test", "--scenario-name", name], shown=True, labs=[f"molecule-{name}"])
         for name in names
     ]
 
@@ -101,7 +101,7 @@ def demonstration(layout: str) -> Suite:
     """One layout in the lab; its second run, on systems that are as they should be, is a person's affair."""
     lab = "test-demo"  # a person may have theirs up
     command = [sys.executable, "tests/lab/demo.py", "--layout", layout, "--name", lab]
-    return Suite("demo", layout, command, shown=True, lab=lab)
+    return Suite("demo", layout, command, shown=True, labs=[lab])
 
 
 SUITES = [
@@ -120,8 +120,9 @@ SUITES = [
     Suite("sanity", "ansible-test", [sys.executable, "tools/sanity.py"], sanity_tests, shown=True),
     cases("unit"),
     *scenarios(),
-    cases("systems", lab="systems"),
+    cases("systems", "systems", "systems-cut-off", "systems-fourth", "systems-placement"),
     demonstration("single_computer"),
+    demonstration("multi_computer"),
 ]
 
 
@@ -138,9 +139,9 @@ def environment() -> dict[str, str]:
     }
 
 
-def take_down(lab: str) -> None:
-    """Remove a lab, if there is one."""
-    if lab:
+def take_down(labs: Sequence[str]) -> None:
+    """Remove labs, as far as there are any."""
+    for lab in labs:
         subprocess.run([sys.executable, "tests/lab/lab.py", "down", "--name", lab], cwd=ROOT, check=False)
 
 
@@ -148,7 +149,7 @@ def run(suite: Suite) -> Count:
     """Run one suite and say how it went."""
     label = f"{suite.group}: {suite.name}"
     print(f"== {label} ...", flush=True)
-    take_down(suite.lab)
+    take_down(suite.labs)
     started = time.monotonic()
     output = []
     try:
@@ -165,7 +166,7 @@ def run(suite: Suite) -> Count:
             if suite.shown:
                 print(line, end="", flush=True)
         status = process.wait()
-    take_down(suite.lab)
+    take_down(suite.labs)
     text = "".join(output)
     if status and not suite.shown:
         print(text, end="")

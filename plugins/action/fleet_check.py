@@ -23,7 +23,7 @@ class ActionModule(ActionBase):
             changed=False,
             problems=list(comparison.problems),
             warnings=list(comparison.warnings),
-            interface=comparison.interface,
+            plan=comparison.plan,
         )
         if comparison.problems:
             result.update(failed=True, msg=numbered(comparison.problems))

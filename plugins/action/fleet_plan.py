@@ -14,19 +14,21 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._sentences im
 class ActionModule(ActionBase):
     """Computes the plan of all computers from the whole inventory, whatever `--limit` says."""
 
-    _VALID_ARGS = frozenset(("group",))
+    _VALID_ARGS = frozenset(("group", "router_group"))
     _requires_connection = False
 
     def run(self, tmp=None, task_vars=None):
         result = super().run(tmp, task_vars)
         task_vars = task_vars or {}
         try:
-            inventory = read_inventory(task_vars, self._task.args.get("group", "robots"))
+            inventory = read_inventory(
+                task_vars, self._task.args.get("group", "robots"), self._task.args.get("router_group", "routers")
+            )
             plan = _plan.plan(_fleet.read_fleet(inventory))
         except _fleet.InventoryProblems as found:
             result.update(failed=True, problems=found.problems, msg=numbered(found.problems))
             return result
-        count = len(plan["computers"])
+        count = len(plan["members"])
         result.update(
             changed=False,
             msg=f"{len(plan['masters'])} robots with {count} computers on {plan['common_network']}",
@@ -35,8 +37,8 @@ class ActionModule(ActionBase):
         return result
 
 
-def read_inventory(task_vars, group):
-    """The robots and their variables as Ansible's inventory has them.
+def read_inventory(task_vars, group, router_group):
+    """The robots, the router and their variables as Ansible's inventory has them.
 
     The groups directly below `group` are the robots. Ansible hands out groups without their order of descent,
     except through the object behind `hostvars`.
@@ -53,10 +55,13 @@ def read_inventory(task_vars, group):
     )
     hosts = [host for of_robot in robots.values() for host in of_robot]
     members = [] if root is None else [str(host.name) for host in root.get_hosts()]
+    of_router = hostvars._inventory.groups.get(router_group)
+    routers = [] if of_router is None else [str(host.name) for host in of_router.get_hosts()]
     return _fleet.Inventory(
         robots=robots,
-        variables={host: _variables_of(host, hostvars[host]) for host in hosts},
+        variables={host: _variables_of(host, hostvars[host]) for host in (*hosts, *routers)},
         strays=[host for host in members if host not in hosts],
+        routers=routers,
     )
 
 

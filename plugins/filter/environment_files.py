@@ -50,7 +50,7 @@ _value:
   type: dict
   contains:
     files:
-      description: The files to own, each with C(path), C(content) and C(mode).
+      description: The files to own, each with C(path), C(content), C(mode) and, where its reader can say whether it takes it, C(validate).
       type: list
       elements: dict
     notes:

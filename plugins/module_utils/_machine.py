@@ -216,3 +216,34 @@ def from_text(output, found):
             length = int(prefix) if prefix else {"inet": 32, "inet6": 128}[family]
             by_name[name]["addresses"].append({"address": address, "prefix": length, "family": family})
     return found
+
+
+def ways(destinations):
+    # type: (typing.List[str]) -> typing.List[typing.Dict[str, typing.Any]]
+    """The routes that the kernel would take to IPv4 addresses (ip-route(8), get)."""
+    found = []
+    for destination in destinations:
+        answer = run(["ip", "-json", "-4", "route", "get", destination])
+        way = {"destination": destination, "gateway": None, "device": None, "source": None, "error": ""}
+        if answer.status == 0:
+            route = json.loads(answer.output.decode("utf-8"))[0]
+            way.update(gateway=route.get("gateway"), device=route.get("dev"), source=route.get("prefsrc"))
+        else:
+            way["error"] = answer.error.replace("RTNETLINK answers: ", "") or "no route"
+        found.append(way)
+    return found
+
+
+# Programs that pass multicast on between interfaces, by their units in Debian; the kernel takes one at a time.
+_MULTICAST_ROUTERS = ("smcroute.service", "mrouted.service", "pimd.service", "igmpproxy.service")
+
+
+def multicast_routing():
+    # type: () -> typing.Dict[str, typing.Any]
+    """Where smcrouted is, and which units of others pass multicast on."""
+    places = (os.path.join(folder, "smcrouted") for folder in ("/usr/sbin", "/usr/local/sbin", "/sbin"))
+    states = run(["systemctl", "is-active"] + list(_MULTICAST_ROUTERS)).output.decode("utf-8", "replace").split()
+    return {
+        "smcrouted": next((path for path in places if os.access(path, os.X_OK)), ""),
+        "others": [unit for unit, state in zip(_MULTICAST_ROUTERS, states) if state == "active"],
+    }

@@ -187,7 +187,8 @@ def decode(data, run):
 
 
 class Settings(NamedTuple):
-    """What a helper is started with. interface: name of the interface that has address. computers: {address: name}."""
+    """What a helper is started with. interface: name of the interface that has address. computers: {address: name}.
+    apart: the addresses of those whom the group does not reach, as behind a gateway; they are met by unicast alone."""
 
     run: str
     group: str
@@ -197,6 +198,7 @@ class Settings(NamedTuple):
     own: tuple
     computers: dict
     lifetime: float
+    apart: frozenset = frozenset()
 
 
 BEFORE, DURING, AFTER = "before", "during", "after"  # the rounds: when a peer was asked
@@ -244,6 +246,7 @@ class Helper:
         self.aliases = {}  # other source addresses of a peer, behind address translation
         self.heard = {}  # (address, port, interface) -> [probes, datagrams] on the group
         self.heard_unicast = {}  # (address, port) -> probes
+        self.callers = {}  # address -> empty datagrams to this computer itself, whoever sent them
         self.telling = {}  # (address, port) -> how often it is still to be told who we are
         self.budget = (0, 0)  # (second, answers given in it)
         self.sent = 0
@@ -270,8 +273,11 @@ class Helper:
                 counts = self.heard.setdefault(key, [0, 0])
                 counts[0] += not length
                 counts[1] += 1
-        elif peer and not length and len(self.heard_unicast) < SOURCES:
-            self.heard_unicast[source] = self.heard_unicast.get(source, 0) + 1
+        elif not length:
+            if address in self.callers or len(self.callers) < SOURCES:
+                self.callers[address] = self.callers.get(address, 0) + 1
+            if peer and (source in self.heard_unicast or len(self.heard_unicast) < SOURCES):
+                self.heard_unicast[source] = self.heard_unicast.get(source, 0) + 1
         if peer is None or length:
             return []
         peer.seen, peer.control = now, peer.control or source
@@ -310,6 +316,10 @@ class Helper:
 
     def _peer_at(self, address):
         return self.peers.get(address) or self.aliases.get(address)
+
+    def _apart(self, address):
+        """Does the group, by plan, not pass between this computer and another one?"""
+        return bool({address, self.settings.address} & self.settings.apart)
 
     def _may_answer(self, now):
         second, given = self.budget
@@ -378,9 +388,11 @@ class Helper:
                 self.due = now
 
     def _probes(self, unicast):
+        """One probe on the group, and one to each computer that is to hear it by unicast too, or can only so."""
         port = self.settings.port
         self.sent += 1
-        return [(b"", (self.settings.group, port))] + [(b"", (address, port)) for address in self.peers if unicast]
+        singly = [address for address in self.peers if unicast or self._apart(address)]
+        return [(b"", (self.settings.group, port))] + [(b"", (address, port)) for address in singly]
 
     def _asks(self, peers, when):
         asks = []
@@ -412,8 +424,9 @@ class Helper:
     # what comes out
 
     def result(self):
-        """The measurement as the module returns it: udp, heard, missing, unanswered, unexpected."""
+        """The measurement as the module returns it: udp, heard, missing, unanswered, unexpected, callers."""
         udp = [self._entry(peer) for peer in self.peers.values()]
+        together = [entry for entry in udp if entry["multicast"]]
         strangers = {}
         for (address, port, interface), counts in self.heard.items():
             if self._peer_at(address) is None:
@@ -421,12 +434,14 @@ class Helper:
         return {
             "udp": udp,
             "heard": [entry["name"] for entry in udp if entry["heard_from"]],
-            "missing": [entry["name"] for entry in udp if not entry["heard_from"] or entry["heard_by"] is False],
-            "unanswered": [entry["name"] for entry in udp if entry["heard_from"] and entry["heard_by"] is None],
+            "missing": [entry["name"] for entry in together if not entry["heard_from"] or entry["heard_by"] is False]
+            + [entry["name"] for entry in udp if not entry["multicast"] and not entry["unicast"]],
+            "unanswered": [entry["name"] for entry in together if entry["heard_from"] and entry["heard_by"] is None],
             "unexpected": [
                 {"address": address, "interface": interface, "datagrams": count}
                 for (address, interface), count in sorted(strangers.items())
             ],
+            "callers": [{"address": address, "datagrams": count} for address, count in sorted(self.callers.items())],
         }
 
     def _entry(self, peer):
@@ -440,7 +455,9 @@ class Helper:
         translated = sorted({address for interface, address, count in probes} - {peer.address})
         before, after = peer.accounts.get(BEFORE), peer.accounts.get(AFTER) or peer.accounts.get(DURING)
         loss = heard_by = None
-        if before and after and after.sent > before.sent:
+        if self._apart(peer.address):
+            pass  # it is not to hear this computer on the group
+        elif before and after and after.sent > before.sent:
             arrived = after.heard - before.heard
             heard_by, loss = arrived > 0, round(max(0.0, 1 - arrived / (after.sent - before.sent)), 3)
         elif after:
@@ -448,6 +465,7 @@ class Helper:
         return dict(
             name=peer.name,
             address=peer.address,
+            multicast=not self._apart(peer.address),
             heard_from=heard > 0,
             heard=heard,
             source_address=(translated or [peer.address])[0] if probes else None,
@@ -513,8 +531,11 @@ def explain(result, port):
     """One message on a result: who is missing, and what usually causes just this."""
     udp = result["udp"]
     if not result["missing"] and not result["unanswered"]:
-        return f"Every other computer ({len(udp)}) is heard on the group and hears this one."
-    silent = [entry for entry in udp if not entry["heard_from"]]
+        alone = sum(1 for entry in udp if not entry["multicast"])
+        more = f", {alone} of them by unicast, since the group does not pass between them" if alone else ""
+        return f"Every other computer ({len(udp)}) is heard on the group and hears this one{more}."
+    silent = [entry for entry in udp if entry["multicast"] and not entry["heard_from"]]
+    alone = [entry for entry in udp if not entry["multicast"] and not entry["unicast"]]
     cases = {
         "silent": [entry["name"] for entry in silent],
         "deaf": [entry["name"] for entry in udp if entry["heard_by"] is False],
@@ -524,7 +545,7 @@ def explain(result, port):
             if entry["other_interfaces"]
         ],
         "reachable": [entry["name"] for entry in udp if entry["name"] in result["missing"] and entry["unicast"]],
-        "unreachable": [entry["name"] for entry in silent if entry["heard_by"] is None],
+        "unreachable": [entry["name"] for entry in silent + alone if entry["heard_by"] is None],
         "unanswered": result["unanswered"],
     }
     return " ".join(text.format(names=", ".join(cases[case]), port=port) for case, text in CAUSES if cases[case])

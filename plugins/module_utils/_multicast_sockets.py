@@ -100,9 +100,10 @@ def _control(settings, index):
     control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     control.setblocking(False)
     control.bind((settings.address, 0))
-    ttl = TTL_LINK_LOCAL if settings.group.startswith(LINK_LOCAL) else TTL
-    control.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, ttl)
-    control.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 0)
+    routable = not settings.group.startswith(LINK_LOCAL)
+    control.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, TTL if routable else TTL_LINK_LOCAL)
+    # A gateway that routes multicast passes on what it sends itself only if that is looped back.
+    control.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, int(routable))
     control.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, _member("0.0.0.0", settings.address, index))
     return control
 
@@ -208,7 +209,7 @@ def serve(sockets, settings, path):
 def plain(settings):
     """What must be the same in both tasks of a run, in a form that JSON leaves as it is."""
     computers = [list(item) for item in sorted(settings.computers.items())]
-    return [settings.run, settings.group, settings.port, settings.address, computers]
+    return [settings.run, settings.group, settings.port, settings.address, computers, sorted(settings.apart)]
 
 
 def send(control, outgoing, errors):

@@ -158,6 +158,12 @@ class Record:
             remove_folder_if_empty(folder)
 
 
+def records(folder=RECORDS):
+    # type: (str) -> typing.List[str]
+    """The names of the records on this machine, sorted."""
+    return sorted(os.path.basename(path)[:-5] for path in glob.glob(os.path.join(glob.escape(folder), "*.json")))
+
+
 def difference(path, before, after):
     # type: (str, typing.Optional[bytes], typing.Optional[bytes]) -> typing.Dict[str, str]
     """One entry of a module's `diff`: a file's text before and after; None is a file that is not there."""

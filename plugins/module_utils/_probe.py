@@ -31,6 +31,22 @@ def topic_of(computer: str) -> str:
     return "/multimaster_verify/" + re.sub(r"\W", "_", computer)
 
 
+def node_of(run: str, computer: str) -> str:
+    """The name of a computer's talker: no other node of the fleet has it, however many start in the same instant."""
+    return re.sub(r"\W", "_", f"multimaster_verify_talker_{computer}_{run}")
+
+
+def listener_of(computer: str) -> str:
+    """The beginning of the name of the node that hears the others' talkers; rospy makes the rest of it."""
+    return re.sub(r"\W", "_", f"multimaster_verify_listener_{computer}")
+
+
+def interpreter(script: bytes) -> typing.List[str]:
+    """The words of a script's first line (execve(2)): what runs a command of ROS; empty where it is no script."""
+    line = script.split(b"\n", 1)[0].decode("utf-8", "replace")
+    return line[2:].split() if line.startswith("#!") else []
+
+
 def sentence_of(run: str, computer: str) -> str:
     """What the talker says: the label of the run, so that an older talker is not taken for it, and who it is."""
     return f"{run} {computer}"
@@ -77,12 +93,6 @@ def masters(output: str) -> typing.List[typing.Dict[str, typing.Any]]:
     return found
 
 
-def data(output: str) -> str:
-    """The text of the first std_msgs/String that `rostopic echo` prints, empty where there is none."""
-    field = re.search(r"^data:\s*(.*?)\s*$", output, re.MULTILINE)
-    return unquoted(field.group(1)) if field else ""
-
-
 def unquoted(value: str) -> str:
     """A text as genpy prints it: in quotes where ROS is new enough."""
     return value[1:-1] if len(value) > 1 and value[0] == value[-1] and value[0] in "\"'" else value
@@ -106,9 +116,9 @@ def echo(received: bytes, identifier: int) -> typing.Optional[Echo]:
 
 
 def route(output: str) -> typing.Dict[str, typing.Optional[str]]:
-    """Device, source address and gateway in a line of `ip route`; None for what it does not say."""
+    """Device, source address, gateway and metric in a line of `ip route`; None for what it does not say."""
     found = {}
-    for field, word in (("device", "dev"), ("source", "src"), ("gateway", "via")):
+    for field, word in (("device", "dev"), ("source", "src"), ("gateway", "via"), ("metric", "metric")):
         match = re.search(rf"\b{word} (\S+)", output)
         found[field] = match.group(1) if match else None
     return found

@@ -17,7 +17,7 @@ import typing
 import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import interfaces, run, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import echo_request
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
@@ -94,11 +94,19 @@ def awaited(
         time.sleep(PAUSE)
 
 
-def members(others: typing.List[typing.Dict[str, str]], own: str) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Of every member: what its name means here, its echo replies and the way to it; of the own one the name alone."""
-    resolved = concurrently(
-        lambda member: resolve(member["name"]), others, 15.0, lambda member: ([], "no answer within 15 s")
-    )
+def members(
+    others: typing.List[typing.Dict[str, str]], own: str, by_name: bool = True
+) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Of every member: what its name means here, its echo replies and the way to it; of the own one the name alone.
+
+    Without `by_name` no name is looked up, as on the router, which is not told any.
+    """
+    if by_name:
+        resolved = concurrently(
+            lambda member: resolve(member["name"]), others, 15.0, lambda member: ([], "no answer within 15 s")
+        )
+    else:
+        resolved = [([], "not looked up")] * len(others)
     found = []
     asked = []
     for member, (addresses, error) in zip(others, resolved):
@@ -197,6 +205,54 @@ def default_routes() -> typing.List[typing.Dict[str, typing.Optional[str]]]:
     """The default routes of the main table."""
     output = run(["ip", "-4", "route", "show", "default"]).output.decode("utf-8", "replace")
     return [_probe.route(line) for line in output.splitlines() if line.startswith("default")]
+
+
+def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]:
+    """What decides whether packets pass from one network to another here (Documentation/networking/ip-sysctl).
+
+    For each interface with an IPv4 address: whether packets that come in there are passed on, which reverse-path
+    filter is effective (the larger value of `all` and the interface), and whether redirects are sent (either of them).
+    Null for what cannot be read.
+    """
+
+    def value(*words: str) -> typing.Optional[int]:
+        content = text(os.path.join(root, *words)).strip()
+        return int(content) if content.isdigit() else None
+
+    def larger(interface: str, setting: str) -> typing.Optional[int]:
+        both = [value("conf", place, setting) for place in ("all", interface)]
+        return None if None in both else max(both)
+
+    found = []
+    for interface in interfaces():
+        addresses = [entry["address"] for entry in interface["addresses"] if entry["family"] == "inet"]
+        if addresses and not interface["loopback"]:
+            name = interface["name"]
+            found.append(
+                {
+                    "interface": name,
+                    "addresses": addresses,
+                    "forwarding": value("conf", name, "forwarding"),
+                    "rp_filter": larger(name, "rp_filter"),
+                    "send_redirects": larger(name, "send_redirects"),
+                }
+            )
+    return {"ip_forward": value("ip_forward"), "interfaces": found}
+
+
+def call(addresses: typing.Sequence[str], port: int) -> str:
+    """Send empty datagrams, which a discovery node ignores, so that the helpers there see from where they come.
+
+    Returns the error of the last one that could not be sent, or empty.
+    """
+    error = ""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        for address in list(addresses) * TRIES:
+            try:
+                link.sendto(b"", (address, port))
+            except OSError as problem:
+                error = f"{address}: {problem.strerror or problem}"
+    return error
 
 
 def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.Dict[str, typing.Any]:

@@ -7,6 +7,8 @@
 The commands run in the environment of the collection's services, as the user nobody.
 """
 
+import inspect
+import json
 import os
 import pwd
 import shutil
@@ -15,13 +17,13 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe, _probe_listener
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import BASE_PATH, run, text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe_network import awaited, concurrently, server
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe_network import PAUSE, TRIES, awaited, server
 
 CALLER = "/multimaster_verify"
 SHORTEST = 10  # seconds that a command of ROS may take at least: rospy alone needs several to start on a small computer
-COMMANDS = 6  # how many of them run at once
+LAST = 3  # seconds before the end at which the listener says what it has heard until then
 LIST_MASTERS = "/master_discovery/list_masters"
 _PROPERTIES = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "MainPID")
 
@@ -60,10 +62,21 @@ class Ros:
             raise NoRos(f"there is no command {name} in the PATH of {self.file}; install it")
         return path
 
+    def missing(self) -> str:
+        """Why no node can run here, or empty: a second computer of a robot may be without ROS."""
+        try:
+            self.command("rostopic")
+        except NoRos as problem:
+            return str(problem)
+        return ""
+
     def run(self, name: str, arguments: typing.List[str], seconds: float) -> typing.Tuple[str, str]:
         """Output and error of a command; when its time is over it is interrupted, so that its node unregisters."""
-        limit = max(seconds, SHORTEST)
-        argv = ["timeout", "--signal=INT", "--kill-after=3", f"{limit:.1f}", self.command(name)] + arguments
+        return self.program(name, [self.command(name)] + arguments, max(seconds, SHORTEST))
+
+    def program(self, name: str, words: typing.List[str], limit: float) -> typing.Tuple[str, str]:
+        """The same for any program of that many seconds at most; `name` is what its errors call it."""
+        argv = ["timeout", "--signal=INT", "--kill-after=3", f"{limit:.1f}"] + words
         variables = dict(self.variables, PATH=self.variables.get("PATH", BASE_PATH), LC_ALL="C.UTF-8")
         variables.update(HOME=self.folder, ROS_HOME=self.folder, PYTHONUNBUFFERED="1", PYTHONDONTWRITEBYTECODE="1")
         answer = run(argv, variables, limit + 5, unprivileged=True)
@@ -123,62 +136,87 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
 
 
 def topics(
-    ros: Ros, talkers: typing.List[str], label: str, deadline: float
+    ros: Ros, talkers: typing.List[str], label: str, own: str, deadline: float
 ) -> typing.List[typing.Dict[str, typing.Any]]:
-    """`rostopic echo` of every talker's topic once it is registered here, and who is registered as its publisher."""
-    began = time.monotonic()
-    problems: typing.List[str] = []
-
-    def look() -> typing.Dict[str, typing.List[str]]:
-        try:
-            state = ros.ask("getSystemState")
-        except OSError as problem:
-            problems.append(str(problem))
-            return {}
-        return dict(state[0])
-
-    def missing(published: typing.Dict[str, typing.List[str]]) -> bool:
-        return any(_probe.topic_of(talker) not in published for talker in talkers)
-
-    if not talkers or not ros.uri:
+    """What every talker's topic says here, all heard by one node, and who is registered as its publisher."""
+    if not talkers or ros.missing():
         return []
-    published = awaited(look, lambda seen: not missing(seen), deadline)
-    registered = time.monotonic() - began
-
-    def hear(talker: str) -> typing.Dict[str, typing.Any]:
-        topic = _probe.topic_of(talker)
-        nodes = published.get(topic, [])
-        entry = _topic(talker, nodes=[{"node": node, "uri": _uri(ros, node)} for node in nodes])
-        entry["registered_s"] = round(registered, 1) if nodes else None
-        if not nodes:
-            entry["error"] = problems[-1] if problems and not published else f"the topic is not registered at {ros.uri}"
-            return entry
-        try:
-            output, entry["error"] = ros.run("rostopic", ["echo", "-n", "1", topic], deadline - time.monotonic())
-        except NoRos as problem:
-            entry["error"] = str(problem)
-            return entry
-        entry["text"] = _probe.data(output)
-        entry["heard"] = entry["text"] == _probe.sentence_of(label, talker)
-        if entry["heard"]:
-            entry["error"] = ""
-        elif entry["text"]:
+    awaited(lambda: _answers(ros), bool, deadline)
+    heard, error = listen(ros, talkers, label, own, deadline)
+    try:
+        published = _published(ros)
+    except OSError as problem:
+        published, error = {}, str(problem)
+    found = []
+    for talker in talkers:
+        entry = _topic(talker)
+        said = heard.get(entry["topic"], {})
+        nodes = published.get(entry["topic"]) or ([said["node"]] if said.get("node") else [])
+        entry["publishers"] = [{"node": node, "uri": _uri(ros, node)} for node in nodes]
+        entry["heard"] = said.get("text") == _probe.sentence_of(label, talker)
+        entry.update((key, said[key]) for key in ("text", "seconds") if key in said)
+        if said and not entry["heard"]:
             entry["error"] = "heard '{}' instead".format(entry["text"])
-        return entry
+        elif not entry["heard"]:
+            unknown = published and entry["topic"] not in published
+            entry["error"] = f"the topic is not registered at {ros.uri}" if unknown else error or "nothing"
+        found.append(entry)
+    return found
 
-    return concurrently(
-        hear, talkers, 600.0, lambda talker: dict(_topic(talker), error="no time was left for it"), COMMANDS
-    )
+
+def _published(ros: Ros) -> typing.Dict[str, typing.List[str]]:
+    """{topic: publishers} at the roscore. Raises OSError.
+
+    A roscore where much is registered at the same time may answer 500, since it looks through what is being changed.
+    """
+    for unused in range(TRIES - 1):
+        try:
+            return dict(ros.ask("getSystemState")[0])
+        except OSError:
+            time.sleep(PAUSE)
+    return dict(ros.ask("getSystemState")[0])
 
 
-def _topic(talker: str, nodes: typing.Sequence[typing.Dict[str, str]] = ()) -> typing.Dict[str, typing.Any]:
+def _answers(ros: Ros) -> bool:
+    try:
+        return bool(ros.ask("getUri"))
+    except OSError:
+        return False
+
+
+def listen(
+    ros: Ros, talkers: typing.List[str], label: str, own: str, deadline: float
+) -> typing.Tuple[typing.Dict[str, typing.Dict[str, typing.Any]], str]:
+    """{topic: text and seconds} of what a node of this computer hears, and an error or ''.
+
+    One node for all topics: rospy takes half a second of a processor to start, and there is one for each computer.
+    """
+    with open(ros.command("rostopic"), "rb") as stream:
+        words = _probe.interpreter(stream.readline())
+    if not words:
+        return {}, "rostopic is no script, so the Python of ROS is not known"
+    path = os.path.join(ros.folder, "listener.py")
+    with open(path, "w") as stream:
+        stream.write(inspect.getsource(_probe_listener))
+    os.chmod(path, 0o644)
+    wanted = {_probe.topic_of(talker): _probe.sentence_of(label, talker) for talker in talkers}
+    limit = max(deadline - time.monotonic(), SHORTEST)
+    words += [path, _probe.listener_of(own), f"{time.time() + limit - LAST:.1f}", json.dumps(wanted)]
+    output, error = ros.program("the listener", words, limit)
+    try:
+        return json.loads(output), error
+    except ValueError:
+        return {}, f"the listener failed: {error or 'it printed nothing'}"
+
+
+def _topic(talker: str) -> typing.Dict[str, typing.Any]:
     return {
         "computer": talker,
         "topic": _probe.topic_of(talker),
-        "publishers": list(nodes),
-        "registered_s": None,
+        "publishers": [],
         "heard": False,
         "text": "",
+        "seconds": None,
         "error": "",
     }
 
@@ -240,6 +278,7 @@ def start_talker(ros: Ros, label: str, computer: str, lifetime: int) -> str:
     argv += ["--setenv=PYTHONDONTWRITEBYTECODE=1", "--"]
     message = f"data: '{_probe.sentence_of(label, computer)}'"
     argv += [ros.command("rostopic"), "pub", "-r", "5", _probe.topic_of(computer), "std_msgs/String", message]
+    argv.append("__name:=" + _probe.node_of(label, computer))
     answer = run(argv, limit=30)
     return "" if answer.status == 0 else answer.error or f"systemd-run ended with status {answer.status}"
 

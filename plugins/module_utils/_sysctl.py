@@ -31,6 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl_boot 
 HEADER = "# Managed by Ansible: rosfleet.multimaster.sysctl writes this whole file, so changes here do not last.\n"
 
 Values = typing.Dict[str, typing.Optional[str]]
+Step = typing.Tuple[str, typing.Callable[[], typing.Any], typing.Callable[[], typing.Any]]
 
 
 def _same(value):
@@ -353,9 +354,12 @@ def refusal(path, setting, found, number):
 class Run:
     """One run of the module: looks at the machine and plans, then applies the plan or says what stands against it."""
 
-    def __init__(self, options):
-        # type: (typing.Mapping[str, typing.Any]) -> None
-        """Changes nothing. Raises Problem for options, files or a record that cannot be used."""
+    def __init__(self, options, memory=None):
+        # type: (typing.Mapping[str, typing.Any], typing.Optional[typing.Dict[str, typing.Any]]) -> None
+        """Changes nothing. `memory` is that of the run whose change at run time this one confirms, and stands for the record.
+
+        Raises Problem for options, files or a record that cannot be used.
+        """
         for option in ("root", "proc", "records"):
             if not os.path.isabs(options[option]):
                 raise Problem("%s is %r, expected an absolute path." % (option, options[option]))
@@ -364,7 +368,8 @@ class Run:
         check_drop_in(self.drop_in)
         self.kernel = Kernel(options["proc"])
         self.record = _owned.Record("sysctl", options["records"])
-        self.recorded = self.record.load()
+        self.on_disk = self.record.load()
+        self.recorded = self.on_disk if memory is None else memory
         self.tree = Tree(options["root"])
         self.file = self._place(self.drop_in)
         self.before = self._own_text()
@@ -389,7 +394,7 @@ class Run:
             return None
         regular = os.path.isfile(self.file) and not os.path.islink(self.file)
         text = self.tree.read(self.drop_in) if regular else ""
-        if regular and (text.startswith(HEADER) or self.drop_in in self.recorded.get("drop_ins", [])):
+        if regular and (text.startswith(HEADER) or self.drop_in in self.on_disk.get("drop_ins", [])):
             return text
         raise Problem(
             "drop_in: %s is there and not ours (neither our first line nor our record), expected no file or one that "
@@ -399,7 +404,7 @@ class Run:
     def _stale(self):
         # type: () -> typing.Dict[str, str]
         """Our drop-ins under earlier names, with their text; what is no longer ours stays."""
-        others = [path for path in self.recorded.get("drop_ins", []) if path != self.drop_in]
+        others = [path for path in self.on_disk.get("drop_ins", []) if path != self.drop_in]
         texts = {path: self.tree.read(path) for path in others if not os.path.islink(self._place(path))}
         return {path: text for path, text in texts.items() if text.startswith(HEADER)}
 
@@ -459,7 +464,19 @@ class Run:
     def changed(self):
         # type: () -> bool
         """Whether there is anything to do: in the kernel, in the drop-in or in the record."""
-        return bool(self.plan.writes or self.stale or self.before != self.plan.text or self.recorded != self.plan.final)
+        return bool(self.plan.writes or self.stale or self.before != self.plan.text or self.on_disk != self.plan.final)
+
+    @property
+    def runtime_changes(self):
+        # type: () -> bool
+        """Whether values of the kernel change."""
+        return bool(self.plan.writes)
+
+    @property
+    def memory(self):
+        # type: () -> typing.Dict[str, typing.Any]
+        """What the run that confirms has to know: the values from before this one, which keeps no record of them."""
+        return self.plan.interim
 
     @property
     def problems(self):
@@ -501,27 +518,56 @@ class Run:
             found.append(_owned.difference(header, before, after))
         return found
 
+    def undo_commands(self):
+        # type: () -> typing.List[typing.List[str]]
+        """The commands that bring the present values back; those that change others first."""
+        program = '[ ! -e "$1" ] || printf "%s\\n" "$2" >"$1"'
+        return [
+            ["sh", "-c", program, "sh", self.kernel.path(key), self.current[key]]
+            for key in sorted(self.current, key=lambda key: (key not in BESIDE, key))
+            if not self.found[key].refusal
+        ]
+
+    def undo_files(self):
+        # type: () -> typing.Sequence[typing.Tuple[str, typing.Optional[bytes]]]
+        """The files to be put back with the values: none, since apply_runtime() touches no file."""
+        return ()
+
     def apply(self):
         # type: () -> None
         """Do it: record, kernel, files, record. Raises Problem; then everything is as it was, or the sentence says what
         is not."""
-        undo = []  # type: typing.List[typing.Tuple[str, typing.Callable[[], typing.Any]]]
+        steps = [("leftovers of a killed run", self._tidy, lambda: None)]  # type: typing.List[Step]
+        if self.changed:
+            steps += [
+                (self.record.path, lambda: self.record.save(self.plan.interim), lambda: self.record.save(self.on_disk)),
+                self._values(),
+                (self.drop_in, self._write_files, self._restore_files),
+            ]
+        self._do(steps)
+
+    def apply_runtime(self):
+        # type: () -> None
+        """The kernel alone: no record, no file. Raises Problem as apply()."""
+        self._do([self._values()])
+
+    def _values(self):
+        # type: () -> Step
+        return "the values in " + self.kernel.proc, self._write_values, lambda: self.kernel.restore(self.current)
+
+    def _do(self, steps):
+        # type: (typing.List[Step]) -> None
+        """Do steps, each given as (what it changes, do, undo), or none of them."""
+        begun = []
         try:
-            self._tidy()
-            if not self.changed:
-                return
-            undo.append((self.record.path, lambda: self.record.save(self.recorded)))
-            self.record.save(self.plan.interim)
-            undo.append(("the values in " + self.kernel.proc, lambda: self.kernel.restore(self.current)))
-            self._write_values()
-            undo.append((self.drop_in, self._restore_files))
-            self._write_files()
-            self.record.save(self.plan.final)
+            for what, step, undo in steps:
+                begun.append((what, undo))
+                step()
         except (OSError, ValueError, Problem) as problem:
             kept = []
-            for what, step in reversed(undo):
+            for what, undo in reversed(begun):
                 try:
-                    step()
+                    undo()
                 except (OSError, ValueError) as failure:
                     kept.append("%s (%s)" % (what, getattr(failure, "strerror", None) or failure))
             end = "Not put back: %s." % ", ".join(kept) if kept else "Everything is as it was before."
@@ -532,7 +578,7 @@ class Run:
         """Remove what a killed run left of its writing."""
         for path in (self.record.path, self.file):
             _owned.remove_leftovers(path)
-        if not self.recorded:
+        if not self.on_disk:
             self.record.save({})
 
     def _write_values(self):
@@ -563,6 +609,7 @@ class Run:
             _owned.remove(self.file)
             for folder in reversed(self.plan.interim["folders"]):
                 _owned.remove_folder_if_empty(folder)
+        self.record.save(self.plan.final)
 
     def _restore_files(self):
         # type: () -> None

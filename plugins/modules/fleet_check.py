@@ -8,7 +8,7 @@ short_description: Compare a computer's plan with its machine before anything ch
 version_added: "0.1.0"
 description:
   - Compares the plan of M(rosfleet.multimaster.fleet_plan) with what M(rosfleet.multimaster.multimaster_info) found on the machine.
-    Is the address on an interface, is ROS there, who holds the ports.
+    Are the addresses on its interfaces, are there the routes that it is said to have, is ROS there, who holds the ports.
   - Fails with one sentence per problem, each naming the host, the variable, what was found, what was expected, and what to do.
   - What only deserves a word, such as an older export of C(ROS_MASTER_URI) in a person's C(~/.bashrc), is a warning.
 extends_documentation_fragment:
@@ -41,9 +41,12 @@ problems:
   type: list
   elements: str
   sample: []
-interface:
-  description: The interface that has the computer's address, empty where none has it.
+plan:
+  description: The plan with the names of the interfaces, which only the machine knows.
   returned: always
-  type: str
-  sample: eth0
+  type: dict
+  sample:
+    sysctl:
+      - name: net.ipv4.conf.eth0.send_redirects
+        value: "0"
 """

@@ -18,6 +18,12 @@ options:
     description: The group whose child groups are the robots, for example V(robots).
     type: str
     default: robots
+  router_group:
+    description:
+      - The group that holds the router of the common network, where that is a computer under Linux, for example V(routers).
+        It may be missing.
+    type: str
+    default: routers
 author:
   - rosfleet contributors (@rosfleet)
 """
@@ -72,7 +78,7 @@ masters:
       type: str
       sample: kobuki1computer
     address:
-      description: The address of that computer.
+      description: The address of that computer that discovery uses, on a gateway the one in the common network.
       type: str
       sample: 192.168.1.229
     name:
@@ -96,6 +102,45 @@ common_network:
   returned: success
   type: str
   sample: 192.168.1.0/24
+networks:
+  description: The networks of the robots that have one of their own.
+  returned: success
+  type: list
+  elements: dict
+  contains:
+    robot:
+      description: The robot.
+      type: str
+      sample: tibi
+    network:
+      description: Its network.
+      type: str
+      sample: 192.168.11.0/24
+    gateway:
+      description: The address of its gateway in this network.
+      type: str
+      sample: 192.168.11.101
+    common_address:
+      description: The address of its gateway in the common network.
+      type: str
+      sample: 192.168.1.201
+    device:
+      description: Whether the gateway is a device of another make, and no computer of the inventory.
+      type: bool
+      sample: false
+router:
+  description: The device that manages the common network, empty where none is named.
+  returned: success
+  type: dict
+  contains:
+    name:
+      description: The host, empty for a device of another make.
+      type: str
+      sample: router
+    address:
+      description: Its address in the common network.
+      type: str
+      sample: 192.168.1.1
 transport:
   description: How the discovery nodes find each other.
   returned: success
@@ -111,8 +156,13 @@ multicast_port:
   returned: success
   type: int
   sample: 11511
+multicast_routing:
+  description: What passes the multicast group on between the networks, V(none) where nothing does.
+  returned: success
+  type: str
+  sample: none
 members:
-  description: All computers of the fleet with RV(members[].name), RV(members[].robot) and RV(members[].address).
+  description: All computers of the robots as the others see them.
   returned: success
   type: list
   elements: dict
@@ -129,8 +179,24 @@ members:
       description: Its address.
       type: str
       sample: 192.168.1.229
+    network:
+      description: The network of its robot.
+      type: str
+      sample: 192.168.1.0/24
+    discovery_address:
+      description: The address that discovery uses, on a gateway the one in the common network.
+      type: str
+      sample: 192.168.1.229
+    discovery:
+      description: Whether it takes part in discovery's traffic, as masters and all computers on the common network do.
+      type: bool
+      sample: true
+    multicast:
+      description: Whether it hears the multicast group of the others.
+      type: bool
+      sample: true
 computers:
-  description: What each computer needs, by the name of the computer.
+  description: What each computer needs, by the name of the computer; the router's too.
   returned: success
   type: dict
   sample:

@@ -9,7 +9,7 @@ version_added: "0.1.0"
 description:
   - Reads what M(rosfleet.multimaster.multicast_verify) and M(rosfleet.multimaster.multimaster_verify) have returned on
     all computers of the play, compares it with the plan of M(rosfleet.multimaster.fleet_plan), and prints a table, a
-    matrix where there are at most twelve computers, and for everything that is not as it should be what was expected,
+    matrix where there are at most sixteen computers, and for everything that is not as it should be what was expected,
     what was found, the likely cause and what to do.
   - Each finding that only follows from another one says so, and is not explained again.
   - It is a judgement, so a failed check is a result and no failure; RV(passed) tells, for an assertion after it.

@@ -45,6 +45,14 @@ options:
         description: The permission bits as four octal digits in quotes, for example V("0755").
         type: str
         default: "0644"
+      validate:
+        description:
+          - A command and its arguments that gets the content on its standard input and fails when it is not fit to be
+            written, for example V([visudo, -c, -f, -]). It runs only where the file is to change, in check mode too,
+            and before anything changes.
+        type: list
+        elements: str
+        default: []
   brief:
     description:
       - Folders whose files the difference names with size and digest, instead of showing their content, for example
@@ -161,6 +169,26 @@ def summary(bundle, planned, check_mode):
     return " ".join([text] + planned.notes)
 
 
+def validate(module, planned):
+    # type: (AnsibleModule, _files.Plan) -> str
+    """A sentence about a file that its own command does not take; empty where all are fit."""
+    commands = {entry["path"]: entry["validate"] for entry in module.params["files"] if entry["validate"]}
+    for file in planned.writes:
+        if file.path not in commands:
+            continue
+        status, output, error = module.run_command(
+            commands[file.path], data=file.content, binary_data=True, handle_exceptions=False
+        )
+        if status != 0:
+            said = " ".join((output + " " + error).split()) or "status %d" % status
+            return "The content for %s is refused by '%s' (%s); nothing was changed: correct the content." % (
+                file.path,
+                " ".join(commands[file.path]),
+                said,
+            )
+    return ""
+
+
 def main():
     # type: () -> None
     """Read, plan, and apply unless in check mode."""
@@ -175,6 +203,7 @@ def main():
                     path=dict(type="str", required=True),
                     content=dict(type="str", required=True),
                     mode=dict(type="str", default="0644"),
+                    validate=dict(type="list", elements="str", default=[]),
                 ),
             ),
             brief=dict(type="list", elements="str", default=[]),
@@ -194,6 +223,9 @@ def main():
     except OSError as problem:
         module.fail_json(msg="The present state could not be read (%s); nothing was changed." % problem)
 
+    refusal = validate(module, planned)
+    if refusal:
+        module.fail_json(msg=refusal)
     if not module.check_mode:
         transaction = _files.Transaction(planned, machine, record, remembered)
         try:

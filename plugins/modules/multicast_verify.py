@@ -77,6 +77,12 @@ options:
         description: The IPv4 address, for example V(192.168.1.239), from which the computer is to be heard.
         type: str
         required: true
+      multicast:
+        description:
+          - Whether O(group) reaches the computer, for example V(false) for the master of a robot behind a gateway that
+            does not pass multicast on. Such a computer and the others measure each other by unicast alone.
+        type: bool
+        default: true
   rounds:
     description:
       - How many datagrams this computer sends to the group when it measures, for example V(20); from 1 to 1000.
@@ -221,6 +227,7 @@ udp:
   sample:
     - name: kobuki2computer
       address: 192.168.1.239
+      multicast: true
       heard_from: true
       heard: 14
       source_address: 192.168.1.239
@@ -242,6 +249,11 @@ udp:
       returned: always
       type: str
       sample: 192.168.1.239
+    multicast:
+      description: Whether O(group) is to reach both computers, by O(computers[].multicast).
+      returned: always
+      type: bool
+      sample: true
     heard_from:
       description: Whether its datagrams to the group arrive here, on the planned interface.
       returned: always
@@ -268,14 +280,15 @@ udp:
     heard_by:
       description:
         - Whether the other computer heard this computer's datagrams to the group while it measured, by its own count.
-          Null when no count came back, which proves nothing; its own RV(udp[].heard_from) then tells.
+          Null when no count came back, which proves nothing (its own RV(udp[].heard_from) then tells), and where
+          O(computers[].multicast=false) for one of the two.
       returned: always
       type: bool
       sample: true
     loss:
       description:
-        - The share of this computer's datagrams to the group that the other did not hear, from 0 to 1, or null
-          without a count.
+        - The share of this computer's datagrams to the group that the other did not hear, from 0 to 1. Null without a
+          count, and where O(computers[].multicast=false) for one of the two.
       returned: always
       type: float
       sample: 0.0
@@ -326,7 +339,9 @@ heard:
   elements: str
   sample: [kobuki2computer]
 missing:
-  description: The names of the computers that are not heard, or that counted none of this computer's datagrams.
+  description:
+    - The names of the computers that are not heard, or that counted none of this computer's datagrams; where the group
+      does not reach one of the two, by unicast.
   returned: when O(state=collected)
   type: list
   elements: str
@@ -358,6 +373,25 @@ unexpected:
       sample: eth0
     datagrams:
       description: How many arrived since this computer's helper was started.
+      returned: always
+      type: int
+      sample: 3
+callers:
+  description:
+    - Who has sent empty datagrams to O(port) of this computer itself since the helper was started. A computer that has
+      sent some and is not among them is seen from another address, or its datagrams are dropped.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample: [{address: 192.168.11.100, datagrams: 3}]
+  contains:
+    address:
+      description: The source address.
+      returned: always
+      type: str
+      sample: 192.168.11.100
+    datagrams:
+      description: How many arrived.
       returned: always
       type: int
       sample: 3
@@ -652,7 +686,11 @@ def main():
             "computers": {
                 "type": "list",
                 "elements": "dict",
-                "options": {"name": {"type": "str", "required": True}, "address": {"type": "str", "required": True}},
+                "options": {
+                    "name": {"type": "str", "required": True},
+                    "address": {"type": "str", "required": True},
+                    "multicast": {"type": "bool", "default": True},
+                },
             },
             "rounds": {"type": "int", "default": 10},
             "interval": {"type": "float", "default": 0.2},
@@ -683,6 +721,7 @@ def main():
             own=tuple(addresses),
             computers={computer["address"]: computer["name"] for computer in params["computers"]},
             lifetime=params["lifetime"],
+            apart=frozenset(computer["address"] for computer in params["computers"] if not computer["multicast"]),
         )
         if params["state"] == "started":
             result.update(start(module, settings, index))

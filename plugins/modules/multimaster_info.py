@@ -51,8 +51,14 @@ options:
         of its name.
     type: list
     elements: str
-    choices: [system, interfaces, ros, ports, exports, sshd, environment]
-    default: [system, interfaces, ros, ports, exports, sshd, environment]
+    choices: [system, owned, interfaces, ways, multicast_routing, ros, ports, exports, sshd, environment]
+    default: [system, owned, interfaces, ways, multicast_routing, ros, ports, exports, sshd, environment]
+  destinations:
+    description:
+      - IPv4 addresses to which the ways are looked up, for example V(192.168.10.1); see RV(ways).
+    type: list
+    elements: str
+    default: []
 author:
   - rosfleet contributors (@rosfleet)
 """
@@ -119,6 +125,12 @@ systemd:
       returned: always
       type: int
       sample: 252
+owned:
+  description: The records of what modules of the collection have put on this machine, by their names.
+  returned: with the part V(owned)
+  type: list
+  elements: str
+  sample: [files-nodes, hosts_entries, services-multimaster, sysctl]
 interfaces:
   description: The network interfaces.
   returned: with the part V(interfaces)
@@ -171,6 +183,53 @@ interfaces:
           returned: always
           type: str
           sample: inet
+ways:
+  description: The routes that the kernel would take to O(destinations).
+  returned: with the part V(ways)
+  type: list
+  elements: dict
+  contains:
+    destination:
+      description: The address that was asked for.
+      returned: always
+      type: str
+      sample: 192.168.10.1
+    gateway:
+      description: The next hop, null where the address is on a network of this machine or there is no route.
+      returned: always
+      type: str
+      sample: 192.168.11.101
+    device:
+      description: The interface on which packets leave, null where there is no route.
+      returned: always
+      type: str
+      sample: eth0
+    source:
+      description: The address from which packets leave, null where there is no route.
+      returned: always
+      type: str
+      sample: 192.168.11.100
+    error:
+      description: Why there is no route, else empty.
+      returned: always
+      type: str
+      sample: ""
+multicast_routing:
+  description: What passes multicast on between interfaces.
+  returned: with the part V(multicast_routing)
+  type: dict
+  contains:
+    smcrouted:
+      description: The program of smcroute, empty where it is not installed.
+      returned: always
+      type: str
+      sample: /usr/sbin/smcrouted
+    others:
+      description: The active units of Debian's packages that do it already; the kernel takes one program at a time.
+      returned: always
+      type: list
+      elements: str
+      sample: []
 ros:
   description: ROS 1 on this machine.
   returned: with the part V(ros)
@@ -415,7 +474,7 @@ problems:
 """
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _ports, _ros, _shells
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _owned, _ports, _ros, _shells
 
 # part: the function that looks, its options, the most seconds that it may take, and the value where it cannot look
 PARTS = (
@@ -426,7 +485,10 @@ PARTS = (
         10,
         {"hostname": "", "python": "", "os": {}, "systemd": {"running": False, "version": 0}},
     ),
+    ("owned", _owned.records, (), 5, []),
     ("interfaces", _machine.interfaces, (), 15, []),
+    ("ways", _machine.ways, ("destinations",), 15, []),
+    ("multicast_routing", _machine.multicast_routing, (), 10, {"smcrouted": "", "others": []}),
     ("ros", _ros.find, ("ros_setup",), 120, {"found": [], "chosen": None, "problem": "ROS could not be looked for."}),
     ("ports", _ports.holders, ("ports",), 15, []),
     ("exports", _shells.exports, (), 5, []),
@@ -467,6 +529,7 @@ def main():
     module = AnsibleModule(
         argument_spec={
             "ros_setup": {"type": "str", "default": "auto"},
+            "destinations": {"type": "list", "elements": "str", "default": []},
             "ports": {
                 "type": "list",
                 "elements": "dict",

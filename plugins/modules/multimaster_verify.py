@@ -9,11 +9,11 @@ version_added: "0.1.0"
 description:
   - Does from this computer to all others what sections 3.2 and 3.3 of the report IRI-TR-15-1 try by hand. It resolves
     the names, pings by name and by address, connects to the discovery nodes, compares the clocks, calls
-    C(rosservice call /master_discovery/list_masters), and hears with C(rostopic echo) what every other master's
-    computer publishes.
-  - It takes three tasks, so that any number of C(--forks) works. With O(state=started), the computers of the masters
-    start a talker, an ordinary C(rostopic pub) in a unit that ends by itself after O(lifetime). With
-    O(state=collected), every computer looks, all others at once, and returns what it found. With O(state=stopped), the
+    C(rosservice call /master_discovery/list_masters), and hears what every other computer publishes (section 4.3).
+  - It takes three tasks, so that any number of C(--forks) works. With O(state=started), every computer that has ROS
+    starts a talker, an ordinary C(rostopic pub) in a unit that ends by itself after O(lifetime). With
+    O(state=collected), every computer looks, all others at once, and returns what it found; one node on each computer
+    subscribes to all talkers, as C(rostopic echo) does to one. With O(state=stopped), the
     talkers end. Use the C(linear) strategy (the default), so that a task is through on every computer before the next
     one begins.
   - It is a measurement, so what is missing is a result and no failure; M(rosfleet.multimaster.fleet_report) judges it.
@@ -27,7 +27,9 @@ attributes:
 options:
   state:
     description:
-      - With V(started), a talker is left running on this computer if O(is_master); an older one ends first.
+      - With V(started), a talker is left running on this computer, and helpers of M(rosfleet.multimaster.multicast_verify)
+        on the computers of O(members) with O(members[].discovery=true) are sent a few empty datagrams, so that they see
+        from which address they come. An older talker ends first.
       - With V(collected), this computer looks at all others and returns what it found.
       - With V(stopped), the talker of this computer ends.
     type: str
@@ -45,7 +47,15 @@ options:
       - Required unless O(state=stopped).
     type: str
   is_master:
-    description: Whether the roscore of its robot runs on this computer, for example V(true); then a talker runs here.
+    description:
+      - Whether the roscore of its robot runs on this computer, for example V(true). Other computers may be without ROS;
+        then they have no talker, and that is no error.
+    type: bool
+    default: false
+  is_router:
+    description:
+      - Whether this computer is the router of the common network and no computer of a robot, for example V(true). Then
+        only what concerns packets is looked at, routes, pings by address and kernel settings.
     type: bool
     default: false
   members:
@@ -67,6 +77,26 @@ options:
         description: Its robot, for example V(kobuki2).
         type: str
         default: ""
+      network:
+        description: The network of its address, for example V(192.168.1.0/24).
+        type: str
+        default: ""
+      discovery_address:
+        description: The address that discovery uses, for example V(192.168.1.239); O(members[].address), if empty.
+        type: str
+        default: ""
+      discovery:
+        description: Whether a helper of M(rosfleet.multimaster.multicast_verify) runs there, for example V(true).
+        type: bool
+        default: false
+      multicast:
+        description: Whether it hears the multicast group of the others, for example V(true).
+        type: bool
+        default: false
+  port:
+    description: The UDP port of discovery, for example V(11511).
+    type: int
+    default: 11511
   masters:
     description:
       - All masters of the fleet, as RV(rosfleet.multimaster.fleet_plan#module:masters).
@@ -105,7 +135,13 @@ options:
   present:
     description:
       - The names of the computers that take part in this run, for example V([kobuki1computer, kobuki2computer]). Only
-        their masters and talkers are waited for, and only their talkers are listened to. All O(members), if not given.
+        their masters are waited for. All O(members), if not given.
+    type: list
+    elements: str
+  talkers:
+    description:
+      - The names of the computers whose talkers run, for example V([kobuki1computer, kobuki2computer]); this computer
+        listens to the others. All of O(present), if not given.
     type: list
     elements: str
   services:
@@ -151,6 +187,7 @@ EXAMPLES = r"""
       members: "{{ multimaster_fleet.members }}"
       masters: "{{ multimaster_fleet.masters }}"
       services: "{{ multimaster_plan.services }}"
+      port: "{{ multimaster_fleet.multicast_port }}"
   tasks:
     - name: Start the talkers
       rosfleet.multimaster.multimaster_verify:
@@ -275,7 +312,7 @@ default_routes:
   returned: when O(state=collected)
   type: list
   elements: dict
-  sample: [{device: eth0, source: null, gateway: 192.168.1.1}]
+  sample: [{device: eth0, source: null, gateway: 192.168.1.1, metric: null}]
   contains:
     device:
       description: The interface.
@@ -292,6 +329,58 @@ default_routes:
       returned: always
       type: str
       sample: 192.168.1.1
+    metric:
+      description: The metric, or null where the route names none, which is the metric 0.
+      returned: always
+      type: str
+      sample: null
+forwarding:
+  description: What decides whether packets pass from one network to another through this computer.
+  returned: when O(state=collected)
+  type: dict
+  sample:
+    ip_forward: 1
+    interfaces:
+      - {interface: eth0, addresses: [192.168.1.201], forwarding: 1, rp_filter: 2, send_redirects: 1}
+  contains:
+    ip_forward:
+      description: C(net.ipv4.ip_forward), or null where it cannot be read.
+      returned: always
+      type: int
+      sample: 1
+    interfaces:
+      description: The interfaces that have an IPv4 address.
+      returned: always
+      type: list
+      elements: dict
+      sample: [{interface: eth0, addresses: [192.168.1.201], forwarding: 1, rp_filter: 2, send_redirects: 1}]
+      contains:
+        interface:
+          description: The interface.
+          returned: always
+          type: str
+          sample: eth0
+        addresses:
+          description: Its IPv4 addresses.
+          returned: always
+          type: list
+          elements: str
+          sample: [192.168.1.201]
+        forwarding:
+          description: Whether packets that come in there are passed on, or null.
+          returned: always
+          type: int
+          sample: 1
+        rp_filter:
+          description: The effective reverse-path filter, 0 for none, 1 for a strict and 2 for a loose one, or null.
+          returned: always
+          type: int
+          sample: 2
+        send_redirects:
+          description: Whether ICMP redirects are sent there, or null.
+          returned: always
+          type: int
+          sample: 1
 masters:
   description: The discovery node of every master.
   returned: when O(state=collected)
@@ -426,17 +515,18 @@ list_masters:
       type: str
       sample: ""
 topics:
-  description: What the talkers of the other masters' computers say here.
+  description: What the talkers of the other computers say here.
   returned: when O(state=collected)
   type: list
   elements: dict
   sample:
     - computer: kobuki2computer
       topic: /multimaster_verify/kobuki2computer
-      publishers: [{node: /rostopic_812_1730000000, uri: "http://kobuki2computer:41233/"}]
-      registered_s: 0.1
+      publishers:
+        - {node: /multimaster_verify_talker_kobuki2computer_verify_1730000000, uri: "http://kobuki2computer:41233/"}
       heard: true
       text: verify-1730000000 kobuki2computer
+      seconds: 0.3
       error: ""
   contains:
     computer:
@@ -455,33 +545,34 @@ topics:
       returned: always
       type: list
       elements: dict
-      sample: [{node: /rostopic_812_1730000000, uri: "http://kobuki2computer:41233/"}]
+      sample:
+        - {node: /multimaster_verify_talker_kobuki2computer_verify_1730000000, uri: "http://kobuki2computer:41233/"}
       contains:
         node:
           description: The name of the node.
           returned: always
           type: str
-          sample: /rostopic_812_1730000000
+          sample: /multimaster_verify_talker_kobuki2computer_verify_1730000000
         uri:
           description: The URI of the node, to which a subscriber connects directly.
           returned: always
           type: str
           sample: http://kobuki2computer:41233/
-    registered_s:
-      description: After how many seconds of waiting the topic was registered here, or null if it was not.
-      returned: always
-      type: float
-      sample: 0.1
     heard:
-      description: Whether C(rostopic echo -n 1) printed what this run's talker says.
+      description: Whether a subscriber on this computer hears what this run's talker says.
       returned: always
       type: bool
       sample: true
     text:
-      description: What it printed.
+      description: What it heard.
       returned: always
       type: str
       sample: verify-1730000000 kobuki2computer
+    seconds:
+      description: After how many seconds of listening, or null if it heard nothing.
+      returned: always
+      type: float
+      sample: 0.3
     error:
       description: Why nothing was heard, or empty.
       returned: always
@@ -541,7 +632,7 @@ services:
       sample: []
 talker:
   description: The talker of this computer.
-  returned: when O(is_master=true)
+  returned: unless O(state=stopped) or O(is_router=true)
   type: dict
   sample: {running: true, error: ""}
   contains:
@@ -551,10 +642,15 @@ talker:
       type: bool
       sample: true
     error:
-      description: The last line that it wrote, if it does not run.
+      description: Why it does not run, or the last line that it wrote.
       returned: always
       type: str
       sample: ""
+ros_missing:
+  description: Why no node can run on this computer, or empty where ROS is set up.
+  returned: when O(state=collected)
+  type: str
+  sample: ""
 seconds:
   description: How long the looking took.
   returned: when O(state=collected)
@@ -589,6 +685,7 @@ def look(params, quiet):
     with _probe_ros.Ros(params["environment_file"]) as ros:
         result = dict(EMPTY, problems=[])
         parts = [part for part in PARTS if not (quiet and part in COMMANDS)]
+        parts = [part for part in parts if part in OF_A_ROUTER or not params["is_router"]]
 
         def part(name):
             try:
@@ -624,9 +721,9 @@ def who(params):
 
 
 def others(params):
-    """The computers whose talkers are to be heard here, in the order of the masters."""
-    present = who(params) - {params["name"]}
-    return [master["computer"] for master in params["masters"] if master["computer"] in present]
+    """The computers whose talkers are to be heard here, in the order of the members."""
+    talkers = (who(params) if params["talkers"] is None else set(params["talkers"])) - {params["name"]}
+    return [member["name"] for member in params["members"] if member["name"] in talkers]
 
 
 def names(params):
@@ -636,52 +733,78 @@ def names(params):
 
 
 PARTS = {
-    "members": lambda params, ros, deadline: _probe_network.members(params["members"], params["name"]),
+    "members": lambda params, ros, deadline: _probe_network.members(
+        params["members"], params["name"], not params["is_router"]
+    ),
     "default_routes": lambda params, ros, deadline: _probe_network.default_routes(),
+    "forwarding": lambda params, ros, deadline: _probe_network.forwarding(),
     "masters": lambda params, ros, deadline: discovery_nodes(params, deadline),
     "roscore": lambda params, ros, deadline: _probe_ros.roscore(ros, deadline),
     "list_masters": lambda params, ros, deadline: _probe_ros.list_masters(ros, names(params), deadline),
-    "topics": lambda params, ros, deadline: _probe_ros.topics(ros, others(params), params["run"], deadline),
+    "topics": lambda params, ros, deadline: _probe_ros.topics(
+        ros, others(params), params["run"], params["name"], deadline
+    ),
+    "ros_missing": lambda params, ros, deadline: ros.missing(),
     "services": lambda params, ros, deadline: _probe_ros.services(params["services"], ros.variables),
 }
 COMMANDS = ("list_masters", "topics")
+OF_A_ROUTER = ("members", "default_routes", "forwarding")
 EMPTY = {
     "members": [],
     "default_routes": [],
+    "forwarding": {"ip_forward": None, "interfaces": []},
     "masters": [],
     "roscore": {"uri": "", "answer": "", "error": "not looked at"},
     "list_masters": {"masters": [], "seconds": 0.0, "error": "not looked at"},
     "topics": [],
+    "ros_missing": "not looked at",
     "services": [],
 }
 
 
 def start(module):
-    """Start the talker of a master's computer."""
+    """Let the helpers see from where this computer's datagrams come, and start its talker."""
     params = module.params
-    if not params["is_master"]:
-        return {"msg": "No talker is needed: no roscore runs on this computer."}
     if module.check_mode:
         return {"msg": "Check mode: no talker was started."}
+    call(params)
+    if params["is_router"]:
+        return {"msg": "The router of the common network has no talker."}
     with _probe_ros.Ros(params["environment_file"]) as ros:
-        try:
-            error = _probe_ros.start_talker(ros, params["run"], params["name"], params["lifetime"])
-        except _probe_ros.NoRos as problem:
-            error = str(problem)
-    if error:
+        missing = ros.missing()
+        error = missing or _probe_ros.start_talker(ros, params["run"], params["name"], params["lifetime"])
+    if error and (params["is_master"] or not missing):
         module.fail_json(msg="Cannot start the talker: {}.".format(error.rstrip(".")))
+    if error:
+        return {"msg": f"No talker: {missing}.", "talker": {"running": False, "error": missing}}
     return {
         "msg": "The talker runs for {lifetime} s at most.".format(**params),
         "talker": {"running": True, "error": ""},
     }
 
 
+def call(params):
+    """Send to the helpers in other networks: in the own one nobody could translate an address."""
+    own = [member for member in params["members"] or [] if member["name"] == params["name"]]
+    network = own[0]["network"] if own else None
+    _probe_network.call(
+        [
+            member["discovery_address"] or member["address"]
+            for member in params["members"] or []
+            if member["discovery"] and member["network"] != network
+        ],
+        params["port"],
+    )
+
+
 def collect(module):
     """Look at all others."""
     params = module.params
     result = look(params, module.check_mode)
-    if params["is_master"]:
-        result["talker"] = _probe_ros.talker()
+    if not params["is_router"]:
+        result["talker"] = (
+            {"running": False, "error": result["ros_missing"]} if result["ros_missing"] else _probe_ros.talker()
+        )
     result["msg"] = "Looked at {} computers in {:.1f} s.".format(len(params["members"]), result["seconds"])
     return result
 
@@ -702,7 +825,7 @@ def wrong(params):
         if not least <= params[option] <= most:
             return f"{option} is {params[option]}, expected {least} to {most} seconds."
     members = [member["name"] for member in params["members"] or []]
-    if members and params["name"] not in members:
+    if members and params["name"] not in members and not params["is_router"]:
         return "name is {!r}, which is not among members ({}); add this computer to the list.".format(
             params["name"],
             ", ".join(members),
@@ -721,11 +844,21 @@ def main():
             "run": {"type": "str", "default": "default"},
             "name": {"type": "str"},
             "is_master": {"type": "bool", "default": False},
+            "is_router": {"type": "bool", "default": False},
             "members": {
                 "type": "list",
                 "elements": "dict",
-                "options": {"name": text, "address": text, "robot": {"type": "str", "default": ""}},
+                "options": {
+                    "name": text,
+                    "address": text,
+                    "robot": {"type": "str", "default": ""},
+                    "network": {"type": "str", "default": ""},
+                    "discovery_address": {"type": "str", "default": ""},
+                    "discovery": {"type": "bool", "default": False},
+                    "multicast": {"type": "bool", "default": False},
+                },
             },
+            "port": {"type": "int", "default": 11511},
             "masters": {
                 "type": "list",
                 "elements": "dict",
@@ -740,6 +873,7 @@ def main():
                 },
             },
             "present": {"type": "list", "elements": "str"},
+            "talkers": {"type": "list", "elements": "str"},
             "services": {"type": "list", "elements": "str", "default": []},
             "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
             "patience": {"type": "int", "default": 20},

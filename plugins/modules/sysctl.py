@@ -17,8 +17,10 @@ description:
   - The values from before are recorded. A setting that is no longer listed is taken back,
     so that an empty list takes back everything. A value that somebody else has changed since then is left and named.
   - When a write fails half way, the values that were written before it are put back, and the drop-in is untouched.
+  - With O(confirm_within), a change that cuts the controller off is taken back by the machine itself.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
+  - rosfleet.multimaster.confirmed
 options:
   settings:
     description:
@@ -81,6 +83,13 @@ EXAMPLES = r"""
         value: "0"
       - name: net.ipv4.ip_forward
         value: "1"
+
+- name: Turn forwarding off, but not if that cuts us off
+  rosfleet.multimaster.sysctl:
+    settings:
+      - name: net.ipv4.ip_forward
+        value: "0"
+    confirm_within: 30
 
 - name: Take everything back
   rosfleet.multimaster.sysctl:
@@ -233,6 +242,26 @@ drop_in:
   returned: always, unless an option is wrong
   type: str
   sample: /etc/sysctl.d/90-rosfleet-multimaster.conf
+unconfirmed:
+  description: Whether the change waits for its confirmation, with O(confirm_within); the controller's result is never this one.
+  returned: always, unless an option is wrong
+  type: bool
+  sample: false
+confirmed:
+  description: Whether the controller confirmed the change over a new connection, with O(confirm_within).
+  returned: when it did
+  type: bool
+  sample: true
+rolled_back:
+  description: Whether the change was taken back, because it was not confirmed in time or could not be completed.
+  returned: failed
+  type: bool
+  sample: true
+same_connection:
+  description: Whether the confirming run came over the connection from before the change, which proves nothing.
+  returned: with O(confirmation), when it did
+  type: bool
+  sample: true
 msg:
   description: What was done, in a sentence.
   returned: always
@@ -241,6 +270,7 @@ msg:
 """
 
 from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import Run
 
@@ -264,8 +294,9 @@ def summary(run):
 
 def main():
     module = AnsibleModule(
-        argument_spec={
-            "settings": {
+        argument_spec=dict(
+            _deadman.OPTIONS,
+            settings={
                 "type": "list",
                 "elements": "dict",
                 "required": True,
@@ -274,17 +305,18 @@ def main():
                     "value": {"type": "str", "required": True},
                 },
             },
-            "drop_in": {"type": "path", "default": "/etc/sysctl.d/90-rosfleet-multimaster.conf"},
-            "on_conflict": {"type": "str", "default": "fail", "choices": ["fail", "report"]},
-            "root": {"type": "path", "default": "/"},
-            "proc": {"type": "path", "default": "/proc/sys"},
-            "records": {"type": "path", "default": "/var/lib/rosfleet-multimaster"},
-        },
+            drop_in={"type": "path", "default": "/etc/sysctl.d/90-rosfleet-multimaster.conf"},
+            on_conflict={"type": "str", "default": "fail", "choices": ["fail", "report"]},
+            root={"type": "path", "default": "/"},
+            proc={"type": "path", "default": "/proc/sys"},
+            records={"type": "path", "default": "/var/lib/rosfleet-multimaster"},
+        ),
         supports_check_mode=True,
     )
+    guard = _deadman.Guard(module, "sysctl", "kernel settings")
     result = {}
     try:
-        run = Run(module.params)
+        run = Run(module.params, guard.begin())
         result = {
             "settings": run.items,
             "conflicts": run.conflicts,
@@ -301,12 +333,12 @@ def main():
             if item["state"] == "left":
                 module.warn(FATES["left"].format(**item))
         if not module.check_mode:
-            run.apply()
+            guard.apply(run)
     except Problem as problem:
-        module.fail_json(msg=str(problem), **result)
+        guard.fail(problem, **result)
     if module._diff:
         result["diff"] = run.difference
-    module.exit_json(changed=run.changed, msg=summary(run), **result)
+    guard.exit(changed=run.changed, msg=summary(run), **result)
 
 
 if __name__ == "__main__":

@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._ways import Gateway, Layout, Way
 
 OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
 VERDICTS = (OK, WARNING, FAILED, UNKNOWN)
@@ -23,7 +25,7 @@ VERDICTS = (OK, WARNING, FAILED, UNKNOWN)
 # Seconds that two clocks may differ: tf extrapolates and messages are dropped from some tenths on.
 CLOCK_WARNING, CLOCK_FAILED = 0.1, 0.5
 LOSS = 0.05  # the share of datagrams that may be lost
-TALKER_TYPE = "std_msgs/String"
+TALKER_TYPE, TALKER_NODE = "std_msgs/String", "/multimaster_verify_talker_"
 
 COMPUTER, ITSELF_TOO, MEMBER, MASTER, MASTER_TOO = "computer", "itself too", "member", "master", "master too"
 
@@ -66,7 +68,11 @@ class Judgement(NamedTuple):
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause, what to do, and how it is told; texts may have {observer}, {target}, {address}, {port} and {group}."""
+    """A cause, what to do, and how it is told.
+
+    Texts may have {observer}, {target}, {address}, {port} and {group}, {gateway} and {its_gateway} for the gateways of the
+    observer's and the target's network, {master} and {its_master} for the computers with the two roscores.
+    """
 
     when: Callable[[Case], bool]
     cause: str
@@ -77,7 +83,7 @@ class Cause:
 class Check:
     """A check: for whom, its judge (None where nothing is to be judged), what explains its failure, causes in order.
 
-    `explained_by` names checks, of this pair, of the observer ("observer:...") or of the target ("target:...").
+    `explained_by` names checks, of this pair or of another one with a side of SIDES before a colon ("target:...").
     """
 
     id: str
@@ -100,6 +106,8 @@ class Computer:
     listed: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     topics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     udp: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    answered: frozenset[str] = frozenset()  # the members that answered its pings
+    callers: frozenset[str] = frozenset()  # the addresses from which it was called
 
     @classmethod
     def of(cls, name: str, plan: Mapping[str, Any], seen: Observation) -> Computer:
@@ -114,6 +122,10 @@ class Computer:
             listed={entry["name"]: entry for entry in probe.get("list_masters", {}).get("masters", ())},
             topics={entry["computer"]: entry for entry in probe.get("topics", ())},
             udp={entry["name"]: entry for entry in multicast.get("udp", ())},
+            answered=frozenset(
+                entry["name"] for entry in probe.get("members", ()) if entry.get("ping_address", {}).get("ok")
+            ),
+            callers=frozenset(entry["address"] for entry in multicast.get("callers", ())),
         )
 
 
@@ -122,6 +134,7 @@ class Case:
     """What a judge sees: the fleet, the observer, and the target (a member or a master of the plan)."""
 
     fleet: Mapping[str, Any]
+    layout: Layout
     observer: Computer
     target: str
     address: str
@@ -143,6 +156,72 @@ class Case:
         """What multimaster_verify saw of the target."""
         return self.observer.members.get(self.target, {})
 
+    @property
+    def planned(self) -> Mapping[str, Any]:
+        """The target among the members of the plan; empty for the router."""
+        return self.layout.members.get(self.target, {})
+
+    @property
+    def own(self) -> Mapping[str, Any]:
+        """The observer among the members of the plan; empty for the router."""
+        return self.layout.members.get(self.observer.name, {})
+
+    @property
+    def way(self) -> Way:
+        """The way that packets are to take to the target."""
+        return self.layout.way(self.observer.plan, self.target)
+
+    @property
+    def gateways(self) -> tuple[Gateway | None, Gateway | None]:
+        """The gateways that the way to the target crosses; for a check of one computer its own and the one before it."""
+        if self.target in self.layout.members and self.target != self.observer.name:
+            return self.way.own, self.way.its
+        behind = not self.observer.plan["common_address"]
+        return self.layout.gateways.get(self.observer.plan["robot"]) if behind else None, None
+
+    @property
+    def masters(self) -> tuple[str, str]:
+        """The computers with the roscores of the observer and of the target."""
+        return self.layout.master(self.observer.plan["robot"]), self.layout.master(self.planned.get("robot", ""))
+
+    def sides(self) -> dict[str, tuple[str, str]]:
+        """The pairs that SIDES speaks of; a pair with an empty name is of nobody."""
+        observer, target = self.observer.name, self.target
+        gateway, its_gateway = (found.name if found else "" for found in self.gateways)
+        master, its_master = self.masters
+        pairs = (
+            (observer, target),
+            (observer, observer),
+            (target, target),
+            (target, observer),
+            (gateway, gateway),
+            (its_gateway, its_gateway),
+            (observer, gateway),
+            (observer, its_gateway),
+            (master, master),
+            (its_master, its_master),
+            (observer, its_master),
+            (master, its_master),
+        )
+        return dict(zip(SIDES, pairs, strict=True))
+
+
+# Of whom another check explains one, by what stands before its colon.
+SIDES = (
+    "",
+    "observer",
+    "target",
+    "back",  # the target looks at the observer
+    "gateway",  # of the observer's network
+    "its gateway",  # of the target's network
+    "to gateway",
+    "to its gateway",
+    "master",  # the computer with the observer's roscore
+    "its master",
+    "to its master",
+    "between masters",
+)
+
 
 def evaluate(fleet: Mapping[str, Any], observations: Mapping[str, Observation]) -> Iterator[Finding]:
     """Every check of every computer of the run, and of every pair whose observer is in the run, check by check.
@@ -154,23 +233,32 @@ def evaluate(fleet: Mapping[str, Any], observations: Mapping[str, Observation]) 
         for name, plan in fleet["computers"].items()
         if name in observations
     }
-    members = [(entry["name"], entry["address"], None) for entry in fleet["members"]]
+    layout = Layout(fleet)
     masters = [(entry["computer"], entry["address"], entry) for entry in fleet["masters"]]
+    # Gateways first, since what happens there explains what happens behind them.
+    computers = sorted(run.values(), key=lambda computer: not computer.plan["is_gateway"])
     bad: set[tuple[str, str, str]] = set()  # (check, observer, target)
     for check in CHECKS:
-        for computer in run.values():
-            if check.scope == COMPUTER:
-                targets = [(computer.name, computer.plan["address"], None)]
-            else:
-                targets = members if check.scope in (MEMBER, ITSELF_TOO) else masters
-            for target, address, master in targets:
+        for computer in computers:
+            for target, address, master in _targets(check, computer, layout, masters):
                 if target == computer.name and check.scope in (MEMBER, MASTER):
                     continue
-                finding = _finding(check, Case(fleet, computer, target, address, master, run), bad)
+                finding = _finding(check, Case(fleet, layout, computer, target, address, master, run), bad)
                 if finding is not None:
                     if finding.verdict == FAILED:
                         bad.add((check.id, finding.observer, finding.target))
                     yield finding
+
+
+def _targets(
+    check: Check, computer: Computer, layout: Layout, masters: Sequence[tuple[str, str, Mapping[str, Any]]]
+) -> Iterable[tuple[str, str, Mapping[str, Any] | None]]:
+    """Whom a computer looks at in a check: (name, address, master or None)."""
+    if check.scope == COMPUTER:
+        return [(computer.name, computer.plan["address"], None)]
+    if check.scope in (MASTER, MASTER_TOO):
+        return masters
+    return ((name, layout.members[name]["address"], None) for name in layout.order(computer.plan["robot"]))
 
 
 def _finding(check: Check, case: Case, bad: set[tuple[str, str, str]]) -> Finding | None:
@@ -181,15 +269,21 @@ def _finding(check: Check, case: Case, bad: set[tuple[str, str, str]]) -> Findin
     observer, target = case.observer.name, case.target
     if verdict == OK:
         return Finding(check.id, observer, target, OK, expected, found)
-    because = next((other for other in check.explained_by if _where(other, observer, target) in bad), "")
+    sides = case.sides()
+    because = next((other for other in check.explained_by if _where(other, sides) in bad), "")
     # What only follows from another failure has that one's cause.
     cause = None if because else next((cause for cause in check.causes if cause.when(case)), None)
+    own_gateway, its_gateway = (gateway.title if gateway else "the gateway" for gateway in case.gateways)
     words = {
         "observer": observer,
         "target": target,
         "address": case.address,
         "port": case.master["rpc_port"] if case.master else case.fleet["multicast_port"],
         "group": case.fleet["multicast_group"],
+        "gateway": own_gateway,
+        "its_gateway": its_gateway,
+        "master": case.masters[0],
+        "its_master": case.masters[1],
     }
     return Finding(
         check=check.id,
@@ -204,10 +298,9 @@ def _finding(check: Check, case: Case, bad: set[tuple[str, str, str]]) -> Findin
     )
 
 
-def _where(reference: str, observer: str, target: str) -> tuple[str, str, str]:
+def _where(reference: str, sides: Mapping[str, tuple[str, str]]) -> tuple[str, str, str]:
     side, _separator, check = reference.rpartition(":")
-    whom = {"": (observer, target), "observer": (observer, observer), "target": (target, target)}[side]
-    return (check, *whom)
+    return (check, *sides[side])
 
 
 # The judges: one per check. None means that there is nothing to judge, because another check says so already.
@@ -224,11 +317,53 @@ def _measured(case: Case) -> Judgement | None:
     if seen.unreachable:
         return None
     problems = list(seen.probe["problems"]) if seen.probe is not None else []
-    if seen.probe is None or seen.multicast is None or seen.problem:
-        problems.insert(0, seen.problem or "one of the two measurements gave no result")
-    return Judgement(
-        FAILED if problems else OK, "results of both measurements", " ".join(problems).rstrip(".") or "both"
+    measures_udp = case.own.get("discovery", False)
+    if seen.probe is None or (seen.multicast is None and measures_udp) or seen.problem:
+        problems.insert(0, seen.problem or "a measurement gave no result")
+    expected, good = (
+        ("results of both measurements", "both") if measures_udp else ("a result of the measurement", "one")
     )
+    return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good)
+
+
+def _forwarding(case: Case) -> Judgement | None:
+    if case.probe is None or not _passes_packets_on(case):
+        return None
+    seen = case.probe["forwarding"]
+    expected = "net.ipv4.ip_forward is 1"
+    if seen["ip_forward"] is None:
+        return Judgement(UNKNOWN, expected, "it cannot be read")
+    closed = [entry["interface"] for entry in _interfaces(case) if entry["forwarding"] == 0]
+    if seen["ip_forward"] == 0 or not closed:
+        return Judgement(OK if seen["ip_forward"] else FAILED, expected, str(seen["ip_forward"]))
+    return Judgement(FAILED, expected, f"1, but net.ipv4.conf.{closed[0]}.forwarding is 0")
+
+
+def _passes_packets_on(case: Case) -> bool:
+    return case.observer.plan["is_gateway"] or case.observer.plan["is_router"]
+
+
+def _interfaces(case: Case) -> list[Mapping[str, Any]]:
+    """The observer's interfaces on the networks of the plan."""
+    planned = {entry["address"] for entry in case.observer.plan["networks"]}
+    return [entry for entry in case.probe["forwarding"]["interfaces"] if planned & set(entry["addresses"])]
+
+
+def _reverse_path(case: Case) -> Judgement | None:
+    if case.probe is None or not _passes_packets_on(case):
+        return None
+    expected = "a loose reverse-path filter, or none"
+    strict = [entry["interface"] for entry in _interfaces(case) if entry["rp_filter"] == 1]
+    found = f"a strict one on {', '.join(strict)}" if strict else "no strict one"
+    return Judgement(WARNING if strict else OK, expected, found)
+
+
+def _redirects(case: Case) -> Judgement | None:
+    if case.probe is None or not case.observer.plan["is_router"]:
+        return None
+    sending = [entry["interface"] for entry in _interfaces(case) if entry["send_redirects"]]
+    found = f"they are sent on {', '.join(sending)}" if sending else "none"
+    return Judgement(WARNING if sending else OK, "no ICMP redirects", found)
 
 
 def _services(case: Case) -> Judgement | None:
@@ -270,9 +405,9 @@ def _environment(case: Case) -> Judgement | None:
 
 
 def _master_uri(case: Case) -> Judgement | None:
-    if case.probe is None or _without_ros(case):
+    if case.probe is None or _without_ros(case.observer):
         return None
-    expected = next(master["uri"] for master in case.fleet["masters"] if master["robot"] == case.observer.plan["robot"])
+    expected = case.layout.masters[case.observer.plan["robot"]]["uri"]
     roscore = case.probe["roscore"]
     if roscore["error"]:
         return Judgement(FAILED, expected, roscore["error"])
@@ -285,9 +420,9 @@ def _master_uri(case: Case) -> Judgement | None:
     return Judgement(OK if good else FAILED, expected, found)
 
 
-def _without_ros(case: Case) -> bool:
-    """A second computer of a robot may be without ROS; the master's computer may not."""
-    return not case.observer.plan["is_master"] and not case.probe["roscore"]["uri"]
+def _without_ros(computer: Computer) -> bool:
+    """The router is without ROS, and a second computer of a robot may be; the master's computer may not."""
+    return not computer.plan["is_master"] and bool((computer.seen.probe or {}).get("ros_missing", True))
 
 
 def _same_uri(one: str, other: str) -> bool:
@@ -298,12 +433,17 @@ def _default_routes(case: Case) -> Judgement | None:
     if case.probe is None:
         return None
     routes = case.probe["default_routes"]
-    found = ", ".join(f"{route['gateway'] or 'no gateway'} on {route['device']}" for route in routes) or "none"
+    found = ", ".join(map(_default_route, routes)) or "none"
     return Judgement(OK if len(routes) <= 1 else WARNING, "one default route at most", found)
 
 
+def _default_route(route: Mapping[str, Any]) -> str:
+    metric = f" with the metric {route['metric']}" if route.get("metric") else ""
+    return f"{route['gateway'] or 'no gateway'} on {route['device']}{metric}"
+
+
 def _name(case: Case) -> Judgement | None:
-    if not case.member:
+    if not case.member or case.observer.plan["is_router"]:
         return None
     addresses = case.member["addresses"]
     found = ", ".join(addresses) or case.member["resolve_error"]
@@ -313,12 +453,26 @@ def _name(case: Case) -> Judgement | None:
 def _route(case: Case) -> Judgement | None:
     if not case.member:
         return None
-    route, own = case.member["route"], case.observer.plan["address"]
+    route, way = case.member["route"], case.way
+    expected = f"a route from {way.source}" + (f" by {way.hop}" if way.hop else "")
     if route["error"]:
-        return Judgement(FAILED, f"a route from {own}", route["error"])
+        return Judgement(FAILED, expected, route["error"])
     via = f" by {route['gateway']}" if route["gateway"] else ""
-    found = f"on {route['device']} from {route['source']}{via}"
-    return Judgement(OK if route["source"] == own else FAILED, f"a route from {own}", found)
+    good = route["source"] == way.source and (route["gateway"] or "") in _hops(case, way)
+    return Judgement(OK if good else FAILED, expected, f"on {route['device']} from {route['source']}{via}")
+
+
+def _hops(case: Case, way: Way) -> set[str]:
+    """With `multimaster_routes: existing`, a computer on the common network may also go by the router."""
+    hops = {way.hop}
+    if (
+        way.hop
+        and case.observer.plan["common_address"]
+        and case.observer.plan["routes_expected"]
+        and case.fleet["router"]
+    ):
+        hops.add(case.fleet["router"]["address"])
+    return hops
 
 
 def _ping_address(case: Case) -> Judgement | None:
@@ -326,6 +480,8 @@ def _ping_address(case: Case) -> Judgement | None:
 
 
 def _ping_name(case: Case) -> Judgement | None:
+    if case.observer.plan["is_router"]:
+        return None
     return _ping(case.member.get("ping_name"), f"an answer of {case.target}")
 
 
@@ -336,14 +492,18 @@ def _ping(ping: Mapping[str, Any] | None, expected: str) -> Judgement | None:
 
 
 def _udp_multicast(case: Case) -> Judgement | None:
-    if case.udp is None or case.fleet["transport"] == "unicast":
+    if (
+        case.udp is None
+        or case.fleet["transport"] == "unicast"
+        or not (case.own["multicast"] and case.planned["multicast"])
+    ):
         return None
-    udp = case.udp
-    expected = f"datagrams on {case.fleet['multicast_group']}:{case.fleet['multicast_port']} from {case.address}"
+    udp, address = case.udp, case.planned["discovery_address"]
+    expected = f"datagrams on {case.fleet['multicast_group']}:{case.fleet['multicast_port']} from {address}"
     if not udp["heard_from"]:
         elsewhere = f"none, but on {', '.join(udp['other_interfaces'])}" if udp["other_interfaces"] else "none"
         return Judgement(_other_leg(case, udp["unicast"]), expected, elsewhere)
-    if udp["source_address"] != case.address:
+    if udp["source_address"] != address:
         return Judgement(FAILED, expected, f"from {udp['source_address']}")
     loss = case.run[case.target].udp.get(case.observer.name, {}).get("loss")  # the sender knows how many it has sent
     if loss is not None and loss >= LOSS:
@@ -361,6 +521,17 @@ def _udp_unicast(case: Case) -> Judgement | None:
     return Judgement(_other_leg(case, case.udp["heard_from"]), expected, found)
 
 
+def _source(case: Case) -> Judgement | None:
+    """Between networks, whether a gateway on the way translates addresses: the helper there has counted who called."""
+    target = case.run.get(case.target)
+    if case.probe is None or target is None or not case.way.crosses or not (target.seen.multicast or {}).get("udp"):
+        return None
+    source = case.way.source
+    expected = f"datagrams from {source} arrive there"
+    arrived = source in target.callers
+    return Judgement(OK if arrived else WARNING, expected, "they arrive" if arrived else "none arrives")
+
+
 def _other_leg(case: Case, other: bool | None) -> str:
     """With the transport `both`, the discovery nodes find each other as long as one of the two ways works."""
     return WARNING if case.fleet["transport"] == "both" and other else FAILED
@@ -370,6 +541,8 @@ def _icmp_rounds(case: Case) -> Judgement | None:
     icmp = (case.observer.seen.multicast or {}).get("icmp")
     if not icmp or case.target not in case.run or not _answers_broadcasts(case.run[case.target].plan):
         return None  # by plan it does not answer: the kernel's default, and no harm
+    if not (case.observer.plan["common_address"] and case.run[case.target].plan["common_address"]):
+        return None  # such a ping stays on the common network
     expected = f"an answer to each of {len(icmp['rounds'])} pings of {icmp['group']}"
     missed = [item["round"] for item in icmp["rounds"] if case.target not in item["answered"]]
     if icmp["error"] or missed:
@@ -408,7 +581,7 @@ def _clock(case: Case) -> Judgement | None:
 
 
 def _list_masters(case: Case) -> Judgement | None:
-    if case.probe is None or _without_ros(case):
+    if case.probe is None or _without_ros(case.observer):
         return None
     master = case.master
     expected = f"{master['name']} online, {master['uri']}, monitored at {master['monitor_uri']}"
@@ -425,9 +598,8 @@ def _list_masters(case: Case) -> Judgement | None:
 def _monitored(entry: Mapping[str, Any], case: Case) -> bool:
     """A node may see itself through its loopback interface; the others must see it at its planned address."""
     host = _host(entry["monitoruri"])
-    return (
-        host in (case.address, "localhost", "127.0.0.1") if case.target == case.observer.name else host == case.address
-    )
+    own = case.master["robot"] == case.observer.plan["robot"]
+    return host == case.address or (own and host in ("localhost", "127.0.0.1"))
 
 
 def _host(uri: str) -> str:
@@ -435,7 +607,7 @@ def _host(uri: str) -> str:
 
 
 def _strangers(case: Case) -> Judgement | None:
-    if case.probe is None:
+    if case.probe is None or not (case.observer.seen.multicast or case.observer.listed):
         return None
     names = {master["name"] for master in case.fleet["masters"]}
     listed = sorted(name for name in case.observer.listed if name not in names)
@@ -448,12 +620,14 @@ def _strangers(case: Case) -> Judgement | None:
 
 
 def _topic_heard(case: Case) -> Judgement | None:
-    if case.probe is None or case.target not in case.run or _without_ros(case):
+    target = case.run.get(case.target)
+    if case.probe is None or target is None or _without_ros(case.observer):
         return None
     entry = case.observer.topics.get(case.target)
     if entry is None:
         # A talker that never was is no fault of this pair.
-        return None if case.run[case.target].seen.unreachable else Judgement(FAILED, "its message", "not listened to")
+        silent = target.seen.unreachable or (target.seen.probe is not None and _without_ros(target))
+        return None if silent else Judgement(FAILED, "its message", "not listened to")
     expected = f"a message on {entry['topic']}"
     if not entry["heard"] and _filtered(case, entry["topic"]):
         return Judgement(UNKNOWN, expected, "the topic is left out by multimaster_filters")
@@ -464,42 +638,39 @@ def _topic_heard(case: Case) -> Judgement | None:
 
 def _filtered(case: Case, topic: str) -> bool:
     """Whether a filter of the observer's robot that ignores leaves the topic out; the plan lets it pass white lists."""
-    master = next(entry for entry in case.fleet["masters"] if entry["robot"] == case.observer.plan["robot"])
-    rules = case.fleet["computers"][master["computer"]]["sync"]
+    if _same_robot(case):
+        return False
+    own, its = case.masters
+    rules = case.fleet["computers"][own]["sync"]
 
     def matches(rule: str, value: str) -> bool:
         patterns = [pattern for pattern in rules.get(rule, ()) if isinstance(pattern, str)]
         return any(re.fullmatch(pattern.strip().replace("*", ".*"), value, re.IGNORECASE) for pattern in patterns)
 
-    name = case.master["name"]
+    name = case.layout.masters[case.planned["robot"]]["name"]
     return bool(
         (matches("ignore_hosts", name) and not matches("sync_hosts", name))
         or (rules.get("sync_hosts") and not rules.get("ignore_hosts") and not matches("sync_hosts", name))
         or any(matches(rule, topic) for rule in ("ignore_topics", "ignore_publishers"))
         or matches("ignore_type", TALKER_TYPE)
-        or matches("ignore_nodes", "/rostopic_1_1")
+        or matches("ignore_nodes", TALKER_NODE + topic.rpartition("/")[2])
     )
+
+
+def _same_robot(case: Case) -> bool:
+    return case.planned["robot"] == case.observer.plan["robot"]
 
 
 def _direct_connection(case: Case) -> Judgement | None:
     entry = case.observer.topics.get(case.target)
     if entry is None or not entry["publishers"]:
         return None
-    names = {case.target.lower(), case.address, *_aliases(case)}
+    names = {case.target.lower(), case.address, *case.layout.names.get(case.address, ())}
     hosts = [_host(publisher["uri"]) for publisher in entry["publishers"]]
     found = ", ".join(publisher["uri"] or f"{publisher['node']} without a URI" for publisher in entry["publishers"])
     return Judgement(
         OK if all(host in names for host in hosts) else FAILED, f"the publisher is on {case.target}", found
     )
-
-
-def _aliases(case: Case) -> list[str]:
-    return [
-        name.lower()
-        for entry in case.fleet["hosts_entries"]
-        if entry["address"] == case.address
-        for name in entry["names"]
-    ]
 
 
 # How causes are told from each other.
@@ -526,6 +697,92 @@ def _target_down(case: Case) -> bool:
     return computer is not None and computer.seen.unreachable
 
 
+def _behind_gateway(case: Case) -> bool:
+    return any(case.gateways)
+
+
+def _inner(case: Case) -> bool:
+    return bool(case.observer.plan["robot"]) and not case.observer.plan["common_address"]
+
+
+def _no_route(case: Case) -> bool:
+    return bool(case.member["route"]["error"])
+
+
+def _other_hop(case: Case) -> bool:
+    route = case.member["route"]
+    return case.way.crosses and (route["gateway"] or "") not in _hops(case, case.way)
+
+
+def _refused_on_the_way(case: Case) -> bool:
+    return "prohibited" in case.member["ping_address"]["error"]
+
+
+def _in_a_circle(case: Case) -> bool:
+    return "time to live" in case.member["ping_address"]["error"]
+
+
+def _gateway_finds_nobody(case: Case) -> bool:
+    """The gateway of the target's network itself says that nobody has the address there."""
+    error, its = case.member["ping_address"]["error"], case.way.its
+    return bool(its) and "host unreachable" in error and error.startswith((its.common_address, its.address))
+
+
+def _nothing_leaves(case: Case) -> bool:
+    """The observer reaches its gateway, and nobody behind it."""
+    own, answered = case.way.own, case.observer.answered
+    if own is None or (own.name and own.name not in answered):
+        return False
+    return all(case.layout.members[name]["robot"] == case.observer.plan["robot"] for name in answered)
+
+
+def _nothing_enters(case: Case) -> bool:
+    """The target's gateway is reached, but nobody behind it, though the target reaches its gateway."""
+    its, target, answered = case.way.its, case.run.get(case.target), case.observer.answered
+    if its is None or (its.name and its.name not in answered):
+        return False
+    if target is not None and its.name and its.name not in target.answered:
+        return False
+    return not any(name in answered for name in case.layout.inner[case.planned["robot"]])
+
+
+def _no_way_back(case: Case) -> bool:
+    """The target has no route to any other network."""
+    target = case.run.get(case.target)
+    ways = [
+        member["route"]["error"]
+        for name, member in (target.members if target else {}).items()
+        if "route" in member and case.layout.members[name]["robot"] != case.planned["robot"]
+    ]
+    return bool(ways) and all(ways)
+
+
+def _only_from_outside(case: Case) -> bool:
+    """The computers of its own robot reach the target."""
+    neighbours = (case.run.get(name) for name in case.layout.robots[case.planned["robot"]])
+    return case.way.crosses and any(neighbour and case.target in neighbour.answered for neighbour in neighbours)
+
+
+def _own_gateway_silent(case: Case) -> bool:
+    gateway = case.layout.gateways.get(case.observer.plan["robot"])
+    return gateway is not None and gateway.name == case.target
+
+
+def _crosses(case: Case) -> bool:
+    return case.way.crosses
+
+
+def _leaves_by_gateway(case: Case) -> bool:
+    return case.way.own is not None
+
+
+def _translated_here(case: Case) -> bool:
+    """The target's helper has heard this computer, from an address that is not the planned one."""
+    entry = case.run[case.target].udp.get(case.observer.name, {})
+    seen = (case.udp or {}).get("own_source_address") or entry.get("source_address")
+    return seen is not None and seen != case.own["discovery_address"]
+
+
 def _hears_unicast(case: Case) -> bool:
     return bool(case.udp and case.udp["unicast"])
 
@@ -549,6 +806,10 @@ def _send_errors(case: Case) -> bool:
 
 def _refused(case: Case) -> bool:
     return "refused" in case.observer.masters[case.target]["error"].lower()
+
+
+def _unreachable(case: Case) -> bool:
+    return "network is unreachable" in case.observer.masters[case.target]["error"].lower()
 
 
 def _no_clock(case: Case) -> bool:
@@ -580,6 +841,24 @@ def _port_open(case: Case) -> bool:
 def _talker_ended(case: Case) -> bool:
     computer = case.run.get(case.target)
     return computer is not None and not ((computer.seen.probe or {}).get("talker") or {"running": True})["running"]
+
+
+def _listener_failed(case: Case) -> bool:
+    return case.observer.topics.get(case.target, {"error": ""})["error"].startswith("the listener")
+
+
+def _not_registered_at_home(case: Case) -> bool:
+    return _not_registered(case) and _same_robot(case)
+
+
+def _only_the_master(case: Case) -> bool:
+    """What the computer of the target's roscore says is heard, and what its second computers say is not even known."""
+    its_master = case.masters[1]
+    return (
+        _not_registered(case)
+        and case.target != its_master
+        and bool(case.observer.topics.get(its_master, {"heard": False})["heard"])
+    )
 
 
 def _not_registered(case: Case) -> bool:
@@ -617,11 +896,30 @@ def _no_service(case: Case) -> bool:
 
 CHECKS: tuple[Check, ...] = (
     Check(
+        "forwarding",
+        "gateways and the router pass packets on",
+        COMPUTER,
+        _forwarding,
+        causes=(
+            Cause(
+                _always,
+                "{observer} drops what is meant for another network, so nobody gets through it",
+                "run site.yml; if the value comes back, see on {observer}: grep -r ip_forward /etc/sysctl.* /usr/lib/sysctl.d",
+            ),
+        ),
+    ),
+    Check(
         "reachable",
         "computer answers the controller",
         COMPUTER,
         _reachable,
+        ("gateway:reachable", "gateway:forwarding"),
         causes=(
+            Cause(
+                _behind_gateway,
+                "switched off, not on its network, or without the way back by its gateway {gateway}",
+                "switch it on, and see there: ip route; from the controller try: ping {gateway}, then ping {address}",
+            ),
             Cause(
                 _always,
                 "switched off, not on the network, or the login is refused",
@@ -656,16 +954,43 @@ CHECKS: tuple[Check, ...] = (
     ),
     Check("measured", "computer could be looked at", COMPUTER, _measured),
     Check(
+        "reverse_path",
+        "no strict reverse-path filter",
+        COMPUTER,
+        _reverse_path,
+        causes=(
+            Cause(
+                _always,
+                "{observer} drops packets that come in on another interface than the one that leads back to their source",
+                "run site.yml, which sets net.ipv4.conf.all.rp_filter to 2; the larger value of all and the interface counts",
+            ),
+        ),
+    ),
+    Check(
+        "redirects",
+        "router sends no redirects",
+        COMPUTER,
+        _redirects,
+        causes=(
+            Cause(
+                _always,
+                "packets turn round on the common network, and each brings its sender an ICMP redirect, which ping takes "
+                "for an error",
+                "run site.yml, which sets net.ipv4.conf.*.send_redirects to 0; it is sent where all or the interface has 1",
+            ),
+        ),
+    ),
+    Check(
         "master_uri",
         "ROS_MASTER_URI means the robot's roscore",
         COMPUTER,
         _master_uri,
-        ("services",),
+        ("services", "master:reachable", "master:services"),
         causes=(
             Cause(
                 _roscore_silent,
                 "no roscore answers at that URI",
-                "start it, and see there: journalctl -b -u multimaster-roscore (or the unit of your own roscore)",
+                "start it, and see on {master}: journalctl -b -u multimaster-roscore (or the unit of your own roscore)",
             ),
             Cause(
                 _roscore_on_loopback,
@@ -685,6 +1010,13 @@ CHECKS: tuple[Check, ...] = (
         COMPUTER,
         _default_routes,
         causes=(
+            Cause(
+                _inner,
+                "beside the one by its gateway {gateway} there is another, as DHCP brings it: the lower metric wins, and "
+                "packets to other robots may leave there",
+                "take the default route from the other interface, or set multimaster_routes to networks for this robot, "
+                "so that only the robots' networks go by {gateway}",
+            ),
             Cause(
                 _always,
                 "two interfaces both got a default route",
@@ -723,6 +1055,16 @@ CHECKS: tuple[Check, ...] = (
         _route,
         causes=(
             Cause(
+                _no_route,
+                "{observer} has no way out of its network, so it neither asks nor answers",
+                "run site.yml, which sets its routes; see on {observer}: ip route",
+            ),
+            Cause(
+                _other_hop,
+                "another route of {observer} comes first: a second default route, as DHCP brings it, or one set by hand",
+                "run site.yml, which names it; see on {observer}: ip route",
+            ),
+            Cause(
                 _always,
                 "another interface of {observer} has a network that holds {address}, or its own interface is down",
                 "see on {observer}: ip route get {address}; ip address; correct the interface or multimaster_address",
@@ -734,7 +1076,17 @@ CHECKS: tuple[Check, ...] = (
         "ping by address",
         MEMBER,
         _ping_address,
-        ("target:reachable", "route"),
+        (
+            "target:reachable",
+            "route",
+            "gateway:reachable",
+            "its gateway:reachable",
+            "gateway:forwarding",
+            "its gateway:forwarding",
+            "back:route",
+            "to gateway:ping_address",
+            "to its gateway:ping_address",
+        ),
         causes=(
             Cause(
                 _target_down,
@@ -745,6 +1097,54 @@ CHECKS: tuple[Check, ...] = (
                 _heard_here,
                 "{target} is there, since its datagrams arrive: a firewall drops ICMP",
                 "allow ICMP echo requests on {target} and on the access point",
+            ),
+            Cause(
+                _refused_on_the_way,
+                "a firewall on the way from {observer} to {target} refuses to pass packets on",
+                "let packets between the robots' networks pass there; see: nft list ruleset",
+            ),
+            Cause(
+                _in_a_circle,
+                "a gateway or the router on the way sends packets for {address} back to where they came from",
+                "run site.yml on all gateways and the router; see there: ip route get {address}",
+            ),
+            Cause(
+                _gateway_finds_nobody,
+                "its gateway {its_gateway} is reached, and finds nobody with the address {address}",
+                "switch {target} on, or repair its network; see there: ip address",
+            ),
+            Cause(
+                _own_gateway_silent,
+                "the gateway of {observer} is off, has another address, or its interface to the robot's network is down",
+                "switch {target} on; see there: ip address; nothing of {observer} leaves its network meanwhile",
+            ),
+            Cause(
+                _no_way_back,
+                "{target} has no way out of its network, so its answers do not leave it",
+                "run site.yml, which sets its routes; see on {target}: ip route",
+            ),
+            Cause(
+                _nothing_leaves,
+                "{gateway} is reached, but passes nothing on between its robot's network and the others: a firewall there "
+                "drops forwarded packets, as Docker sets it up",
+                "let packets between the robots' networks pass on {gateway}; see there: nft list ruleset; iptables -S FORWARD",
+            ),
+            Cause(
+                _nothing_enters,
+                "{its_gateway} is reached, but passes nothing on between its robot's network and the others: a firewall there "
+                "drops forwarded packets, as Docker sets it up",
+                "let packets between the robots' networks pass on {its_gateway}; see there: nft list ruleset; iptables -S FORWARD",
+            ),
+            Cause(
+                _only_from_outside,
+                "{target} answers in its own network: its answers to {observer} do not find back, or its firewall knows its "
+                "own network only",
+                "see on {target}: ip route; nft list ruleset; and run site.yml on it",
+            ),
+            Cause(
+                _crosses,
+                "{target} is off, has another address, or its gateway {its_gateway} does not pass packets on",
+                "see on {target}: ip address; ip route; on {its_gateway}: ip route; nft list ruleset",
             ),
             Cause(
                 _always,
@@ -810,9 +1210,33 @@ CHECKS: tuple[Check, ...] = (
         ("target:reachable", "target:measured", "ping_address"),
         causes=(
             Cause(
+                _translated_here,
+                "addresses are translated on the way (NAT): {target} sees {observer} from another address",
+                "let no gateway translate addresses (masquerade) between the robots' networks; see there: nft list ruleset",
+            ),
+            Cause(
                 _always,
                 "a firewall drops UDP port {port} to {target}, or the answer to {observer}",
                 "allow UDP port {port} in both directions between {observer} and {target}",
+            ),
+        ),
+    ),
+    Check(
+        "source",
+        "datagrams arrive from the planned address",
+        MEMBER,
+        _source,
+        ("target:reachable", "target:measured", "observer:measured", "ping_address"),
+        causes=(
+            Cause(
+                _leaves_by_gateway,
+                "the gateway {gateway} translates addresses (masquerading), or drops UDP port {port}",
+                "translate nothing between the robots' networks; see on {gateway}: nft list ruleset; iptables -t nat -S",
+            ),
+            Cause(
+                _always,
+                "addresses are translated on the way from {observer} to {target} (NAT), or UDP port {port} is dropped",
+                "translate nothing between the robots' networks, and let UDP port {port} pass",
             ),
         ),
     ),
@@ -838,6 +1262,11 @@ CHECKS: tuple[Check, ...] = (
         _rpc_port,
         ("target:reachable", "target:services", "ping_address"),
         causes=(
+            Cause(
+                _unreachable,
+                "{observer} has no route to {address}, the address of {target} on the common network",
+                "run site.yml, which sets its routes; see on {observer}: ip route",
+            ),
             Cause(
                 _refused,
                 "no discovery node listens on TCP port {port} of {target}",
@@ -877,27 +1306,29 @@ CHECKS: tuple[Check, ...] = (
         (
             "target:reachable",
             "observer:services",
+            "master:services",
             "target:services",
             "observer:master_uri",
             "target:master_uri",
             "rpc_port",
-            "udp_multicast",
-            "udp_unicast",
+            "between masters:rpc_port",
+            "between masters:udp_multicast",
+            "between masters:udp_unicast",
         ),
         causes=(
             Cause(
                 _call_failed,
-                "the service of the discovery node cannot be called there",
-                "see there: systemctl status multimaster-discovery; rosservice list",
+                "the service of the discovery node on {master} cannot be called there",
+                "see on {master}: systemctl status multimaster-discovery; on {observer}: rosservice list",
             ),
             Cause(
                 _offline,
-                "{observer} has known {target}, and no longer hears it",
+                "{master} has known {target}, and no longer hears it",
                 "see on {target}: systemctl status multimaster-discovery",
             ),
             Cause(
                 _translated,
-                "{observer} sees {target} from another address: addresses are translated on the way (NAT)",
+                "{master} sees {target} from another address: addresses are translated on the way (NAT)",
                 "connect {target} by a bridge or the host's network, so that it is seen as {address}",
             ),
             Cause(
@@ -907,29 +1338,35 @@ CHECKS: tuple[Check, ...] = (
             ),
             Cause(
                 _port_open,
-                "the TCP port of {target} opens, but its heartbeats do not reach the discovery node of {observer}",
+                "the TCP port of {target} opens, but its heartbeats do not reach the discovery node of {master}",
                 "run site.yml, so that both use one group and port; see: journalctl -b -u multimaster-discovery",
             ),
             Cause(
                 _always,
-                "the discovery nodes of {observer} and {target} do not find each other",
+                "the discovery nodes of {master} and {target} do not find each other",
                 "allow UDP port {port} and the discovery node's TCP port between them",
             ),
         ),
     ),
     Check(
         "topic_heard",
-        "rostopic echo hears the other's talker",
-        MASTER,
+        "subscriber hears the other's talker",
+        MEMBER,
         _topic_heard,
         (
             "target:reachable",
             "target:measured",
             "observer:services",
+            "master:services",
             "target:services",
+            "its master:services",
             "observer:master_uri",
-            "list_masters",
+            "target:master_uri",
+            "to its master:list_masters",
+            "between masters:list_masters",
             "name",
+            "back:name",
+            "ping_address",
         ),
         causes=(
             Cause(
@@ -943,9 +1380,25 @@ CHECKS: tuple[Check, ...] = (
                 "see on {target}: journalctl -u multimaster-verify-talker; with many computers raise verify_lifetime",
             ),
             Cause(
+                _listener_failed,
+                "the subscriber on {observer} gave no result: the computer is overloaded, or rospy fails there",
+                "try on {observer}: rostopic echo /rosout; with many computers raise verify_patience",
+            ),
+            Cause(
+                _not_registered_at_home,
+                "the talker on {target} has not registered with the roscore on {master}",
+                "see on {target}: journalctl -u multimaster-verify-talker; rosnode list",
+            ),
+            Cause(
+                _only_the_master,
+                "{master} takes over the topics of {its_master}, but not those of {target}: its sync node, or the discovery node "
+                "of {its_master}, leaves nodes of a robot's second computers out, as upstream's do unless told otherwise",
+                "run site.yml, which installs the collection's nodes; with upstream's, set sync_remote_nodes to true",
+            ),
+            Cause(
                 _not_registered,
-                "the sync node of {observer} has not registered the topics of {target}",
-                "see on {observer}: journalctl -b -u multimaster-sync; rosservice call /master_sync/get_sync_info",
+                "the sync node on {master} has not registered the topics of {target}",
+                "see on {master}: journalctl -b -u multimaster-sync; rosservice call /master_sync/get_sync_info",
             ),
             Cause(
                 _always,
@@ -957,7 +1410,7 @@ CHECKS: tuple[Check, ...] = (
     Check(
         "direct_connection",
         "rostopic info shows a direct connection",
-        MASTER,
+        MEMBER,
         _direct_connection,
         causes=(
             Cause(

@@ -90,13 +90,14 @@ def machine(info: Mapping[str, Any]) -> Machine:
     )
 
 
-def files(environment: Environment, machine: Machine) -> list[dict[str, str]]:
-    """The files that carry an environment: path, content and mode of each that this machine can use."""
+def files(environment: Environment, machine: Machine) -> list[dict[str, Any]]:
+    """The files that carry an environment: what managed_files takes of each that this machine can use."""
     made = []
     for path, render in CONSUMERS:
         content = render(environment, machine)
         if content:
-            made.append({"path": path.format(hooks=machine.hooks), "content": content, "mode": "0644"})
+            file = {"path": path.format(hooks=machine.hooks), "content": content, "mode": "0644"}
+            made.append({**file, "validate": SSHD_TEST} if path == SSHD else file)
     return made
 
 
@@ -243,6 +244,9 @@ def _escaped(value: str) -> str:
 
 
 SSHD = "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf"
+# An sshd that refuses its files shuts everybody out at the next boot. It names what it refuses; its status also counts
+# host keys that are not there yet.
+SSHD_TEST = ["/bin/sh", "-c", "! /usr/sbin/sshd -t -f /dev/stdin 2>&1 | grep /dev/stdin"]
 PROFILE = "/etc/profile.d/rosfleet-multimaster.sh"
 DESKTOP = "/etc/environment.d/90-rosfleet-multimaster.conf"
 

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _variables
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _networks, _variables
 
 
 class InventoryProblems(Exception):
@@ -33,6 +33,7 @@ class Inventory:
     robots: Mapping[str, Sequence[str]]  # robot -> its hosts
     variables: Mapping[str, Mapping[str, Any]]  # host -> its multimaster_* variables
     strays: Sequence[str] = ()  # hosts of the robots' group that are in none of its child groups
+    routers: Sequence[str] = ()  # hosts of the group `routers`
 
 
 @dataclass(frozen=True)
@@ -44,13 +45,31 @@ class Computer:
     address: str
     aliases: tuple[str, ...]
     ros_setup: str
+    common_address: str  # its address in the common network; empty behind a gateway
+
+    @property
+    def discovery_address(self) -> str:
+        """The address that discovery uses: the one in the common network, where there is one."""
+        return self.common_address or self.address
+
+
+@dataclass(frozen=True)
+class Gateway:
+    """What connects a robot's own network with the common network."""
+
+    name: str  # the computer; empty for a device that is no computer of the inventory
+    address: str  # in the robot's network
+    common_address: str
 
 
 @dataclass(frozen=True)
 class Robot:
-    """One robot: its computers, and the one that runs its roscore."""
+    """One robot: its computers, the one that runs its roscore, and the way out of its network."""
 
     name: str
+    network: str  # the common network, where it has none of its own
+    gateway: Gateway | None  # none in the common network
+    routes: str
     computers: tuple[Computer, ...]
     master: Computer
     roscore: str
@@ -60,12 +79,22 @@ class Robot:
 
 
 @dataclass(frozen=True)
+class Router:
+    """The device that manages the common network (section 4.1 of the report)."""
+
+    name: str  # the host; empty for a device that is not in the inventory
+    address: str
+
+
+@dataclass(frozen=True)
 class Fleet:
     """All robots and what they share."""
 
     robots: tuple[Robot, ...]
     common_network: str
+    router: Router | None
     transport: str
+    multicast_routing: str
     multicast_group: str
     multicast_port: int
     answer_broadcast_pings: bool
@@ -95,26 +124,36 @@ def read_fleet(inventory: Inventory) -> Fleet:
     }
     problems += _one_robot_each(inventory.robots) + _no_strays(inventory.strays)
     shared = _shared_values(values, problems)
+    own = {name: _own_values(name, hosts, values, problems) for name, hosts in inventory.robots.items() if hosts}
+    router = _read_router(inventory, shared, problems)
     robots = []
     for name, hosts in inventory.robots.items():
-        robot = _read_robot(name, hosts, values, problems)
+        robot = _read_robot(name, hosts, values, own.get(name, {}), problems)
         if robot is not None:
             robots.append(robot)
-    computers = [
-        Computer(host, "", values[host]["multimaster_address"], tuple(values[host].get("multimaster_aliases", [])), "")
-        for host in values
-        if "multimaster_address" in values[host]
-    ]
-    problems += _unique_addresses(computers)
-    problems += _unique_names(computers)
-    if "multimaster_common_network" in shared:
-        problems += _in_network(computers, shared["multimaster_common_network"])
+    problems += _unique_names(
+        [
+            (host, [host, *values[host].get("multimaster_aliases", [])])
+            for host in values
+            if "multimaster_address" in values[host]
+        ]
+    )
+    problems += _networks.problems(
+        common=shared.get("multimaster_common_network", ""),
+        addresses={host: read["multimaster_address"] for host, read in values.items() if "multimaster_address" in read},
+        robots={name: _networks.Layout.of(hosts, own.get(name, {})) for name, hosts in inventory.robots.items()},
+        router=(router.name, router.address) if router else None,
+    )
+    if not problems:
+        problems += _unreached_masters(robots, shared)
     if problems or not robots:
-        raise InventoryProblems(_collapsed(problems, list(values)))
+        raise InventoryProblems(_collapsed(problems, [*values, *inventory.routers]))
     return Fleet(
         robots=tuple(robots),
         common_network=shared["multimaster_common_network"],
+        router=router,
         transport=shared["multimaster_transport"],
+        multicast_routing=shared["multimaster_multicast_routing"],
         multicast_group=shared["multimaster_multicast_group"],
         multicast_port=shared["multimaster_multicast_port"],
         answer_broadcast_pings=shared["multimaster_answer_broadcast_pings"],
@@ -126,12 +165,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
 def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
     """The host's variables of the right kind, defaults filled in; what is wrong goes to problems and stays out."""
     read: dict[str, Any] = {}
-    for name in given:
-        if name not in _variables.BY_NAME and name not in _variables.RESERVED:
-            problems.append(
-                f"{host}: the variable {name} is not known{_variables.nearest(name, _variables.BY_NAME)}; expected one of the "
-                "variables in the README: correct its name or remove it."
-            )
+    problems += _unknown(host, given)
     for variable in _variables.VARIABLES:
         value = given.get(variable.name)
         value = variable.default if value is None else value  # "name:" without a value is not set
@@ -154,6 +188,15 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict
             "(RFC 1123), since it is the name by which the other computers know it: rename it."
         )
     return read
+
+
+def _unknown(host: str, given: Mapping[str, Any]) -> list[str]:
+    return [
+        f"{host}: the variable {name} is not known{_variables.nearest(name, _variables.BY_NAME)}; expected one of the "
+        "variables in the README: correct its name or remove it."
+        for name in given
+        if name not in _variables.BY_NAME and name not in _variables.RESERVED
+    ]
 
 
 def _collapsed(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
@@ -228,16 +271,26 @@ def _agreed(
     return {name: value for name, (_host, value) in agreed.items()}
 
 
-def _read_robot(
+def _own_values(
     name: str, hosts: Sequence[str], values: Mapping[str, Mapping[str, Any]], problems: list[str]
+) -> dict[str, Any]:
+    """The variables of one robot; hosts that disagree are a problem."""
+    names = [variable.name for variable in _variables.VARIABLES if variable.scope == "robot"]
+    return _agreed(names, hosts, values, f"the computers of the robot {name}", f"group_vars/{name}.yml", problems)
+
+
+def _read_robot(
+    name: str,
+    hosts: Sequence[str],
+    values: Mapping[str, Mapping[str, Any]],
+    own: Mapping[str, Any],
+    problems: list[str],
 ) -> Robot | None:
     if not hosts:
         problems.append(
             f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
         )
         return None
-    names = [variable.name for variable in _variables.VARIABLES if variable.scope == "robot"]
-    own = _agreed(names, hosts, values, f"the computers of the robot {name}", f"group_vars/{name}.yml", problems)
     master = own.get("multimaster_master", hosts[0] if len(hosts) == 1 else None)
     if master is None:
         problems.append(
@@ -258,14 +311,18 @@ def _read_robot(
             f"{master}: multimaster_rpc_port is {rpc_port}, which is also the port of its roscore; expected another port: "
             "leave it out for the port of the roscore + 300."
         )
-    required = ("multimaster_address", "multimaster_ros_setup", "multimaster_aliases")
-    if (
-        roscore_port is None
-        or "multimaster_roscore" not in own
-        or "multimaster_filters" not in own
-        or any(variable not in values[host] for host in hosts for variable in required)
+    required = ("multimaster_roscore_port", "multimaster_roscore", "multimaster_filters", "multimaster_routes")
+    required_of_each = (
+        "multimaster_address",
+        "multimaster_ros_setup",
+        "multimaster_aliases",
+        "multimaster_common_network",
+    )
+    if any(variable not in own for variable in required) or any(
+        variable not in values[host] for host in hosts for variable in required_of_each
     ):
         return None  # already among the problems
+    gateway = _read_gateway(hosts, values, own)
     computers = tuple(
         Computer(
             name=host,
@@ -273,11 +330,15 @@ def _read_robot(
             address=values[host]["multimaster_address"],
             aliases=tuple(values[host]["multimaster_aliases"]),
             ros_setup=values[host]["multimaster_ros_setup"],
+            common_address=_common_address(host, values[host]["multimaster_address"], gateway),
         )
         for host in hosts
     )
     return Robot(
         name=name,
+        network=own.get("multimaster_network", values[hosts[0]]["multimaster_common_network"]),
+        gateway=gateway,
+        routes=own["multimaster_routes"],
         computers=computers,
         master=next(computer for computer in computers if computer.name == master),
         roscore=own["multimaster_roscore"],
@@ -287,51 +348,93 @@ def _read_robot(
     )
 
 
-def _unique_addresses(computers: Sequence[Computer]) -> list[str]:
-    problems = []
-    owner: dict[str, str] = {}
-    for computer in computers:
-        first = owner.setdefault(computer.address, computer.name)
-        if first != computer.name:
-            problems.append(
-                f"{computer.name}: multimaster_address is {computer.address}, which {first} has too; expected an address of its "
-                "own: correct one of the two."
-            )
-    return problems
+def _read_gateway(
+    hosts: Sequence[str], values: Mapping[str, Mapping[str, Any]], own: Mapping[str, Any]
+) -> Gateway | None:
+    if not {"multimaster_network", "multimaster_gateway", "multimaster_common_address"} <= own.keys():
+        return None  # in the common network, or already among the problems
+    gateway = own["multimaster_gateway"]
+    if gateway in hosts:
+        return Gateway(gateway, values[gateway]["multimaster_address"], own["multimaster_common_address"])
+    return Gateway("", gateway, own["multimaster_common_address"])
 
 
-def _unique_names(computers: Sequence[Computer]) -> list[str]:
+def _common_address(host: str, address: str, gateway: Gateway | None) -> str:
+    if gateway is None:
+        return address
+    return gateway.common_address if host == gateway.name else ""
+
+
+def _read_router(inventory: Inventory, shared: Mapping[str, Any], problems: list[str]) -> Router | None:
+    given = shared.get("multimaster_router")
+    if not inventory.routers:
+        return Router("", given) if given else None
+    name = inventory.routers[0]
+    variables = inventory.variables.get(name, {})
+    if len(inventory.routers) > 1:
+        problems.append(
+            f"{name}: the group 'routers' has {len(inventory.routers)} hosts ({', '.join(inventory.routers)}); expected one, the "
+            "device that manages the common network: remove the others."
+        )
+    if any(name in hosts for hosts in inventory.robots.values()):
+        problems.append(
+            f"{name}: is in the group 'routers' and a computer of a robot; expected one of the two, since a robot's computer on the "
+            "common network gets its routes as such: remove it from the group 'routers'."
+        )
+        return None
+    problems += _unknown(name, variables)
+    address = variables.get("multimaster_address")
+    variable = _variables.BY_NAME["multimaster_address"]
+    try:
+        read = str(variable.read(address))
+    except _variables.Unexpected as expected:
+        found = "is not set" if address is None else f"is {_shown(address)}"
+        problems.append(f"{name}: multimaster_address {found}; expected {expected}: set it in the inventory.")
+        return None
+    if given not in (None, read):
+        problems.append(
+            f"{name}: multimaster_address is {read}, but multimaster_router is {given}; expected one router: leave "
+            "multimaster_router out where the group 'routers' has a host."
+        )
+    return Router(name, read)
+
+
+def _unreached_masters(robots: Sequence[Robot], shared: Mapping[str, Any]) -> list[str]:
+    """Masters that no heartbeat can reach: multicast does not cross a gateway by itself (errata E4)."""
+    group, routing = shared["multimaster_multicast_group"], shared["multimaster_multicast_routing"]
+    if routing == "smcroute" and ipaddress.ip_address(group) in ipaddress.ip_network("224.0.0.0/24"):
+        return [
+            f"multimaster_multicast_group is {group}, which no router passes on (RFC 5771, 224.0.0.0/24), and "
+            "multimaster_multicast_routing is 'smcroute'; expected a group outside 224.0.0.0/24: set it in group_vars/robots.yml, "
+            "for example 239.255.0.1."
+        ]
+    if shared["multimaster_transport"] != "multicast" or len(robots) < 2:
+        return []
+    return [
+        f"{robot.master.name}: is the master of the robot {robot.name} behind the gateway {robot.gateway.name or robot.gateway.address}, and "
+        f"multimaster_transport is 'multicast'; expected a way to it, since nobody passes {group} on there: set multimaster_transport to "
+        "'both'"
+        + (" or multimaster_multicast_routing to 'smcroute'" if robot.gateway.name else "")
+        + ", or choose the gateway as multimaster_master."
+        for robot in robots
+        if robot.gateway and not robot.master.common_address and (routing == "none" or not robot.gateway.name)
+    ]
+
+
+def _unique_names(computers: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
     problems = []
     owner: dict[str, str] = {}
-    for computer in computers:
-        for name in (computer.name, *computer.aliases):
-            first = owner.setdefault(name.lower(), computer.name)
-            if first != computer.name:
+    for computer, names in computers:
+        for name in names:
+            first = owner.setdefault(name.lower(), computer)
+            if first != computer:
                 problems.append(
-                    f"{computer.name}: the name {name} also means {first}; expected names that mean one computer each "
+                    f"{computer}: the name {name} also means {first}; expected names that mean one computer each "
                     "(case does not count): rename one, or correct multimaster_aliases."
                 )
             if name.lower() == "localhost":
                 problems.append(
-                    f"{computer.name}: multimaster_aliases has localhost, which every computer is for itself; expected names of "
+                    f"{computer}: multimaster_aliases has localhost, which every computer is for itself; expected names of "
                     "this computer alone: remove it."
                 )
-    return problems
-
-
-def _in_network(computers: Sequence[Computer], common_network: str) -> list[str]:
-    network = ipaddress.ip_network(common_network)
-    problems = []
-    for computer in computers:
-        address = ipaddress.ip_address(computer.address)
-        if address not in network:
-            problems.append(
-                f"{computer.name}: multimaster_address is {address}, which is outside multimaster_common_network {network}; "
-                "expected an address of that network: correct one of the two."
-            )
-        elif network.prefixlen < 31 and address in (network.network_address, network.broadcast_address):
-            problems.append(
-                f"{computer.name}: multimaster_address is {address}, which is the network's or the broadcast address of {network}; "
-                "expected the address of one computer: correct it."
-            )
     return problems

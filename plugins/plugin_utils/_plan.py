@@ -9,9 +9,10 @@ Pure: a Fleet in, plain data (for Ansible's variables) out.
 
 from __future__ import annotations
 
+import ipaddress
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import Computer, Fleet, Robot
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import Computer, Fleet, Robot, Router
 
 # actionlib: an action NAME is these five topics (section 2 of the report).
 ACTION_TOPICS = ("goal", "cancel", "status", "feedback", "result")
@@ -23,13 +24,17 @@ SILENCE = 2
 # What the verification publishes while it runs, so that it can tell under a white list too whether topics cross.
 VERIFICATION_TOPICS = "/multimaster_verify/*"
 
+# The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
+LOOKED_AT = ["system", "owned", "interfaces", "ways", "multicast_routing"]
+LOOKED_AT_WITH_ROS = ["ros", "ports", "exports", "sshd", "environment"]
+
 # Where the roles install and what the nodes are called on the machine.
 LIBRARY = "/usr/local/lib/rosfleet-multimaster"
 CONFIGURATION = "/etc/rosfleet-multimaster"
 
 
 def plan(fleet: Fleet) -> dict[str, Any]:
-    """The plan of the fleet: what all share, and one entry per computer under `computers`.
+    """The plan of the fleet: what all share, and one entry per computer, the router's too, under `computers`.
 
     Lists that every computer needs are there once, so the plan grows with the number of computers.
     """
@@ -39,16 +44,46 @@ def plan(fleet: Fleet) -> dict[str, Any]:
         ],
         "masters": [_master(fleet, robot) for robot in fleet.robots],
         "common_network": fleet.common_network,
+        "networks": [
+            {
+                "robot": robot.name,
+                "network": robot.network,
+                "gateway": robot.gateway.address,
+                "common_address": robot.gateway.common_address,
+                "device": not robot.gateway.name,
+            }
+            for robot in fleet.robots
+            if robot.gateway
+        ],
+        "router": {"name": fleet.router.name, "address": fleet.router.address} if fleet.router else {},
         "transport": fleet.transport,
         "multicast_group": fleet.multicast_group,
         "multicast_port": fleet.multicast_port,
-        "members": [
-            {"name": computer.name, "robot": computer.robot, "address": computer.address}
-            for computer in fleet.computers
-        ],
+        "multicast_routing": fleet.multicast_routing,
+        "members": [_member(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers],
         "computers": {
-            computer.name: _computer(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers
+            **{
+                computer.name: _computer(fleet, robot, computer)
+                for robot in fleet.robots
+                for computer in robot.computers
+            },
+            **({fleet.router.name: _router(fleet, fleet.router)} if fleet.router and fleet.router.name else {}),
         },
+    }
+
+
+def _member(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, Any]:
+    """A computer as the others see it, and whether it takes part in discovery and hears the group of the others."""
+    is_master = computer == robot.master
+    routed = fleet.multicast_routing != "none" and robot.gateway is not None and bool(robot.gateway.name)
+    return {
+        "name": computer.name,
+        "robot": robot.name,
+        "address": computer.address,
+        "network": robot.network,
+        "discovery_address": computer.discovery_address,
+        "discovery": is_master or bool(computer.common_address),
+        "multicast": bool(computer.common_address) or (is_master and routed),
     }
 
 
@@ -57,10 +92,10 @@ def _master(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     return {
         "robot": robot.name,
         "computer": robot.master.name,
-        "address": robot.master.address,
+        "address": robot.master.discovery_address,
         "name": master_name(robot),
         "uri": master_uri(fleet, robot) + "/",
-        "monitor_uri": f"http://{robot.master.address}:{robot.rpc_port}",
+        "monitor_uri": f"http://{robot.master.discovery_address}:{robot.rpc_port}",
         "rpc_port": robot.rpc_port,
     }
 
@@ -82,15 +117,33 @@ def _advertised(fleet: Fleet, computer: Computer) -> str:
 
 def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, Any]:
     is_master = computer == robot.master
+    is_gateway = robot.gateway is not None and robot.gateway.name == computer.name
+    interfaces = [{"network": robot.network, "address": computer.address}]
+    if is_gateway:
+        interfaces.append({"network": fleet.common_network, "address": computer.common_address})
+    existing = robot.routes == "existing"
+    expected = _network_routes(fleet, robot, computer) if existing else []
     return {
         "computer": computer.name,
         "robot": robot.name,
         "address": computer.address,
+        "common_address": computer.common_address,
+        "network": robot.network,
+        "networks": interfaces,
         "is_master": is_master,
+        "is_gateway": is_gateway,
+        "is_router": False,
         "roscore": robot.roscore,
         "roscore_port": robot.roscore_port,
         "ros_setup": computer.ros_setup,
-        "sysctl": _sysctl(fleet),
+        "sysctl": _sysctl(fleet) + (FORWARDING if is_gateway else []),
+        "routes": [] if existing else _robot_routes(fleet, robot, computer),
+        "routes_expected": expected,
+        "look_at": {
+            "parts": LOOKED_AT + LOOKED_AT_WITH_ROS,
+            "destinations": [str(ipaddress.ip_network(route["destination"])[1]) for route in expected],
+        },
+        "multicast_routing": _multicast_routing(fleet, computer) if is_gateway else {},
         "environment": {
             "ROS_MASTER_URI": master_uri(fleet, robot),
             ("ROS_HOSTNAME" if fleet.advertise == "name" else "ROS_IP"): _advertised(fleet, computer),
@@ -100,6 +153,82 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, Any]:
         "discovery": _discovery(fleet, robot) if is_master else {},
         "sync": _sync(robot) if is_master else {},
     }
+
+
+def _router(fleet: Fleet, router: Router) -> dict[str, Any]:
+    """The router of the common network (section 4.2 of the report): no computer of a robot, so nothing of ROS."""
+    return {
+        "computer": router.name,
+        "robot": "",
+        "address": router.address,
+        "common_address": router.address,
+        "network": fleet.common_network,
+        "networks": [{"network": fleet.common_network, "address": router.address}],
+        "is_master": False,
+        "is_gateway": False,
+        "is_router": True,
+        "roscore": "existing",
+        "roscore_port": 0,
+        "ros_setup": "auto",
+        "sysctl": FORWARDING + NO_REDIRECTS,
+        "routes": [
+            {"destination": robot.network, "gateway": robot.gateway.common_address}
+            for robot in fleet.robots
+            if robot.gateway
+        ],
+        "routes_expected": [],
+        "look_at": {"parts": LOOKED_AT, "destinations": []},
+        "multicast_routing": {},
+        "environment": {},
+        "ports": [],
+        "services": [],
+        "discovery": {},
+        "sync": {},
+    }
+
+
+def _robot_routes(fleet: Fleet, robot: Robot, computer: Computer) -> list[dict[str, str]]:
+    """The routes of a robot's computer: behind a gateway the report's default route, unless the robot wants networks."""
+    if robot.gateway and not computer.common_address and robot.routes == "default":
+        return [{"destination": "default", "gateway": robot.gateway.address}]
+    return _network_routes(fleet, robot, computer)
+
+
+def _network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> list[dict[str, str]]:
+    """One route per network that the computer is not in.
+
+    On the common network they lead to the other robot's gateway itself: a way by the router would come back on the
+    interface that it came from.
+    """
+    others = [other for other in fleet.robots if other.gateway and other != robot]
+    if computer.common_address:
+        return [
+            {"destination": other.network, "gateway": other.gateway.common_address} for other in others if other.gateway
+        ]
+    networks = [fleet.common_network, *(other.network for other in others)]
+    return [{"destination": network, "gateway": robot.gateway.address} for network in networks if robot.gateway]
+
+
+def _multicast_routing(fleet: Fleet, gateway: Computer) -> dict[str, Any]:
+    """What a gateway passes on between the robot's network and the common network."""
+    if fleet.multicast_routing == "none":
+        return {}
+    return {"group": fleet.multicast_group, "addresses": [gateway.address, gateway.common_address]}
+
+
+# Section 4.2 of the report. The reverse-path filter is loose: strict, it drops what comes back on another interface
+# (kernel: Documentation/networking/ip-sysctl, rp_filter; the larger value of `all` and the interface counts).
+FORWARDING = [
+    {"name": "net.ipv4.ip_forward", "value": "1"},
+    {"name": "net.ipv4.conf.all.rp_filter", "value": "2"},
+]
+# The router's packets turn round on the common network, and an ICMP redirect for each of them helps nobody: `ping -c1`
+# takes it for an error. The kernel sends them where `all` or the interface has 1.
+NO_REDIRECTS = [
+    {"name": "net.ipv4.conf.all.send_redirects", "value": "0"},
+    {"name": "net.ipv4.conf.default.send_redirects", "value": "0"},
+    {"name": "net.ipv4.conf.{common}.send_redirects", "value": "0"},  # preflight knows the interface
+]
 
 
 def _sysctl(fleet: Fleet) -> list[dict[str, str]]:
@@ -124,12 +253,12 @@ def _services(robot: Robot) -> list[str]:
 def _discovery(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     """The private parameters of master_discovery: upstream's names, pinned to the interface of the common network."""
     multicast = fleet.transport in ("both", "multicast")
-    peers = [other.master.address for other in fleet.robots if other != robot]
+    peers = [other.master.discovery_address for other in fleet.robots if other != robot]
     return {
         "name": master_name(robot),
         "mcast_group": fleet.multicast_group,
         "mcast_port": fleet.multicast_port,
-        "interface": robot.master.address,
+        "interface": robot.master.discovery_address,
         "rpc_port": robot.rpc_port,
         "heartbeat_hz": fleet.heartbeat_hz,
         "timeout_factor": SILENCE,

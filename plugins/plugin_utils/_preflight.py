@@ -9,6 +9,7 @@ Pure: plan and description in, sentences out.
 
 from __future__ import annotations
 
+import ipaddress
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -21,53 +22,140 @@ NODES_PYTHON = (3, 8)
 
 @dataclass(frozen=True)
 class Comparison:
-    """What stands against applying a plan to a machine, what only deserves a word, and where the address is."""
+    """What stands against applying a plan to a machine, what only deserves a word, and the plan with the machine's names."""
 
     problems: tuple[str, ...]
     warnings: tuple[str, ...]
-    interface: str
+    plan: Mapping[str, Any]
 
 
 def compare(plan: Mapping[str, Any], info: Mapping[str, Any]) -> Comparison:
     """Compare one computer's plan with its machine.
 
-    `plan` is an entry of `computers` of `fleet_plan`, `info` the return of `multimaster_info`.
+    `plan` is an entry of `computers` of `fleet_plan`, `info` the return of `multimaster_info`. The plan that comes back has
+    the names of the interfaces, which only the machine knows.
     """
-    interface, problems = _interface(plan, info)
-    problems += _systemd(plan, info)
-    warnings = _own_name(plan, info) + _exports(plan, info) + _sshd(plan, info)
-    if plan["is_master"]:
-        problems += _ros(plan, info) + _port_holders(plan, info)
-        warnings += _no_roscore(plan, info)
-    else:
-        warnings += _ros(plan, info)
-    return Comparison(tuple(problems), tuple(warnings), interface)
+    interfaces: dict[str, str] = {}  # address -> name
+    problems = []
+    for wanted in plan["networks"]:
+        name, found = _interface(plan, info, wanted)
+        interfaces[wanted["address"]] = name
+        problems += found
+    problems += _systemd(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
+    warnings = _own_name(plan, info)
+    if not plan["is_router"]:
+        warnings += _exports(plan, info) + _sshd(plan, info)
+        if plan["is_master"]:
+            problems += _ros(plan, info) + _port_holders(plan, info)
+            warnings += _no_roscore(plan, info)
+        else:
+            warnings += _ros(plan, info)
+    return Comparison(tuple(problems), tuple(warnings), _with_interfaces(plan, interfaces))
 
 
-def _interface(plan: Mapping[str, Any], info: Mapping[str, Any]) -> tuple[str, list[str]]:
-    host, address = plan["computer"], plan["address"]
+def _with_interfaces(plan: Mapping[str, Any], interfaces: Mapping[str, str]) -> dict[str, Any]:
+    common = interfaces.get(plan["common_address"], "")
+    filled = dict(plan)
+    filled["sysctl"] = [
+        {**setting, "name": setting["name"].replace("{common}", common.replace(".", "/"))} for setting in plan["sysctl"]
+    ]
+    routing = plan["multicast_routing"]
+    if routing:
+        filled["multicast_routing"] = {
+            **routing,
+            "interfaces": [interfaces[address] for address in routing["addresses"]],
+        }
+    return filled
+
+
+def _interface(plan: Mapping[str, Any], info: Mapping[str, Any], wanted: Mapping[str, str]) -> tuple[str, list[str]]:
+    """The interface that has an address of the plan."""
+    host, address = plan["computer"], wanted["address"]
+    variable = "multimaster_address" if address == plan["address"] else "multimaster_common_address"
+    network = ipaddress.ip_network(wanted["network"])
     found = []
     for interface in info["interfaces"]:
-        addresses = [entry["address"] for entry in interface["addresses"]]
-        if address in addresses:
+        name = interface["name"]
+        for entry in interface["addresses"]:
+            if entry["address"] != address:
+                continue
             if not interface["up"]:
-                return interface["name"], [
-                    f"{host}: the interface {interface['name']} with multimaster_address {address} is down; expected it to be up: "
-                    f"bring it up (ip link set {interface['name']} up) and find out why it was not."
+                return name, [
+                    f"{host}: the interface {name} with {variable} {address} is down; expected it to be up: "
+                    f"bring it up (ip link set {name} up) and find out why it was not."
                 ]
-            if plan["is_master"] and plan["discovery"]["send_mcast"] and not interface["multicast"]:
-                return interface["name"], [
-                    f"{host}: the interface {interface['name']} with multimaster_address {address} does not do multicast; expected "
-                    f"the flag MULTICAST: set it (ip link set {interface['name']} multicast on), or set multimaster_transport to "
+            if plan["is_master"] and _multicast_on(plan) == address and not interface["multicast"]:
+                return name, [
+                    f"{host}: the interface {name} with {variable} {address} does not do multicast; expected "
+                    f"the flag MULTICAST: set it (ip link set {name} multicast on), or set multimaster_transport to "
                     "unicast."
                 ]
-            return interface["name"], []
+            if entry["prefix"] != network.prefixlen:
+                return name, [
+                    f"{host}: {variable} is {address}, on {name} with the prefix length {entry['prefix']}; expected {network.prefixlen}, "
+                    f"as the network {network} of the inventory has it, since packets to other networks take another way otherwise: "
+                    "correct one of the two."
+                ]
+            return name, []
         if not interface["loopback"]:
-            found += [f"{entry} on {interface['name']}" for entry in addresses if ":" not in entry]
+            found += [
+                f"{entry['address']} on {name}" for entry in interface["addresses"] if ":" not in entry["address"]
+            ]
     return "", [
-        f"{host}: multimaster_address is {address}, but the machine has {', '.join(found) or 'no address'}; expected that address "
+        f"{host}: {variable} is {address}, but the machine has {', '.join(found) or 'no address'}; expected that address "
         "on one of its interfaces: correct the inventory, or give the machine the address."
     ]
+
+
+def _multicast_on(plan: Mapping[str, Any]) -> str:
+    """The address of the interface on which the discovery node uses the multicast group; empty where it does not."""
+    return plan["discovery"]["interface"] if plan["discovery"]["send_mcast"] else ""
+
+
+def _ways(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
+    """With `multimaster_routes: existing`: whether there is a route to each network, so that packets come back."""
+    networks = [ipaddress.ip_network(interface["network"]) for interface in plan["networks"]]
+    found = {entry["destination"]: entry for entry in info.get("ways", ())}
+    problems = []
+    for route in plan["routes_expected"]:
+        way = found.get(str(ipaddress.ip_network(route["destination"])[1]), {"error": "not looked at", "gateway": None})
+        by = way["gateway"]
+        good = by and any(ipaddress.ip_address(by) in network for network in networks)
+        if good and not (by == route["gateway"] or plan["common_address"]):
+            good = False
+        if not good:
+            seen = way["error"] or (f"one by {by}" if by else "a way without a gateway")
+            problems.append(
+                f"{plan['computer']}: multimaster_routes is 'existing', but towards {route['destination']} there is no route by "
+                f"{route['gateway']} (found: {seen}); expected one, since without a route back nothing is answered: add it, or set "
+                "multimaster_routes to 'default' or 'networks'."
+            )
+    return problems
+
+
+def _multicast_routing(plan: Mapping[str, Any], info: Mapping[str, Any], interfaces: Mapping[str, str]) -> list[str]:
+    if not plan["multicast_routing"]:
+        return []
+    inner, common = (interfaces[address] for address in plan["multicast_routing"]["addresses"])
+    if inner and inner == common:
+        return [
+            f"{plan['computer']}: multimaster_multicast_routing is 'smcroute', but both its addresses are on {inner}; expected an interface "
+            "for each network, since multicast is passed on between interfaces: give the common network its own, or set "
+            "multimaster_multicast_routing to 'none'."
+        ]
+    routing = info["multicast_routing"]
+    if not routing["smcrouted"]:
+        return [
+            f"{plan['computer']}: multimaster_multicast_routing is 'smcroute', but there is no smcrouted; expected it on a gateway: install "
+            "it (apt-get install smcroute)."
+        ]
+    if routing["others"]:
+        return [
+            f"{plan['computer']}: {', '.join(routing['others'])} passes multicast on already, and the kernel takes one program for that; "
+            "expected none beside the collection's: stop it for good (systemctl disable --now smcroute.service smcroute-helper.service, "
+            "where it is Debian's smcroute), or set multimaster_multicast_routing to 'none'."
+        ]
+    return []
 
 
 def _systemd(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:

@@ -28,7 +28,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks impor
 )
 
 WIDTH = 120
-MATRIX = 12  # computers: a larger matrix is no longer read
+MATRIX = 16  # computers: a larger matrix is no longer read
+CELL = 8  # columns of one of them, where there is room
 SENTENCES = 20  # groups of findings that are printed; all are in the file
 PAIRS = 4  # pairs that are named in one of them
 WORST = (FAILED, UNKNOWN, WARNING, OK)
@@ -98,18 +99,22 @@ def _matrix(summary: Summary) -> str:
     """Rows observe, columns are observed; a computer's own checks are where it meets itself."""
     numbers = range(1, len(summary.computers) + 1)
     width = max(len(name) for name in summary.computers)
-    lines = [f"  {'from / to':<{width + 4}}" + "".join(f"{number:>8}" for number in numbers)]
+    cell = max(5, min(CELL, (WIDTH - width - 6) // len(summary.computers)))
+    lines = [f"  {'from / to':<{width + 4}}" + "".join(f"{number:>{cell}}" for number in numbers)]
     for number, observer in zip(numbers, summary.computers, strict=True):
-        cells = "".join(f"{_cell(summary.cells.get((observer, target))):>8}" for target in summary.computers)
+        cells = "".join(f"{_cell(summary.cells.get((observer, target)), cell):>{cell}}" for target in summary.computers)
         lines.append(f"  {number:>2}  {observer:<{width}}{cells}")
     return "\n".join(lines)
 
 
-def _cell(counts: Mapping[str, int] | None) -> str:
+def _cell(counts: Mapping[str, int] | None, width: int) -> str:
     if not counts:
         return "-"
     worst = next(verdict for verdict in WORST if counts.get(verdict))
-    return {FAILED: f"FAIL {counts[FAILED]}", UNKNOWN: "?", WARNING: "warn", OK: "ok"}[worst]
+    if worst == FAILED:
+        text = f"FAIL {counts[FAILED]}"
+        return text if len(text) < width else "FAIL"
+    return {UNKNOWN: "?", WARNING: "warn", OK: "ok"}[worst]
 
 
 def _sentences(summary: Summary, verdict: str, heading: str) -> list[str]:

@@ -71,6 +71,17 @@ def _address(value: Any) -> str:
     return str(address)
 
 
+def _gateway(value: Any) -> str:
+    try:
+        return _name(value)
+    except Unexpected:
+        pass
+    try:
+        return _address(value)
+    except Unexpected:
+        raise Unexpected("the name of a computer of the robot, or the address of another device") from None
+
+
 def _network(value: Any) -> str:
     try:
         network = ipaddress.ip_network(_text(value))
@@ -198,6 +209,15 @@ VARIABLES = (
         "192.168.1.0/24",
     ),
     Variable(
+        "multimaster_router",
+        "fleet",
+        _address,
+        None,
+        "The address in the common network of the router that manages it, where that is a device of another make: "
+        "`playbooks/router_config.yml` writes its configuration. Default: the host of the group `routers`, if there is one.",
+        "192.168.1.1",
+    ),
+    Variable(
         "multimaster_transport",
         "fleet",
         _choice("both", "multicast", "unicast"),
@@ -220,6 +240,15 @@ VARIABLES = (
         11511,
         "The UDP port of the discovery nodes.",
         "11511",
+    ),
+    Variable(
+        "multimaster_multicast_routing",
+        "fleet",
+        _choice("none", "smcroute"),
+        "none",
+        "Whether the gateways pass the multicast group on between the networks (by smcroute, which must be installed there). "
+        "It takes a group outside 224.0.0.0/24. Without it, masters behind gateways are found by unicast.",
+        "smcroute",
     ),
     Variable(
         "multimaster_answer_broadcast_pings",
@@ -245,6 +274,42 @@ VARIABLES = (
         1.0,
         "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.",
         "0.5",
+    ),
+    Variable(
+        "multimaster_network",
+        "robot",
+        _network,
+        None,
+        "The robot's own network, where it has several computers behind a gateway. Default: none, its computers are in the "
+        "common network.",
+        "192.168.11.0/24",
+    ),
+    Variable(
+        "multimaster_gateway",
+        "robot",
+        _gateway,
+        None,
+        "What connects the robot's own network with the common network: the name of a computer of the robot, or the address "
+        "in the robot's network of a device that is no computer of the inventory. Required with `multimaster_network`.",
+        "tibi-visio",
+    ),
+    Variable(
+        "multimaster_common_address",
+        "robot",
+        _address,
+        None,
+        "The address of the robot's gateway in the common network. Required with `multimaster_network`.",
+        "192.168.1.201",
+    ),
+    Variable(
+        "multimaster_routes",
+        "robot",
+        _choice("default", "networks", "existing"),
+        "default",
+        "Which routes the computers of the robot get: `default` is the report's, a default route by the gateway on each inner "
+        "computer; `networks` only routes to the common network and the other robots, where the default route leads elsewhere; "
+        "`existing` none, because something else makes them.",
+        "networks",
     ),
     Variable(
         "multimaster_master",

@@ -3,12 +3,13 @@
 
 """Labs: the containers and networks of an inventory, under a name.
 
-The networks have no address management and no way out; every container configures its own interfaces with ifupdown, as a
-robot does. So labs with the same addresses can be up side by side, and a restart of a container is a cold boot.
+The networks have no address management and no way out; every container configures its own interfaces with its network
+manager, as a robot does. So labs with the same addresses can be up side by side, and a restart of a container is a cold boot.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import io
 import json
@@ -22,11 +23,13 @@ from pathlib import Path
 
 import image
 from layout import Host
+from managers import masked
 from podman import WORK, LabError, configuration, labelled, podman
 
 LAB, HOST, DIGEST = "rosfleet.lab", "rosfleet.host", "rosfleet.digest"
 FILES = Path(__file__).with_name("files")
 BOOT_SECONDS = 60.0
+INSTANCES = 12  # of inotify, that a system holds: systemd 5, D-Bus 1, logind 1, the managers of users who are logged in
 OPERATOR = (1000, 37)  # a person's account: its user and group, the group being Debian's own "operator"
 
 # Enough for systemd, kernel settings, routes and packet filters inside; /sys stays read-only and no device is shown.
@@ -56,29 +59,31 @@ def ssh_key() -> Path:
     return key
 
 
+# Who keeps secrets in a file insists that nobody else reads it.
+PRIVATE = ("root/.ssh/", "home/operator/.ssh/", "etc/NetworkManager/system-connections/", "etc/netplan/")
+
+
 def _files(host: Host) -> dict[str, tuple[str, int]]:
     """What a computer gets before its first boot: path -> content, mode."""
     key = ssh_key().with_suffix(".pub").read_text()
-    files = {
-        "etc/hosts": (host.hosts_file(), 0o644),
-        "etc/resolv.conf": ("", 0o644),
-        "etc/network/interfaces": (host.network_file(), 0o644),
-        "root/.ssh/authorized_keys": (key, 0o600),
-        "home/operator/.ssh/authorized_keys": (key, 0o600),
-    }
-    for path in sorted(path for path in FILES.iterdir() if path.is_file()):
-        text = path.read_text()
-        files[f"usr/local/share/lab/{path.name}"] = (text, 0o755 if text.startswith("#!") else 0o644)
-    return files
+    keys = {"root/.ssh/authorized_keys": key, "home/operator/.ssh/authorized_keys": key}
+    tools = {f"usr/local/share/lab/{path.name}": path.read_text() for path in sorted(FILES.iterdir()) if path.is_file()}
+
+    def mode(path: str, text: str) -> int:
+        return 0o600 if path.startswith(PRIVATE) else 0o755 if text.startswith("#!") else 0o644
+
+    files = {"etc/resolv.conf": "", **host.files(), **keys, **tools}
+    return {path: (text, mode(path, text)) for path, text in files.items()}
 
 
-def _archive(files: dict[str, tuple[str, int]]) -> bytes:
+def _archive(files: dict[str, tuple[str, int]], masked: Iterable[str]) -> bytes:
     buffer = io.BytesIO()
     with tarfile.open(fileobj=buffer, mode="w") as archive:
 
-        def add(path: str, kind: bytes, mode: int, content: bytes = b"") -> None:
+        def add(path: str, kind: bytes, mode: int, content: bytes = b"", target: str = "") -> None:
             member = tarfile.TarInfo(path)
             member.type, member.mode, member.size, member.mtime = kind, mode, len(content), int(time.time())
+            member.linkname = target
             if path.startswith("home/operator/"):
                 member.uid, member.gid = OPERATOR
             archive.addfile(member, io.BytesIO(content))
@@ -87,11 +92,13 @@ def _archive(files: dict[str, tuple[str, int]]) -> bytes:
             add(folder, tarfile.DIRTYPE, mode)
         for path, (text, mode) in files.items():
             add(path, tarfile.REGTYPE, mode, text.encode())
+        for unit in masked:
+            add(f"etc/systemd/system/{unit}", tarfile.SYMTYPE, 0o777, target="/dev/null")
     return buffer.getvalue()
 
 
 def _digest(image_name: str, host: Host) -> str:
-    inputs = json.dumps([image_name, configuration(), RIGHTS, _files(host), [vars(port) for port in host.interfaces]])
+    inputs = json.dumps([image_name, configuration(), RIGHTS, _files(host), dataclasses.asdict(host)])
     return hashlib.sha256(inputs.encode()).hexdigest()[:16]
 
 
@@ -107,9 +114,10 @@ def _create(lab: str, host: Host, image_name: str) -> None:
         *(f"--label={key}={value}" for key, value in labels.items()),
         *RIGHTS,
         *networks,
+        *(f"--volume={mount}:ro" for mount in host.mounts),
         image_name,
     )
-    podman("cp", "--archive=false", "-", f"{name}:/", stdin=_archive(_files(host)))
+    podman("cp", "--archive=false", "-", f"{name}:/", stdin=_archive(_files(host), masked(host.manager)))
     podman("start", name)
 
 
@@ -132,23 +140,51 @@ def _each(work: Callable[[str], None], names: Iterable[str]) -> None:
         list(pool.map(work, names))
 
 
+def _remove(containers: Sequence[str], networks: Sequence[str]) -> None:
+    if containers:
+        # With --restart=always a container may be on its way up again, and refuses once.
+        podman("rm", "--force", "--time=1", *containers, check=False)
+        podman("rm", "--force", "--time=1", "--ignore", *containers)
+    if networks:
+        podman("network", "rm", *networks)
+
+
+def _limit(systems: int) -> None:
+    """Refuse what would hang at boot: a system that gets no inotify instance waits for ever."""
+    allowed = int(Path("/proc/sys/fs/inotify/max_user_instances").read_text())
+    if systems * INSTANCES > allowed:
+        raise LabError(
+            f"the kernel allows a user {allowed} inotify instances (fs.inotify.max_user_instances), and {systems} systems "
+            f"need {systems * INSTANCES}: run 'make setup', which raises the limit until the next boot."
+        )
+
+
 def up(lab: str, hosts: Sequence[Host], suite: str = image.SUITE) -> None:
-    """Bring a lab up. Containers that are up with the same inputs stay as they are; others are made anew."""
+    """Bring a lab to these computers. Those that are there with the same inputs stay as they are; what is not wanted goes."""
+    started = time.monotonic()
     image_name = image.ensure(suite)
     by_name = {container(lab, host.name): host for host in hosts}
-    present = {entry["Names"][0]: entry["Labels"].get(DIGEST) for entry in labelled("container", f"{LAB}={lab}")}
     wanted = {name: _digest(image_name, host) for name, host in by_name.items()}
-    started = time.monotonic()
-    if present == wanted:
-        _each(lambda name: podman("start", name), by_name)
-    else:
-        down(lab)
-        print(f"lab {lab}: starting {', '.join(host.name for host in hosts)} ...", flush=True)
-        for cidr in dict.fromkeys(port.network for host in hosts for port in host.interfaces):
-            # With --internal nothing leads out; without address management podman assigns no address.
-            options = ["--internal", "--disable-dns", "--ipam-driver=none", f"--label={LAB}={lab}"]
-            podman("network", "create", *options, _network(lab, cidr))
-        _each(lambda name: _create(lab, by_name[name], image_name), by_name)
+    networks = {_network(lab, port.network) for host in hosts for port in host.interfaces}
+    present = {entry["Names"][0]: entry["Labels"].get(DIGEST) for entry in labelled("container", f"{LAB}={lab}")}
+    present_networks = {entry["name"] for entry in labelled("network", f"{LAB}={lab}")}
+
+    _limit(len(labelled("container", LAB)) - len(present) + len(wanted))
+    staying = [name for name in wanted if present.get(name) == wanted[name]]
+    new = [name for name in wanted if name not in staying]
+    superfluous = sorted(set(present) - set(staying))
+    _remove(superfluous, sorted(present_networks - networks))
+    for network in sorted(networks - present_networks):
+        # With --internal nothing leads out; without address management podman assigns no address.
+        podman(
+            "network", "create", "--internal", "--disable-dns", "--ipam-driver=none", f"--label={LAB}={lab}", network
+        )
+    if superfluous:
+        print(f"lab {lab}: removed {', '.join(superfluous)}", flush=True)
+    if new:
+        print(f"lab {lab}: starting {', '.join(by_name[name].name for name in new)} ...", flush=True)
+    _each(lambda name: podman("start", name), staying)
+    _each(lambda name: _create(lab, by_name[name], image_name), new)
     _each(wait, by_name)
     print(f"lab {lab}: {len(hosts)} computers are up ({time.monotonic() - started:.1f} s)", flush=True)
 
@@ -173,13 +209,8 @@ def down(lab: str | None) -> None:
     """Remove the containers and networks of a lab, or of all labs."""
     label = f"{LAB}={lab}" if lab else LAB
     containers = [entry["Names"][0] for entry in labelled("container", label)]
-    if containers:
-        # With --restart=always a container may be on its way up again, and refuses once.
-        podman("rm", "--force", "--time=1", *containers, check=False)
-        podman("rm", "--force", "--time=1", "--ignore", *containers)
     networks = [entry["name"] for entry in labelled("network", label)]
-    if networks:
-        podman("network", "rm", *networks)
+    _remove(containers, networks)
     if containers or networks:
         print(f"lab {lab or '(all)'}: removed {len(containers)} containers, {len(networks)} networks", flush=True)
 
@@ -199,6 +230,7 @@ def _connection(lab: str, host: str) -> dict[str, object]:
         "ansible_ssh_private_key_file": str(ssh_key()),
         "ansible_ssh_common_args": " ".join(f"-o {option}" for option in options),
         "ansible_control_path_dir": f"/tmp/rosfleet-{os.getuid()}",  # a socket's path is short
+        "ansible_timeout": 60,  # seconds; all systems of a lab share the processors of one machine
         "ansible_pipelining": True,
         "ansible_python_interpreter": "/usr/bin/python3",
     }

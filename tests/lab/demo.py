@@ -9,17 +9,22 @@ python tests/lab/demo.py --layout single_computer
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import shlex
 import subprocess
 import sys
 import time
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import containers
-from layout import hosts_of, read_inventory
+from layout import hosts_of, read_inventory, robots_of
+from matrix import everybody
+from memory import Peak
 from podman import LabError
 from proof import Computer, prove, table
 
@@ -60,25 +65,35 @@ def playbook(name: str, inventory: Path, connection: Path) -> Run:
     return Run(status, seconds, counted["runs"], counted["changed"])
 
 
-def person(connection: Path) -> list[Computer]:
-    """The computers of the lab, as the user `operator` reaches them by ssh."""
+def person(connection: Path, names: Iterable[str]) -> list[Computer]:
+    """Computers of the lab, as the user `operator` reaches them by ssh."""
     hosts = json.loads(connection.read_text())["all"]["hosts"]
     return [
         Computer(
             name,
             (
                 "ssh",
-                *shlex.split(variables["ansible_ssh_common_args"]),
-                *("-i", variables["ansible_ssh_private_key_file"]),
-                f"operator@{variables['ansible_host']}",
+                *shlex.split(hosts[name]["ansible_ssh_common_args"]),
+                *("-i", hosts[name]["ansible_ssh_private_key_file"]),
+                f"operator@{hosts[name]['ansible_host']}",
             ),
         )
-        for name, variables in hosts.items()
+        for name in names
     ]
 
 
-def figures(runs: dict[str, Run]) -> str:
-    """The table of wall times and module runs."""
+def one_of_each(listing: Mapping[str, Any]) -> list[str]:
+    """A computer of each robot: an inner one that runs no roscore, where there is one."""
+    variables = listing["_meta"]["hostvars"]
+
+    def plain(name: str) -> bool:
+        return name not in (variables[name].get("multimaster_gateway"), variables[name].get("multimaster_master"))
+
+    return [max(computers, key=plain) for computers in robots_of(listing).values()]
+
+
+def figures(runs: dict[str, Run], systems: int, peak: int) -> str:
+    """The table of wall times, module runs and memory."""
     lines = []
     for what, run in runs.items():
         modules = sorted(set(run.modules.values()))
@@ -87,6 +102,11 @@ def figures(runs: dict[str, Run]) -> str:
         lines.append(
             f"  {what:<24}{run.seconds:7.1f} s   {per_host or '0':>3} module runs per host   changed={changed}"
         )
+    lines.append(
+        f"  memory of {systems} systems    {peak / 2**20:5.0f} MiB at most (anonymous memory of all their processes, every second)"
+        if peak
+        else "  memory of the systems: this machine does not account it by container"
+    )
     return "\n".join(lines)
 
 
@@ -94,37 +114,44 @@ def demonstrate(layout: str, lab: str) -> bool:
     """Bring the lab up, run site.yml, verify, try what the report tries, run site.yml again; True when all is well."""
     inventory = ROOT / "inventory" / layout
     say(f"the lab: the computers of inventory/{layout} as containers with real systemd and ROS")
-    hosts = hosts_of(read_inventory(inventory), {})
+    listing = read_inventory(inventory)
+    hosts = hosts_of(listing)
     containers.up(lab, hosts)
     connection = containers.write_inventory(lab, hosts)
 
-    say("site.yml: make the fleet talk")
-    runs = {"site run": playbook("site.yml", inventory, connection)}
-    if runs["site run"].status:
-        return False
-    say("verify.yml: prove it")
-    runs["verification"] = playbook("playbooks/verify.yml", inventory, connection)
-    say("section 3.3 of the report, by ssh as an ordinary user, with nodes that know nothing of the collection")
-    results = prove(person(connection), lambda text: print(f"  {text} ...", flush=True))
-    print(table(results), flush=True)
-    say("site.yml once more: nothing is left to change")
-    runs["second site run"] = playbook("site.yml", inventory, connection)
+    with Peak(lab) as peak:
+        say("site.yml: make the fleet talk")
+        runs = {"site run": playbook("site.yml", inventory, connection)}
+        if runs["site run"].status:
+            return False
+        say("verify.yml: prove it")
+        runs["verification"] = playbook("playbooks/verify.yml", inventory, connection)
+        say("any two computers, by ssh as an ordinary user, with nodes that know nothing of the collection")
+        matrix = everybody(person(connection, itertools.chain(*robots_of(listing).values())))
+        print(matrix.table(), flush=True)
+        say("section 3.3 of the report between every pair of robots, in the same way")
+        results = prove(person(connection, one_of_each(listing)), lambda text: print(f"  {text} ...", flush=True))
+        print(table(results), flush=True)
+        say("site.yml once more: nothing is left to change")
+        runs["second site run"] = playbook("site.yml", inventory, connection)
 
     unchanged = not any(runs["second site run"].changed.values())
     well = {
         "site run": runs["site run"].status == 0,
         "verification": runs["verification"].status == 0,
+        "any two computers": matrix.ok,
         "section 3.3 of the report": all(result.ok for result in results),
         "second site run changed nothing": runs["second site run"].status == 0 and unchanged,
     }
     say("figures")
-    print(figures(runs))
+    print(figures(runs, len(hosts), peak.bytes))
     say("result")
     for what, ok in well.items():
         print(f"  {'ok    ' if ok else 'FAILED'}  {what}")
-    passed = sum(result.ok for result in results)
+    tried = len(results) + 2 * matrix.pairs
+    passed = sum(result.ok for result in results) + len(matrix.topic) + len(matrix.service)
     print(
-        f"\ndemo: {passed} passed, {len(results) - passed} failed; look around: .work/venv/bin/python tests/lab/lab.py shell HOST; "
+        f"\ndemo: {passed} passed, {tried - passed} failed; look around: .work/venv/bin/python tests/lab/lab.py shell HOST; "
         "remove it: make lab-down",
         flush=True,
     )

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The image of a robot's computer: Debian with systemd, ifupdown, ssh and ROS 1, as Debian packages it.
+"""The image of a robot's computer: Debian with systemd, the usual network managers, ssh and ROS 1, as Debian packages it.
 
 Built once per recipe; the archive stays in the user's cache, so that another checkout or an emptied podman needs seconds.
 """
@@ -25,7 +25,8 @@ KEPT = 3  # archives per suite
 
 SYSTEM = """
 systemd systemd-sysv udev dbus dbus-user-session libpam-systemd kmod procps sudo less
-ifupdown iproute2 iputils-ping net-tools nftables tcpdump openssh-server
+iproute2 iputils-ping net-tools nftables tcpdump openssh-server
+ifupdown network-manager netplan.io smcroute frr
 python3 python3-apt
 """.split()
 
@@ -48,6 +49,10 @@ HOOKS = [
     ': > "$1"/etc/machine-id',
     # There is no archive to ask.
     'systemctl --root="$1" --quiet mask apt-daily.timer apt-daily-upgrade.timer',
+    # Every network manager is ready; each computer masks those that it does not have (managers.py).
+    'systemctl --root="$1" --quiet enable systemd-networkd.service systemd-networkd-wait-online.service',
+    # Installed for who wants them.
+    'systemctl --root="$1" --quiet disable frr.service smcroute.service smcroute-helper.service',
 ]
 
 

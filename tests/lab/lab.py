@@ -15,15 +15,37 @@ from pathlib import Path
 
 import containers
 import image
-from layout import hosts_of, read_inventory
+from layout import Extra, hosts_of, read_inventory
 from podman import LabError
+
+EXTRA, MOUNT = "HOST=ADDRESS[/PREFIX][,...]", "HOST=SOURCE:TARGET"
 
 
 def _extra(text: str) -> tuple[str, list[str]]:
     name, separator, addresses = text.partition("=")
     if not (name and separator and addresses):
-        raise argparse.ArgumentTypeError(f"'{text}' is not of the form NAME=ADDRESS[,ADDRESS]")
+        raise argparse.ArgumentTypeError(f"'{text}' is not of the form {EXTRA}")
     return name, addresses.split(",")
+
+
+def _mount(text: str) -> tuple[str, str]:
+    name, _equals, mount = text.partition("=")
+    source, _colon, target = mount.partition(":")
+    if not (name and source.startswith("/") and target.startswith("/")):
+        raise argparse.ArgumentTypeError(f"'{text}' is not of the form {MOUNT} with absolute paths")
+    return name, mount
+
+
+def _extras(options: argparse.Namespace) -> dict[str, Extra]:
+    """What was asked for beyond the inventory, by host."""
+    names = dict.fromkeys(name for name, _given in [*options.extra, *options.mount])
+    return {
+        name: Extra(
+            tuple(address for host, addresses in options.extra if host == name for address in addresses),
+            tuple(mount for host, mount in options.mount if host == name),
+        )
+        for name in names
+    }
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -38,11 +60,14 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("--inventory", metavar="DIR", type=Path, required=True, help="the shipped inventory")
             sub.add_argument(
                 "--extra",
-                metavar="NAME=ADDRESS[,ADDRESS]",
+                metavar=EXTRA,
                 type=_extra,
                 action="append",
                 default=[],
-                help="one more host",
+                help="one more host, or more addresses for one; with a prefix length an address makes its own network",
+            )
+            sub.add_argument(
+                "--mount", metavar=MOUNT, type=_mount, action="append", default=[], help="a read-only mount of a host"
             )
         return sub
 
@@ -65,7 +90,7 @@ def run(options: argparse.Namespace) -> None:
     if options.command == "image":
         print(image.ensure(options.suite))
     elif options.command in ("up", "inventory"):
-        hosts = hosts_of(read_inventory(options.inventory), dict(options.extra))
+        hosts = hosts_of(read_inventory(options.inventory), _extras(options))
         if options.command == "up":
             containers.up(options.name, hosts, options.suite)
         if options.command == "inventory" and options.print:

@@ -3,7 +3,9 @@
 
 """Which containers and networks an inventory asks for. Pure, but for the one question to ansible-inventory.
 
-Only addresses and networks are read: a computer gets one interface in each network that contains one of its addresses.
+Only addresses and networks are read: a computer gets one interface in each network that contains one of its addresses,
+the common network first. The computers of the robots and the router have no route but that to the router of the common
+network: the routes between the robots are what the collection makes.
 """
 
 from __future__ import annotations
@@ -14,24 +16,25 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import managers
+from managers import Interface
 from podman import LabError
 
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
+Port = ipaddress.IPv4Interface | ipaddress.IPv6Interface
 
 
 @dataclass(frozen=True)
-class Interface:
-    """One interface of a computer."""
+class Extra:
+    """What a lab has beyond its inventory, for one host: addresses (with a prefix length: in a network of its own) and mounts."""
 
-    name: str
-    network: str  # CIDR
-    address: str  # with prefix length
-    gateway: str | None
+    addresses: tuple[str, ...] = ()
+    mounts: tuple[str, ...] = ()  # SOURCE:TARGET, read-only
 
 
 @dataclass(frozen=True)
@@ -40,15 +43,12 @@ class Host:
 
     name: str
     interfaces: tuple[Interface, ...]
+    manager: str = managers.DEFAULT
+    mounts: tuple[str, ...] = ()
 
-    def network_file(self) -> str:
-        """/etc/network/interfaces, as a person would write it."""
-        stanzas = ["auto lo\niface lo inet loopback"]
-        for port in self.interfaces:
-            family = "inet6" if ":" in port.address else "inet"
-            stanza = f"auto {port.name}\niface {port.name} {family} static\n    address {port.address}"
-            stanzas.append(stanza + (f"\n    gateway {port.gateway}" if port.gateway else ""))
-        return "\n\n".join(stanzas) + "\n"
+    def files(self) -> dict[str, str]:
+        """What differs from one computer to the next: path -> content."""
+        return {"etc/hosts": self.hosts_file(), **managers.files(self.manager, self.interfaces)}
 
     def hosts_file(self) -> str:
         """/etc/hosts, as Debian's installer leaves it."""
@@ -87,41 +87,91 @@ def _hosts_below(listing: Mapping[str, Any], group: str) -> Iterator[str]:
         yield from _hosts_below(listing, child)
 
 
-def _interfaces(name: str, addresses: list[str], networks: list[Network], common: Network) -> Iterator[Interface]:
-    """The interfaces of a computer, the one in the common network first."""
-    found = {}
-    for address in map(ipaddress.ip_address, addresses):
-        network = next((network for network in networks if address in network), None)
-        if network is None:
-            raise LabError(f"{name}: the address {address} is in none of the networks {', '.join(map(str, networks))}.")
-        found[network] = address
-    for index, network in enumerate(sorted(found, key=networks.index)):
-        address = found[network]
-        # A common network has a router at its first address, as the report's. The lab's common network may have nobody
-        # there; what counts is the default route, without which no multicast leaves a computer.
-        router = network[1] if network == common and address != network[1] else None
+def robots_of(listing: Mapping[str, Any]) -> dict[str, list[str]]:
+    """The robots and their computers."""
+    return {robot: list(_hosts_below(listing, robot)) for robot in listing.get("robots", {}).get("children", [])}
+
+
+@dataclass
+class _Addresses:
+    """The networks of a lab, the common one first, and who has which address in them."""
+
+    networks: list[Network]
+    of: dict[str, list[Port]] = field(default_factory=dict)
+
+    def add(self, name: str, address: str) -> None:
+        """An address; one with a prefix length may bring its network along."""
+        if "/" in address:
+            port = ipaddress.ip_interface(address)
+            if port.network not in self.networks:
+                self.networks.append(port.network)
+        else:
+            network = next((known for known in self.networks if ipaddress.ip_address(address) in known), None)
+            if network is None:
+                known = ", ".join(map(str, self.networks))
+                raise LabError(
+                    f"{name}: the address {address} is in none of the networks {known}; "
+                    "give it a prefix length (ADDRESS/PREFIX) to make a network for it."
+                )
+            port = ipaddress.ip_interface(f"{address}/{network.prefixlen}")
+        self.of.setdefault(name, []).append(port)
+
+    def ports(self, name: str) -> list[Port]:
+        """The addresses of a host in the order of the networks."""
+        return sorted(self.of.get(name, []), key=lambda port: self.networks.index(port.network))
+
+
+def _robot_networks(variables: Iterable[Mapping[str, Any]], common: Network) -> list[Network]:
+    own = {ipaddress.ip_network(host["multimaster_network"]) for host in variables if host.get("multimaster_network")}
+    return sorted(own - {common}, key=str)
+
+
+def _interfaces(ports: Sequence[Port], gateways: Mapping[Network, str]) -> Iterator[Interface]:
+    for index, port in enumerate(ports):
+        gateway = gateways.get(port.network)
         yield Interface(
-            f"eth{index}", str(network), f"{address}/{network.prefixlen}", str(router) if router is not None else None
+            f"eth{index}", str(port.network), port.with_prefixlen, gateway if gateway != str(port.ip) else None
         )
 
 
-def hosts_of(listing: Mapping[str, Any], extra: Mapping[str, list[str]] | None = None) -> list[Host]:
-    """The computers of the group `robots`, and extra ones: name -> addresses."""
+def hosts_of(listing: Mapping[str, Any], extras: Mapping[str, Extra] | None = None) -> list[Host]:
+    """The computers of the groups `robots` and `routers`, and what is extra: a host of its own, or more for one of these."""
+    extras = extras or {}
     variables = listing["_meta"]["hostvars"]
-    names = list(dict.fromkeys(_hosts_below(listing, "robots")))
-    if not names:
+    robots = list(dict.fromkeys(_hosts_below(listing, "robots")))
+    if not robots:
         raise LabError("The inventory has no host below the group 'robots'.")
-    common = ipaddress.ip_network(variables[names[0]]["multimaster_common_network"])
-    others = {variables[name].get("multimaster_network") for name in names} - {None, str(common)}
-    networks = [common, *sorted(map(ipaddress.ip_network, others))]
+    routers = list(dict.fromkeys(_hosts_below(listing, "routers")))
 
-    addresses = {
-        name: [
-            variables[name][key]
-            for key in ("multimaster_address", "multimaster_common_address")
-            if key in variables[name]
-        ]
-        for name in names
-    }
-    addresses.update(extra or {})
-    return [Host(name, tuple(_interfaces(name, list(own), networks, common))) for name, own in addresses.items()]
+    common = ipaddress.ip_network(variables[robots[0]]["multimaster_common_network"])
+    addresses = _Addresses([common, *_robot_networks((variables[name] for name in robots), common)])
+    for name in [*robots, *routers]:
+        addresses.add(name, variables[name]["multimaster_address"])
+        if variables[name].get("multimaster_gateway") == name:
+            addresses.add(name, variables[name]["multimaster_common_address"])
+    for name, extra in extras.items():
+        for address in extra.addresses:
+            addresses.add(name, address)
+
+    # The report's common network has a router at its first address. The lab's may have nobody there; what counts is the
+    # default route, without which no multicast leaves a computer.
+    gateways = {common: str(common[1])}
+    gateways.update({port.network: str(port.ip) for name in routers for port in addresses.ports(name)})
+    return [
+        Host(
+            name,
+            tuple(_interfaces(addresses.ports(name), gateways)),
+            _manager(name, variables.get(name, {})),
+            extras[name].mounts if name in extras else (),
+        )
+        for name in dict.fromkeys([*robots, *routers, *extras])
+    ]
+
+
+def _manager(name: str, variables: Mapping[str, Any]) -> str:
+    manager = variables.get("lab_network_manager", managers.DEFAULT)
+    if manager not in managers.MANAGERS:
+        raise LabError(
+            f"{name}: lab_network_manager is '{manager}'; expected one of {', '.join(sorted(managers.MANAGERS))}."
+        )
+    return manager

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TextIO
 
 NODES = pathlib.Path(__file__).parent / "nodes"
 # A registration crosses within a second; rospy's command-line tools take a few to start.
@@ -55,8 +56,11 @@ class Computer:
         return done.stdout if done.returncode == 0 else ""
 
     @contextlib.contextmanager
-    def running(self, command: str, script: pathlib.Path | None = None) -> Iterator[None]:
-        """Run a command by ssh until the end of the block, at most two minutes; it is ended by its own process id."""
+    def running(self, command: str, script: pathlib.Path | None = None) -> Iterator[TextIO]:
+        """Run a command by ssh until the end of the block, at most two minutes; it is ended by its own process id.
+
+        Yields what it prints.
+        """
         with contextlib.ExitStack() as stack:
             stdin = stack.enter_context(script.open("rb")) if script else subprocess.DEVNULL
             process = subprocess.Popen(
@@ -69,7 +73,7 @@ class Computer:
             assert process.stdout is not None
             pid = int(process.stdout.readline())
             try:
-                yield
+                yield process.stdout
             finally:
                 self.run(f"kill -INT {pid}")
                 process.communicate(timeout=30)
@@ -109,7 +113,8 @@ def prove(computers: Sequence[Computer], tell: Callable[[str], None]) -> list[Re
 
 def _pair(here: Computer, there: Computer) -> Iterator[Result]:
     whom = f"{here.name} -> {there.name}"
-    topic = f"/{here.label}/test"
+    name = f"{here.label}_to_{there.label}"  # pairs are tried at the same time, and names of nodes are unique
+    topic = f"/{name}/test"
     with here.running(f"rostopic pub -r 5 {topic} std_msgs/Int32 1"):
         ok, seen = wait_for(lambda: there.run("rostopic list"), lambda text: topic in text.split())
         yield Result("rostopic list shows the topic", whom, ok, "listed" if ok else f"only {seen.split()}")
@@ -133,16 +138,14 @@ def _pair(here: Computer, there: Computer) -> Iterator[Result]:
         )
     ok, seen = wait_for(lambda: there.run("rostopic list"), lambda text: bool(text) and topic not in text.split())
     yield Result("the topic goes with its publisher", whom, ok, "gone" if ok else "still listed")
-    with here.running(f"python3 - {here.label}_server", NODES / "service_server.py"):
-        ok, seen = wait_for(
-            lambda: there.run(f"rosservice call /{here.label}_server/where"), lambda text: here.name in text
-        )
+    with here.running(f"python3 - {name}_server", NODES / "service_server.py"):
+        ok, seen = wait_for(lambda: there.run(f"rosservice call /{name}_server/where"), lambda text: here.name in text)
         yield Result("a service is called", whom, ok, " ".join(seen.split()))
-    with here.running(f"python3 - {here.label}_action", NODES / "action_server.py"):
-        seen = there.run(f"python3 - {here.label}_action", NODES / "action_client.py")
+    with here.running(f"python3 - {name}_action", NODES / "action_server.py"):
+        seen = there.run(f"python3 - {name}_action", NODES / "action_client.py")
         ok = seen.split() in (["1", "42"], ["2", "42"], ["3", "42"])
         yield Result("an action gives feedback and its result", whom, ok, " ".join(seen.split()))
-    parameter = f"/{here.label}_parameter"
+    parameter = f"/{name}_parameter"
     here.run(f"rosparam set {parameter} 7")
     own, other = here.run(f"rosparam get {parameter}").strip(), there.run("rosparam list").split()
     here.run(f"rosparam delete {parameter}")

@@ -17,7 +17,18 @@ import stat
 import subprocess
 import sys
 
-TREES = ("/etc", "/usr/local", "/home", "/root", "/var/lib/rosfleet*", "/run/rosfleet*", "/var/lib/private/*")
+TREES = (
+    "/etc",  # and so what ifupdown, networkd, NetworkManager and netplan read
+    "/usr/local",
+    "/home",
+    "/root",
+    "/var/lib/rosfleet*",
+    "/var/lib/private/*",
+    "/run/rosfleet*",
+    "/run/systemd/network",
+    "/run/NetworkManager/system-connections",
+    "/run/netplan",
+)
 # What tools of Ansible and ROS leave behind wherever they run.
 PASSING = {".ansible", ".bash_history", ".cache", ".ros", "__pycache__"}
 # Kernel values that count, or that nobody may read or that are made anew at each boot.
@@ -101,11 +112,30 @@ def addresses():
 
 
 def routes():
-    """The routes of the main table: destination -> the rest."""
-    keys = ("gateway", "dev", "protocol", "scope", "metric", "prefsrc", "flags")
+    """The routes of all tables, IPv4 and IPv6: kind, destination, interface and table -> the rest."""
+    keys = ("gateway", "protocol", "scope", "metric", "prefsrc", "flags")
+    found = {}
+    for family in ("-4", "-6"):
+        for route in json.loads(_run("ip", "-json", family, "route", "show", "table", "all") or "[]"):
+            if route["dst"].startswith("fe80:"):  # of a hardware address that is another after a reboot
+                continue
+            name = "%s %s dev %s table %s" % (
+                route.get("type", "unicast"),
+                route["dst"],
+                route.get("dev", "-"),
+                route.get("table", "main"),
+            )
+            rest = " ".join("%s %s" % (key, route[key]) for key in keys if route.get(key))
+            found[name] = "; ".join(filter(None, (found.get(name), rest)))
+    return found
+
+
+def rules():
+    """Which tables are asked in which order, and the routes of multicast."""
     return {
-        route["dst"]: " ".join("%s %s" % (key, route[key]) for key in keys if route.get(key))
-        for route in json.loads(_run("ip", "-json", "route"))
+        "%s of family %s" % (what, family): _run("ip", family, what)
+        for what in ("rule", "mroute")
+        for family in ("-4", "-6")
     }
 
 
@@ -119,6 +149,7 @@ def snapshot():
         "service": units(),
         "address": addresses(),
         "route": routes(),
+        "routing": rules(),
         "kernel value": kernel_values(),
         "packet filter": {"rules": _run("nft", "list", "ruleset")},
     }

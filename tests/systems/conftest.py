@@ -3,6 +3,7 @@
 
 """A lab of its own for injected faults: the two robots of Fig. 5 after site.yml."""
 
+import contextlib
 import json
 import os
 import shlex
@@ -25,13 +26,20 @@ from podman import podman  # noqa: E402
 class Lab:
     """The computers of the lab, and the playbooks against them."""
 
-    def __init__(self, connection):
-        self.connection = connection
+    def __init__(self, name, inventory):
+        self.name = name
+        self.become(inventory)
+
+    def become(self, inventory):
+        """Bring the lab to the computers of an inventory: those that it has already stay as they are."""
+        hosts = hosts_of(read_inventory(inventory))
+        containers.up(self.name, hosts)
+        self.inventory, self.connection = inventory, containers.write_inventory(self.name, hosts)
 
     def run(self, host, command, check=True, stdin=None):
         """Run a shell command as root on a computer and return what it printed."""
         done = subprocess.run(
-            ["podman", "exec", "-i", containers.container(LAB, host), "bash", "-lc", command],
+            ["podman", "exec", "-i", containers.container(self.name, host), "bash", "-lc", command],
             input=stdin,
             capture_output=True,
             text=True,
@@ -44,10 +52,10 @@ class Lab:
     def podman(self, *arguments):
         """Run podman with a computer's container as the last argument."""
         *words, host = arguments
-        podman(*words, containers.container(LAB, host))
+        podman(*words, containers.container(self.name, host))
 
     def wait_until_up(self, host):
-        containers.wait(containers.container(LAB, host))
+        containers.wait(containers.container(self.name, host))
 
     def play(self, name, *options, variables=None, programs=Path(sys.executable).parent):
         """Run a playbook; returns its exit status and its output on one line."""
@@ -67,7 +75,7 @@ class Lab:
 
     def _ansible(self, program, *words):
         done = subprocess.run(
-            [program, "-i", INVENTORY, "-i", self.connection, *words],
+            [program, "-i", self.inventory, "-i", self.connection, *words],
             cwd=ROOT,
             env={**os.environ, "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"), "ANSIBLE_NOCOLOR": "1"},
             capture_output=True,
@@ -78,14 +86,27 @@ class Lab:
         return done.returncode, " ".join((done.stdout + done.stderr).split())
 
 
+@contextlib.contextmanager
+def lab_of(name, inventory):
+    """The computers of an inventory, until the end of the block."""
+    containers.down(name)
+    try:
+        yield Lab(name, inventory)
+    finally:
+        containers.down(name)
+
+
+@pytest.fixture(scope="session")
+def new_lab():
+    """What makes a lab by its name and inventory, for tests that want another one."""
+    return lab_of
+
+
 @pytest.fixture(scope="session")
 def untouched():
     """The lab before site.yml."""
-    hosts = hosts_of(read_inventory(INVENTORY), {})
-    containers.down(LAB)
-    containers.up(LAB, hosts)
-    yield Lab(containers.write_inventory(LAB, hosts))
-    containers.down(LAB)
+    with lab_of(LAB, INVENTORY) as found:
+        yield found
 
 
 @pytest.fixture(scope="session")

@@ -246,3 +246,14 @@ def test_the_operators_computer_may_be_a_member(lab, ansible_inside):
     )
     assert re.search(rf"{FIRST} +: ok=\d+ +changed=0 +unreachable=0 +failed=0", output), output
     assert re.search(rf"{SECOND} +: ok=\d+ +changed=0 +unreachable=0 +failed=0", output), output
+
+
+def test_a_file_that_its_reader_refuses_is_not_written(lab):
+    path = "/etc/ssh/sshd_config.d/broken.conf"
+    test = ["/bin/sh", "-c", "! /usr/sbin/sshd -t -f /dev/stdin 2>&1 | grep /dev/stdin"]
+    arguments = {"bundle": "broken", "files": [{"path": path, "content": "SetEnvironment A=1\n", "validate": test}]}
+    status, output = lab.module(FIRST, "managed_files", arguments)
+    assert status != 0
+    assert f"The content for {path} is refused by" in output
+    assert "Bad configuration option: SetEnvironment" in output
+    assert lab.run(FIRST, f"ls {path} /var/lib/rosfleet-multimaster/files-broken.json 2>/dev/null", check=False) == ""

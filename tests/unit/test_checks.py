@@ -5,9 +5,10 @@
 
 import copy
 import time
+from collections import Counter
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _checks, _fleet, _plan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _checks, _fleet, _plan, _ways
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import (
     FAILED,
     OK,
@@ -41,7 +42,10 @@ def plan(robots=2, computers=1, **variables):
 def good(fleet, name):
     """What a computer sees of a fleet in which everything works."""
     own = fleet["computers"][name]
+    me = next((member for member in fleet["members"] if member["name"] == name), None)
     others = [member for member in fleet["members"] if member["name"] != name]
+    layout = _ways.Layout(fleet)
+    ways = {other["name"]: layout.way(own, other["name"]) for other in others}
     alive = {"ok": True, "rtt_ms": 0.4, "error": ""}
     probe = {
         "members": [{"name": name, "address": own["address"], "addresses": [own["address"]], "resolve_error": ""}]
@@ -51,13 +55,32 @@ def good(fleet, name):
                 "address": other["address"],
                 "addresses": [other["address"]],
                 "resolve_error": "",
-                "route": {"device": "eth0", "source": own["address"], "gateway": None, "error": ""},
+                "route": {
+                    "device": "eth0",
+                    "source": ways[other["name"]].source,
+                    "gateway": ways[other["name"]].hop or None,
+                    "error": "",
+                },
                 "ping_address": dict(alive),
                 "ping_name": dict(alive),
             }
             for other in others
         ],
-        "default_routes": [{"device": "eth0", "gateway": "192.168.1.254", "source": None}],
+        "default_routes": [{"device": "eth0", "gateway": "192.168.1.254", "source": None, "metric": None}],
+        "forwarding": {
+            "ip_forward": int(own["is_gateway"] or own["is_router"]),
+            "interfaces": [
+                {
+                    "interface": f"eth{number}",
+                    "addresses": [entry["address"]],
+                    "forwarding": 1,
+                    "rp_filter": 2,
+                    "send_redirects": int(not own["is_router"]),
+                }
+                for number, entry in enumerate(own["networks"])
+            ],
+        },
+        "ros_missing": "",
         "masters": [
             {
                 "computer": master["computer"],
@@ -73,8 +96,8 @@ def good(fleet, name):
             for master in fleet["masters"]
         ],
         "roscore": {
-            "uri": own["environment"]["ROS_MASTER_URI"],
-            "answer": own["environment"]["ROS_MASTER_URI"] + "/",
+            "uri": own["environment"].get("ROS_MASTER_URI", ""),
+            "answer": own["environment"].get("ROS_MASTER_URI", "") + "/",
             "error": "",
         },
         "list_masters": {
@@ -87,16 +110,15 @@ def good(fleet, name):
         },
         "topics": [
             {
-                "computer": master["computer"],
-                "topic": "/multimaster_verify/" + master["computer"],
-                "publishers": [{"node": "/rostopic_1_1", "uri": f"http://{master['computer']}:41233/"}],
-                "registered_s": 0.1,
+                "computer": other["name"],
+                "topic": "/multimaster_verify/" + other["name"],
+                "publishers": [{"node": "/talker", "uri": f"http://{other['name']}:41233/"}],
                 "heard": True,
-                "text": "run " + master["computer"],
+                "text": "run " + other["name"],
+                "seconds": 0.1,
                 "error": "",
             }
-            for master in fleet["masters"]
-            if master["computer"] != name
+            for other in others
         ],
         "services": [
             {
@@ -117,15 +139,23 @@ def good(fleet, name):
         "udp": [
             {
                 "name": other["name"],
-                "address": other["address"],
-                "heard_from": True,
+                "address": other["discovery_address"],
+                "multicast": other["multicast"] and me["multicast"],
+                "heard_from": other["multicast"] and me["multicast"],
                 "heard": 30,
-                "source_address": other["address"],
+                "source_address": other["discovery_address"],
+                "own_source_address": me["discovery_address"],
                 "other_interfaces": [],
                 "loss": 0.0,
                 "unicast": True,
             }
             for other in others
+            if me and me["discovery"] and other["discovery"]
+        ],
+        "callers": [
+            {"address": layout.way(plan, name).source, "datagrams": 3}
+            for caller, plan in fleet["computers"].items()
+            if me and caller != name
         ],
         "icmp": {
             "group": "224.0.0.1",
@@ -135,7 +165,17 @@ def good(fleet, name):
         "send_errors": {"count": 0, "last": None},
         "unexpected": [],
     }
-    return Observation(multicast=multicast, probe=probe)
+    if own["is_router"]:
+        parts = ("members", "default_routes", "forwarding", "problems")
+        empty = {
+            "masters": [],
+            "topics": [],
+            "services": [],
+            "list_masters": {"masters": [], "error": "", "seconds": 0},
+        }
+        silent = {"roscore": {"uri": "", "answer": "", "error": "not looked at"}, "ros_missing": "not looked at"}
+        probe = {**{part: probe[part] for part in parts}, **empty, **silent}
+    return Observation(multicast=multicast if me and me["discovery"] else None, probe=probe)
 
 
 def evaluate(change=None, fleet=None):
@@ -157,7 +197,8 @@ def of(entries, name, key="name"):
 
 def test_everything_is_checked_and_good():
     findings = evaluate()
-    assert {finding.check for finding in findings} == {check.id for check in _checks.CHECKS}
+    between_networks = {"forwarding", "reverse_path", "redirects", "source"}
+    assert {finding.check for finding in findings} == {check.id for check in _checks.CHECKS} - between_networks
     assert not notable(findings)
     pairs = {(finding.observer, finding.target) for finding in findings}
     assert pairs == {(ONE, ONE), (ONE, TWO), (TWO, ONE), (TWO, TWO)}
@@ -166,7 +207,11 @@ def test_everything_is_checked_and_good():
 def test_every_check_is_explained_by_an_earlier_one():
     earlier = set()
     for check in _checks.CHECKS:
-        assert {reference.rpartition(":")[2] for reference in check.explained_by} <= earlier
+        for reference in check.explained_by:
+            side, _colon, other = reference.rpartition(":")
+            assert side in _checks.SIDES
+            # Gateways are looked at first, so they may explain others in the same check.
+            assert other in earlier or (other == check.id and "gateway" in side), (check.id, reference)
         earlier.add(check.id)
 
 
@@ -324,6 +369,353 @@ def test_every_cause_has_a_row():
             assert rows or (check.id, text) in UNTOLD, (check.id, text)
 
 
+# Section 4 of the report: Fig. 10 and 12, with a router that is a computer.
+ROBOTS = {
+    "tibi": (11, 201, "tibi-visio", {"tibi-nav": 100, "tibi-visio": 101, "tibi-monitor": 202}),
+    "dabo": (10, 202, "dabo-nav", {"dabo-nav": 100, "dabo-visio": 101, "dabo-monitor": 202}),
+    "car": (12, 203, "car-visio", {"car-nav": 100, "car-visio": 101, "car-ext": 102}),
+}
+
+
+def fig12(**variables):
+    """The plan of the three robots; one robot may have only some of its computers in the tests' interest."""
+    values = {
+        host: {
+            "multimaster_common_network": "192.168.1.0/24",
+            "multimaster_multicast_group": "239.255.0.1",
+            "multimaster_network": f"192.168.{network}.0/24",
+            "multimaster_gateway": f"{robot}-visio",
+            "multimaster_common_address": f"192.168.1.{common}",
+            "multimaster_master": master,
+            "multimaster_address": f"192.168.{network}.{address}",
+            **variables,
+        }
+        for robot, (network, common, master, hosts) in ROBOTS.items()
+        for host, address in hosts.items()
+    }
+    return _plan.plan(
+        _fleet.read_fleet(
+            _fleet.Inventory(
+                robots={robot: list(hosts) for robot, (*_numbers, hosts) in ROBOTS.items()},
+                variables={**values, "router": {"multimaster_address": "192.168.1.1"}},
+                routers=["router"],
+            )
+        )
+    )
+
+
+SILENT = {"ok": False, "rtt_ms": None, "error": "no answer to 3 requests"}
+
+
+def silent(seen, observers, targets, **values):
+    """No observer hears any of the targets, by ping and by what depends on it."""
+    for observer in observers:
+        probe = seen[observer][0]
+        for target in targets:
+            if target != observer:
+                of(probe["members"], target).update(ping_address={**SILENT, **values}, ping_name={**SILENT, **values})
+                for topic in probe["topics"]:
+                    if topic["computer"] == target:
+                        topic.update(heard=False, publishers=[], error="not registered")
+
+
+def outside(robot):
+    return [host for name, (*_numbers, hosts) in ROBOTS.items() if name != robot for host in hosts]
+
+
+INNER_TIBI, INNER_CAR = ["tibi-nav", "tibi-monitor"], ["car-nav", "car-ext"]
+
+
+def _closed_gateway(seen):
+    """tibi-visio does not forward."""
+    seen["tibi-visio"][0]["forwarding"]["ip_forward"] = 0
+    _wall(seen)
+
+
+def _wall(seen):
+    """A firewall on tibi-visio drops what is forwarded."""
+    silent(seen, INNER_TIBI, outside("tibi"))
+    silent(seen, [*outside("tibi"), "router"], INNER_TIBI)
+
+
+def _lost_route(seen):
+    """tibi-nav has lost its default route."""
+    for target in outside("tibi"):
+        of(seen["tibi-nav"][0]["members"], target)["route"].update(
+            device=None, source=None, gateway=None, error="Network is unreachable"
+        )
+    silent(seen, ["tibi-nav"], outside("tibi"))
+    silent(seen, outside("tibi"), ["tibi-nav"])
+
+
+def _lost_route_and_only_the_router_sees_it(seen):
+    _lost_route(seen)
+    silent(seen, ["router"], ["tibi-nav"])
+
+
+def _dhcp(seen):
+    """A second default route of car-ext comes first."""
+    for target in outside("car"):
+        of(seen["car-ext"][0]["members"], target)["route"].update(gateway="192.168.12.1")
+    seen["car-ext"][0]["default_routes"].append(
+        {"device": "eth0", "gateway": "192.168.12.1", "source": None, "metric": "100"}
+    )
+
+
+def _gateway_off(seen):
+    """car-visio has lost its inner interface: its robot no longer reaches it, nor anybody else."""
+    silent(seen, INNER_CAR, ["car-visio", *outside("car")])
+    silent(seen, [*outside("car"), "car-visio", "router"], INNER_CAR)
+
+
+def _masquerading(seen):
+    """tibi-visio translates the addresses of its robot."""
+    for computer in ("dabo-visio", "dabo-nav", "car-visio"):
+        multicast = seen[computer][1]
+        multicast["callers"] = [
+            entry for entry in multicast["callers"] if not entry["address"].startswith("192.168.11.")
+        ]
+
+
+def _strange_gateway(seen):
+    """Somebody on the common network translates the address of dabo-visio for car-visio."""
+    multicast = seen["car-visio"][1]
+    multicast["callers"] = [entry for entry in multicast["callers"] if entry["address"] != "192.168.1.202"]
+
+
+def _lonely(seen):
+    """tibi-nav answers neither car-nav nor anybody of its own robot."""
+    for observer in ("car-nav", "tibi-monitor", "tibi-visio"):
+        of(seen[observer][0]["members"], "tibi-nav")["ping_address"].update(SILENT)
+
+
+def _masquerading_master(seen):
+    """dabo-visio translates the address of dabo-nav, so that its datagrams are not known as its own."""
+    for computer in ("tibi-visio", "car-visio"):
+        of(seen[computer][1]["udp"], "dabo-nav").update(unicast=None, own_source_address=None, source_address=None)
+        of(seen["dabo-nav"][1]["udp"], computer).update(own_source_address="192.168.1.202", unicast=False)
+
+
+def _upstream(seen):
+    """car-visio takes over what tibi-visio's nodes publish, but not what those of tibi-nav do."""
+    of(seen["car-nav"][0]["topics"], "tibi-nav", "computer").update(heard=False, publishers=[], error="not registered")
+
+
+def _talker_at_home(seen):
+    of(seen["tibi-nav"][0]["topics"], "tibi-monitor", "computer").update(heard=False, publishers=[], error="no")
+
+
+def _listener(seen):
+    for entry in seen["tibi-nav"][0]["topics"]:
+        entry.update(heard=False, error="the listener failed: ImportError")
+
+
+def _ping(observer, target, **values):
+    def change(seen):
+        of(seen[observer][0]["members"], target)["ping_address"].update({**SILENT, **values})
+
+    return change
+
+
+def _port(seen):
+    of(seen["tibi-nav"][0]["masters"], "tibi-visio", "computer").update(
+        open=False, error="Network is unreachable", clock_offset_s=None
+    )
+
+
+def _kernel(computer, **values):
+    def change(seen):
+        seen[computer][0]["forwarding"]["interfaces"][0].update(values)
+
+    return change
+
+
+# The change, the only check that fails by itself, its verdict, what tells it (or None), whom and a part of the texts.
+BETWEEN_NETWORKS = [
+    (_closed_gateway, "forwarding", FAILED, _checks._always, {"tibi-visio"}, "run site.yml"),
+    (_kernel("router", forwarding=0), "forwarding", FAILED, _checks._always, {"router"}, "run site.yml"),
+    (_kernel("car-visio", rp_filter=1), "reverse_path", WARNING, _checks._always, {"car-visio"}, "rp_filter"),
+    (_kernel("router", send_redirects=1), "redirects", WARNING, _checks._always, {"router"}, "send_redirects"),
+    (_lost_route, "route", FAILED, _checks._no_route, {"tibi-nav"}, "tibi-nav has no way out"),
+    (_wall, "ping_address", FAILED, _checks._nothing_leaves, None, "tibi-visio is reached, but passes nothing on"),
+    (_wall, "ping_address", FAILED, _checks._nothing_enters, None, "tibi-visio is reached, but passes nothing on"),
+    (_gateway_off, "ping_address", FAILED, _checks._own_gateway_silent, None, ""),
+    (_ping("car-nav", "tibi-nav"), "ping_address", FAILED, _checks._only_from_outside, {"car-nav"}, "do not find back"),
+    (
+        _ping("car-nav", "tibi-nav", error="192.168.1.203 reports: communication administratively prohibited"),
+        "ping_address",
+        FAILED,
+        _checks._refused_on_the_way,
+        {"car-nav"},
+        "refuses",
+    ),
+    (
+        _ping("car-nav", "tibi-nav", error="192.168.1.201 reports: host unreachable"),
+        "ping_address",
+        FAILED,
+        _checks._gateway_finds_nobody,
+        {"car-nav"},
+        "its gateway tibi-visio is reached, and finds nobody",
+    ),
+    (
+        _ping("car-nav", "tibi-nav", error="192.168.1.1 reports: time to live exceeded"),
+        "ping_address",
+        FAILED,
+        _checks._in_a_circle,
+        {"car-nav"},
+        "back to where they came from",
+    ),
+    (_masquerading, "source", WARNING, _checks._leaves_by_gateway, set(INNER_TIBI), "tibi-visio translates"),
+    (_masquerading_master, "udp_unicast", FAILED, _checks._translated_here, None, "masquerade"),
+    (_strange_gateway, "source", WARNING, _checks._always, {"dabo-visio"}, "NAT"),
+    (_ping("car-nav", "car-ext"), "ping_address", FAILED, _checks._always, {"car-nav"}, "client isolation"),
+    (_lonely, "ping_address", FAILED, _checks._crosses, None, "its gateway tibi-visio"),
+    (_upstream, "topic_heard", FAILED, _checks._only_the_master, {"car-nav"}, "sync_remote_nodes"),
+    (_talker_at_home, "topic_heard", FAILED, _checks._not_registered_at_home, {"tibi-nav"}, "roscore on tibi-visio"),
+    (_listener, "topic_heard", FAILED, _checks._listener_failed, {"tibi-nav"}, "overloaded"),
+    (_port, "rpc_port", FAILED, _checks._unreachable, {"tibi-nav"}, "common network"),
+]
+
+
+def causes(check):
+    return next(entry.causes for entry in _checks.CHECKS if entry.id == check)
+
+
+@pytest.mark.parametrize(("change", "check", "verdict", "when", "observers", "part"), BETWEEN_NETWORKS)
+def test_each_cause_between_networks_is_told(change, check, verdict, when, observers, part):
+    found = [finding for finding in notable(evaluate(change, fig12())).values() if not finding.because]
+    assert {(finding.check, finding.verdict) for finding in found} == {(check, verdict)}
+    if observers is not None:
+        assert {finding.observer for finding in found} == observers
+    assert any(part in finding.cause + finding.remedy for finding in found)
+    starts = [cause.cause.partition("{")[0] for cause in causes(check) if cause.when is when]
+    assert any(finding.cause.startswith(start) for finding in found for start in starts)
+    assert all(finding.remedy and "{" not in finding.cause + finding.remedy for finding in found)
+
+
+def test_everything_is_good_between_three_robot_networks():
+    findings = evaluate(fleet=fig12())
+    assert not notable(findings)
+    numbers = Counter(finding.check for finding in findings)
+    assert numbers["topic_heard"] == numbers["direct_connection"] == 9 * 8
+    assert (numbers["forwarding"], numbers["reverse_path"], numbers["redirects"]) == (4, 4, 1)
+    assert (numbers["udp_multicast"], numbers["udp_unicast"]) == (3 * 2, 4 * 3)  # the gateways, and dabo-nav by unicast
+    router = {finding.check for finding in findings if finding.observer == "router"}
+    assert router == {"forwarding", "reachable", "measured", "reverse_path", "redirects"} | {
+        "default_routes",
+        "route",
+        "ping_address",
+        "source",
+    }
+
+
+def test_with_multicast_routing_inner_masters_hear_the_group_too():
+    findings = evaluate(fleet=fig12(multimaster_multicast_routing="smcroute"))
+    assert not notable(findings)
+    assert Counter(finding.check for finding in findings)["udp_multicast"] == 4 * 3
+
+
+WAYS = [
+    ("tibi-nav", "tibi-visio", "192.168.11.100", ""),
+    ("tibi-visio", "tibi-nav", "192.168.11.101", ""),
+    ("tibi-nav", "dabo-nav", "192.168.11.100", "192.168.11.101"),
+    ("tibi-nav", "dabo-visio", "192.168.11.100", "192.168.11.101"),
+    ("tibi-visio", "dabo-nav", "192.168.1.201", "192.168.1.202"),
+    ("tibi-visio", "car-visio", "192.168.1.201", "192.168.1.203"),
+    ("router", "car-visio", "192.168.1.1", "192.168.1.203"),
+    ("router", "dabo-monitor", "192.168.1.1", "192.168.1.202"),
+]
+
+
+@pytest.mark.parametrize(("observer", "target", "source", "hop"), WAYS)
+def test_way(observer, target, source, hop):
+    fleet = fig12()
+    way = _ways.Layout(fleet).way(fleet["computers"][observer], target)
+    assert (way.source, way.hop) == (source, hop)
+
+    def other_source(seen):
+        of(seen[observer][0]["members"], target)["route"]["source"] = "10.9.8.7"
+
+    def other_hop(seen):
+        of(seen[observer][0]["members"], target)["route"]["gateway"] = "10.9.8.1"
+
+    for change in (other_source, other_hop):
+        assert [key[:3] for key in notable(evaluate(change, fleet))] == [("route", observer, target)]
+
+
+@pytest.mark.parametrize("names", [["tibi-nav"], ["router"], list(ROBOTS["dabo"][3]), ["car-visio", "router"]])
+def test_with_limit_any_part_of_the_fleet_is_judged(names):
+    fleet = fig12()
+    findings = list(_checks.evaluate(fleet, {name: good(fleet, name) for name in names}))
+    assert not notable(findings)
+    assert {finding.observer for finding in findings} == set(names)
+
+
+def test_a_second_computer_without_ros_keeps_nobody_waiting():
+    fleet = fig12()
+
+    def change(seen):
+        for name, (probe, _multicast) in seen.items():
+            probe["topics"] = [entry for entry in probe["topics"] if entry["computer"] != "tibi-nav"]
+            if name == "tibi-nav":
+                probe.update(ros_missing="there is no command rostopic", topics=[])
+                probe["list_masters"] = {"masters": [], "seconds": 0, "error": "there is no command rosservice"}
+                probe["talker"] = {"running": False, "error": "there is no command rostopic"}
+
+    findings = evaluate(change, fleet)
+    assert not notable(findings)
+    assert Counter(finding.check for finding in findings)["topic_heard"] == 8 * 7
+
+
+def test_existing_routes_may_go_by_the_router():
+    fleet = fig12(multimaster_routes="existing")
+
+    def by_router(seen):
+        for computer in ("tibi-visio", "tibi-nav"):
+            of(seen[computer][0]["members"], "car-nav")["route"]["gateway"] = "192.168.1.1"
+
+    assert [key[:3] for key in notable(evaluate(by_router, fleet))] == [("route", "tibi-nav", "car-nav")]
+
+
+def test_a_second_default_route_of_an_inner_computer_is_told_with_its_way_out():
+    found = [finding for finding in notable(evaluate(_dhcp, fig12())).values() if not finding.because]
+    assert {finding.check for finding in found} == {"default_routes", "route"}
+    routes = next(finding for finding in found if finding.check == "default_routes")
+    assert "metric 100" in routes.found and "multimaster_routes to networks" in routes.remedy
+    assert "second default route" in next(finding for finding in found if finding.check == "route").cause
+
+
+def test_a_route_that_only_the_router_misses_is_told_too():
+    found = [
+        finding
+        for finding in notable(evaluate(_lost_route_and_only_the_router_sees_it, fig12())).values()
+        if finding.observer == "router"
+    ]
+    assert [finding.check for finding in found] == ["ping_address"]
+    assert "tibi-nav has no way out" in found[0].cause
+
+
+def test_behind_a_gateway_that_is_down_nobody_is_named():
+    fleet = fig12()
+    seen = {name: good(fleet, name) for name in fleet["computers"]}
+    silent(
+        {name: (one.probe, one.multicast) for name, one in seen.items()}, [*outside("car"), "router"], ROBOTS["car"][3]
+    )
+    for name in ROBOTS["car"][3]:
+        seen[name] = Observation(unreachable=True, problem="no route to host")
+    for name, one in seen.items():
+        if one.probe:
+            one.probe["topics"] = [entry for entry in one.probe["topics"] if not entry["computer"].startswith("car")]
+            for entry in one.probe["masters"]:
+                if entry["computer"] == "car-visio":
+                    entry.update(open=False, error="no answer", clock_offset_s=None)
+        for entry in (one.multicast or {"udp": ()})["udp"]:
+            if entry["name"] == "car-visio":
+                entry.update(heard_from=False, unicast=None, source_address=None, own_source_address=None)
+    found = [finding for finding in notable(_checks.evaluate(fleet, seen)).values() if not finding.because]
+    assert [(finding.check, finding.observer) for finding in found] == [("reachable", "car-visio")]
+
+
 # What the other tests of this file bring about.
 UNTOLD = {
     (check.id, cause.cause + cause.remedy)
@@ -331,6 +723,8 @@ UNTOLD = {
     for cause in check.causes
     if check.id in ("reachable", "default_routes", "strangers")
     or cause.when in (_checks._target_down, _checks._left_out)
+    or (check.id, cause.when) in {(row[1], row[3]) for row in BETWEEN_NETWORKS}
+    or cause.when in (_checks._other_hop, _checks._no_way_back)
     or (check.id in ("ping_address", "udp_multicast", "icmp_rounds", "list_masters") and cause.when is _checks._always)
 }
 
@@ -443,7 +837,7 @@ def test_strangers_and_two_default_routes_are_warnings():
         seen[ONE][0]["list_masters"]["masters"].append(
             {"name": "guest", "uri": "http://guest:11311/", "online": True, "monitoruri": "http://192.168.1.77:11611"}
         )
-        seen[ONE][0]["default_routes"].append({"device": "wlan0", "gateway": None, "source": None})
+        seen[ONE][0]["default_routes"].append({"device": "wlan0", "gateway": None, "source": None, "metric": "600"})
 
     found = notable(evaluate(change))
     assert {key[0]: finding.verdict for key, finding in found.items()} == {
@@ -460,6 +854,10 @@ def test_a_second_computer_may_be_without_ros():
     def change(seen):
         probe = seen[second][0]
         probe["roscore"] = {"uri": "", "answer": "", "error": "no file"}
+        probe["ros_missing"] = "no file"
+        probe["talker"] = {"running": False, "error": "no file"}
+        for name, (other, _multicast) in seen.items():
+            other["topics"] = [entry for entry in other["topics"] if entry["computer"] != second]
         probe["list_masters"] = {"masters": [], "seconds": 0, "error": "no file"}
         probe["topics"] = []
 

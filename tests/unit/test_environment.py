@@ -254,3 +254,8 @@ def test_lists_of_both_sides_agree():
     """What the module strips of the system's entries, the renderers treat as lists."""
     assert set(_ros._LISTS) <= set(_environment.LISTS)
     assert re.fullmatch(r"[A-Z_ ]+", " ".join(_environment.LISTS))
+
+
+def test_only_sshd_is_asked_about_its_file():
+    made = environment_files(OURS, INFO)["files"]
+    assert [file["path"] for file in made if "validate" in file] == [_environment.SSHD]

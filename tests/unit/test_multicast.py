@@ -131,8 +131,9 @@ class Air:
         self.passes, self.delay = passes, delay
         self.clocks = list(clocks) + [0] * (count - len(clocks))
         computers = {address: f"c{number}" for number, address in enumerate(self.addresses)}
+        apart = frozenset(self.addresses[number] for number in options.get("apart", ()))
         self.helpers = [
-            m.Helper(m.Settings("run", "226.0.0.0", 11511, "eth0", address, (address,), computers, 100), 0.0)
+            m.Helper(m.Settings("run", "226.0.0.0", 11511, "eth0", address, (address,), computers, 100, apart), 0.0)
             for address in self.addresses
         ]
         self.translated = options.get("translated", {})
@@ -194,6 +195,44 @@ def test_any_number_of_forks_gives_the_whole_matrix(count, forks, delay):
     assert not all(air.ended)
     air.run(3)
     assert all(air.ended)
+
+
+@pytest.mark.parametrize("forks", [1, 3])
+def test_a_master_behind_a_gateway_is_measured_by_unicast_alone(forks):
+    air = Air(3, passes=lambda sender, receiver, group: not group or 2 not in (sender, receiver), apart=[2])
+    air.run(1)
+    results = []
+    for first in range(0, 3, forks):
+        results += air.measure(range(first, min(first + forks, 3)))
+        air.run(15)  # longer than the silence after which nobody is waited for
+    for number, result in enumerate(results):
+        assert result["missing"] == result["unanswered"] == []
+        for entry in result["udp"]:
+            together = 2 not in (number, int(entry["name"][1:]))
+            assert entry["multicast"] == entry["heard_from"] == together
+            assert entry["unicast"] and entry["own_source_address"] == air.addresses[number]
+            assert (entry["loss"], entry["heard_by"]) == ((0, True) if together else (None, None))
+    assert "by unicast" in m.explain(results[0], 11511)
+    assert all(air.ended)
+
+
+def test_a_master_behind_a_gateway_that_no_unicast_reaches_is_missing():
+    air = Air(3, passes=lambda sender, receiver, group: 2 not in (sender, receiver), apart=[2])
+    air.run(1)
+    result = air.measure([0, 1, 2])[0]
+    assert (result["missing"], result["unanswered"]) == (["c2"], [])
+    assert m.explain(result, 11511).startswith("No answer came from c2")
+
+
+def test_who_has_called_is_known_by_address():
+    air = Air(2)
+    for number in range(3):
+        air.helpers[0].datagram(0.0, ("192.168.11.100", 40000), "10.0.0.1", "eth0", 0)
+    air.helpers[0].datagram(0.0, ("192.168.11.101", 40000), "10.0.0.1", "eth0", 24)  # a heartbeat
+    assert air.helpers[0].result()["callers"] == [{"address": "192.168.11.100", "datagrams": 3}]
+    for number in range(2 * m.SOURCES):
+        air.helpers[0].datagram(0.0, (f"10.1.{number // 256}.{number % 256}", 1), "10.0.0.1", "eth0", 0)
+    assert len(air.helpers[0].callers) == m.SOURCES
 
 
 def test_offset_of_clocks_an_hour_apart():

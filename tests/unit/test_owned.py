@@ -75,3 +75,10 @@ def test_make_folders_tells_what_it_made(tmp_path):
     assert _owned.make_folders(str(tmp_path / "a" / "b")) == [str(tmp_path / "a"), str(tmp_path / "a" / "b")]
     assert _owned.make_folders(str(tmp_path / "a" / "b")) == []
     assert _owned.remove_folder_if_empty(str(tmp_path / "a")) is False
+
+
+def test_the_names_of_the_records(tmp_path):
+    assert _owned.records(str(tmp_path / "none")) == []
+    _owned.Record("sysctl", str(tmp_path)).save({"a": 1})
+    _owned.Record("files-nodes", str(tmp_path)).save({"a": 1})
+    assert _owned.records(str(tmp_path)) == ["files-nodes", "sysctl"]

@@ -75,22 +75,29 @@ def test_no_masters(text):
 @given(st.text(max_size=300))
 def test_any_output_is_read(text):
     _probe.masters(text)
-    _probe.data(text)
+    _probe.interpreter(text.encode())
     _probe.properties(text)
     _probe.environment(text)
     _probe.route(text)
 
 
 @pytest.mark.parametrize(
-    ("output", "text"),
+    ("script", "words"),
     [
-        ('data: "verify-abc kobuki2computer"\n---\n', "verify-abc kobuki2computer"),
-        ("data: verify-abc kobuki2computer\n---\n", "verify-abc kobuki2computer"),
-        ("WARNING: topic [/x] does not appear to be published yet\n", ""),
+        (b"#!/usr/bin/python3\nimport rostopic\n", ["/usr/bin/python3"]),
+        (b"#! /usr/bin/env python\r\n", ["/usr/bin/env", "python"]),
+        (b"\x7fELF\x02\x01", []),
+        (b"", []),
     ],
 )
-def test_what_a_talker_says(output, text):
-    assert _probe.data(output) == text
+def test_what_runs_a_command(script, words):
+    assert _probe.interpreter(script) == words
+
+
+def test_nodes_of_the_verification_have_names_of_their_own():
+    names = {_probe.node_of("run.1", computer) for computer in ("tibi-nav", "tibi-visio.lan")}
+    assert names == {"multimaster_verify_talker_tibi_nav_run_1", "multimaster_verify_talker_tibi_visio_lan_run_1"}
+    assert _probe.listener_of("tibi-nav") == "multimaster_verify_listener_tibi_nav"
 
 
 def test_topic_has_only_letters_of_a_graph_name():
@@ -148,11 +155,15 @@ def test_any_packet_is_read(packet):
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("192.168.1.239 dev eth0 src 192.168.1.229 uid 0 \n    cache", ("eth0", "192.168.1.229", None)),
-        ("192.168.10.3 via 192.168.1.202 dev wlan0 src 192.168.1.229", ("wlan0", "192.168.1.229", "192.168.1.202")),
-        ("default via 192.168.1.1 dev eth0 onlink", ("eth0", None, "192.168.1.1")),
+        ("192.168.1.239 dev eth0 src 192.168.1.229 uid 0 \n    cache", ("eth0", "192.168.1.229", None, None)),
+        (
+            "192.168.10.3 via 192.168.1.202 dev wlan0 src 192.168.1.229",
+            ("wlan0", "192.168.1.229", "192.168.1.202", None),
+        ),
+        ("default via 192.168.1.1 dev eth0 onlink", ("eth0", None, "192.168.1.1", None)),
+        ("default via 10.0.0.1 dev wlan0 proto dhcp metric 600", ("wlan0", None, "10.0.0.1", "600")),
     ],
 )
 def test_route(line, expected):
     route = _probe.route(line)
-    assert (route["device"], route["source"], route["gateway"]) == expected
+    assert (route["device"], route["source"], route["gateway"], route["metric"]) == expected

@@ -11,10 +11,11 @@ import subprocess
 import sys
 import threading
 import time
+import types
 import xmlrpc.server
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe_network, _probe_ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe_listener, _probe_network, _probe_ros
 
 root = pytest.mark.skipif(os.geteuid() != 0, reason="raw sockets and namespaces need root")
 
@@ -58,7 +59,7 @@ def test_ping_between_two_hosts(hosts):
     assert pings["10.99.0.2"]["ok"] and 0 < pings["10.99.0.2"]["rtt_ms"] < 400
     assert not pings["10.99.0.3"]["ok"] and pings["10.99.0.3"]["error"]
     assert pings["10.98.0.1"]["error"] == "Network is unreachable"
-    assert ways[0] == {"device": "eth0", "source": "10.99.0.1", "gateway": None, "error": ""}
+    assert ways[0] == {"device": "eth0", "source": "10.99.0.1", "gateway": None, "metric": None, "error": ""}
     assert ways[2]["device"] is None and "unreachable" in ways[2]["error"]
 
 
@@ -204,7 +205,8 @@ def test_without_an_environment_there_is_a_sentence(tmp_path):
     with _probe_ros.Ros(str(tmp_path / "none")) as made:
         assert "no ROS_MASTER_URI" in _probe_ros.roscore(made, 0)["error"]
         assert "site.yml" in _probe_ros.list_masters(made, set(), 0)["error"]
-        assert _probe_ros.topics(made, ["kobuki2computer"], "run", 0) == []
+        assert _probe_ros.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0) == []
+        assert "site.yml" in made.missing()
 
 
 class Master:
@@ -234,19 +236,105 @@ def roscore(ros):
     server.server_close()
 
 
-def test_topics_that_are_registered_are_listened_to(roscore):
-    made, command = roscore
-    command("rostopic", "printf 'data: \"run kobuki2computer\"\\n---\\n'")
-    heard, silent = _probe_ros.topics(made, ["kobuki2computer", "kobuki3computer"], "run", 0)
-    assert heard["heard"] and heard["publishers"] == [{"node": "/rostopic_1_1", "uri": "http://kobuki2computer:41233/"}]
+# Stands for the Python of ROS: what it is given is the listener and its arguments, and it says what it heard.
+LISTENER = """#!/usr/bin/env python3
+import json, sys
+assert "rospy" in open(sys.argv[1]).read()
+wanted = json.loads(sys.argv[4])
+print(json.dumps({topic: {"text": TEXT, "node": "/n", "seconds": 0.2} for topic, text in wanted.items() if "2" in topic}))
+"""
+
+
+def pretend(made, text):
+    """A rostopic whose interpreter is LISTENER; returns after it is in place."""
+    folder = os.path.dirname(made.file)
+    for name, script in (("python", LISTENER.replace("TEXT", text)), ("rostopic", f"#!{folder}/python\n")):
+        path = os.path.join(folder, name)
+        pathlib.Path(path).write_text(script)
+        os.chmod(path, 0o755)
+
+
+def test_one_node_listens_to_all_talkers(roscore):
+    made, _command = roscore
+    pretend(made, "text")
+    talkers = ["kobuki2computer", "kobuki3computer"]
+    heard, silent = _probe_ros.topics(made, talkers, "run", "kobuki1computer", 0)
+    assert (heard["heard"], heard["text"], heard["seconds"], heard["error"]) == (True, "run kobuki2computer", 0.2, "")
+    assert heard["publishers"] == [{"node": "/rostopic_1_1", "uri": "http://kobuki2computer:41233/"}]
     assert not silent["heard"] and silent["publishers"] == [] and "not registered" in silent["error"]
 
 
 def test_an_older_talker_is_not_taken_for_this_run(roscore):
-    made, command = roscore
-    command("rostopic", "printf 'data: \"yesterday kobuki2computer\"\\n---\\n'")
-    entry = _probe_ros.topics(made, ["kobuki2computer"], "run", 0)[0]
+    made, _command = roscore
+    pretend(made, "'yesterday kobuki2computer'")
+    entry = _probe_ros.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)[0]
     assert not entry["heard"] and "yesterday" in entry["error"]
+
+
+def test_a_listener_that_fails_says_why(roscore):
+    made, _command = roscore
+    pretend(made, "unknown_name")
+    entry = _probe_ros.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)[0]
+    assert not entry["heard"] and "unknown_name" in entry["error"]
+
+
+def test_the_listener_waits_for_what_this_run_says(monkeypatch, capsys):
+    """The program itself, with a rospy that delivers at once: first what an older talker says, then this run's."""
+    subscribed = []
+
+    class Message:
+        def __init__(self, data):
+            self.data, self._connection_header = data, {"callerid": "/talker"}
+
+    def subscriber(topic, kind, hear, argument):
+        subscribed.append(topic)
+        hear(Message("old"), argument)
+        if topic == "/a":
+            threading.Timer(0.2, hear, (Message("run a"), argument)).start()
+
+    rospy = types.SimpleNamespace(
+        init_node=lambda *arguments, **options: None,
+        Subscriber=subscriber,
+        is_shutdown=lambda: False,
+        signal_shutdown=lambda reason: None,
+    )
+    message = types.SimpleNamespace(String=object)
+    for name, module in (("rospy", rospy), ("std_msgs", types.SimpleNamespace(msg=message)), ("std_msgs.msg", message)):
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(_probe_listener.os, "_exit", lambda status: None)
+    began = time.monotonic()
+    _probe_listener.main("listener", time.time() + 5, {"/a": "run a"})
+    assert time.monotonic() - began < 4
+    _probe_listener.main("listener", time.time() + 0.3, {"/b": "run b"})
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
+    assert subscribed == ["/a", "/b"]
+    assert (first["/a"]["text"], first["/a"]["node"], second["/b"]["text"]) == ("run a", "/talker", "old")
+
+
+def test_forwarding_is_what_is_effective(tmp_path):
+    found = _probe_network.forwarding()
+    assert found["ip_forward"] in (0, 1) and all(entry["addresses"] for entry in found["interfaces"])
+    (tmp_path / "ip_forward").write_text("1\n")
+    for place in ["all", *[entry["interface"] for entry in found["interfaces"]]]:
+        folder = tmp_path / "conf" / place
+        folder.mkdir(parents=True)
+        for setting, value in (
+            ("forwarding", "1"),
+            ("rp_filter", "2" if place == "all" else "1"),
+            ("send_redirects", "0"),
+        ):
+            (folder / setting).write_text(value + "\n")
+    for entry in _probe_network.forwarding(str(tmp_path))["interfaces"]:
+        assert (entry["forwarding"], entry["rp_filter"], entry["send_redirects"]) == (1, 2, 0)
+
+
+def test_calls_arrive_empty():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as helper:
+        helper.bind(("127.0.0.1", 0))
+        helper.settimeout(2)
+        assert _probe_network.call(["127.0.0.1"], helper.getsockname()[1]) == ""
+        assert [helper.recv(10) for number in range(_probe_network.TRIES)] == [b""] * _probe_network.TRIES
+    assert _probe_network.call(["255.255.255.255"], 9)  # refused by the kernel: not allowed without asking for it
 
 
 def test_master_api(roscore):

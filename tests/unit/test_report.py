@@ -52,12 +52,12 @@ FINDINGS = [
 TEXT = """\
 VERIFICATION of 2 computers
 
-  check                                          ok  warning   failed  unknown
-  computer answers the controller                 2        -        -        -
-  name means the planned address                  -        -        2        -
-  ping by name                                    1        -        1        -
-  clocks agree                                    -        1        -        -
-  rostopic echo hears the other's talker          -        -        -        1
+  check                                       ok  warning   failed  unknown
+  computer answers the controller              2        -        -        -
+  name means the planned address               -        -        2        -
+  ping by name                                 1        -        1        -
+  clocks agree                                 -        1        -        -
+  subscriber hears the other's talker          -        -        -        1
 
   from / to                 1       2
    1  kobuki1computer      ok  FAIL 2
@@ -79,7 +79,7 @@ Warnings:
      remedy:   run chrony
 
 Not judged:
-  1. rostopic echo hears the other's talker: kobuki1computer -> kobuki2computer
+  1. subscriber hears the other's talker: kobuki1computer -> kobuki2computer
      expected: a message
      found:    left out by multimaster_filters
      cause:    the filters
@@ -98,6 +98,14 @@ def test_nothing_to_say():
     assert text.startswith("VERIFICATION of 1 of 2 computers; the others are not in this run")
     assert text.endswith("PASSED: none of 3 checks failed.")
     assert "from / to" not in text and "Failed" not in text
+
+
+def test_a_matrix_of_thirteen_computers_fits():
+    names = [f"tibi-visio-{number:02}" for number in range(13)]
+    findings = [Finding("ping_address", one, two, FAILED, "", "") for one in names for two in names for _n in range(12)]
+    lines = _report.render(_report.summarise(findings, names, 13)).splitlines()
+    row = next(line for line in lines if line.startswith("   1  "))
+    assert row.split() == ["1", names[0], *["FAIL"] * 13] and len(row) <= 120
 
 
 def test_large_fleets_stay_readable():

@@ -3,6 +3,7 @@
 
 """The module sysctl: the plan, the module as a process on folders, and on the kernel in a network namespace."""
 
+import errno
 import json
 import os
 import pathlib
@@ -515,6 +516,83 @@ def test_kill_at_any_moment_leaves_what_the_next_run_mends(tmp_path, wanted):
         assert step > 10 or wanted == first
 
 
+# The dead-man's switch: the run time, the confirmation, the boot part
+
+
+STEPS = [
+    ([], REPORT),
+    (REPORT, REPORT[1:]),
+    (REPORT, []),
+    (REPORT[1:], [{"name": "net.ipv4.ip_forward", "value": "2"}]),
+]
+
+
+@pytest.mark.parametrize(("first", "wanted"), STEPS)
+def test_run_time_first_then_the_rest_is_what_one_run_does(tmp_path, first, wanted):
+    at_once, in_two = (Machine(tmp_path / name) for name in ("at_once", "in_two"))
+    for machine in (at_once, in_two):
+        machine.hold(ip_forward="0", icmp_echo_ignore_broadcasts="1")
+        _sysctl.Run(machine.options(first)).apply()
+    untouched = in_two.state()
+    _sysctl.Run(at_once.options(wanted)).apply()
+
+    one = _sysctl.Run(in_two.options(wanted))
+    assert one.runtime_changes
+    undo, memory = one.undo_commands(), json.loads(json.dumps(one.memory))
+    one.apply_runtime()
+    values = {path for path, content in in_two.state().items() if content != untouched[path]}
+    assert values and all(path.startswith("proc/") for path in values)  # no record, no file
+    for command in undo:
+        subprocess.run(command, check=True)
+    assert in_two.state() == untouched
+
+    _sysctl.Run(in_two.options(wanted)).apply_runtime()
+    two = _sysctl.Run(in_two.options(wanted), memory)
+    assert (two.runtime_changes, two.changed) == (False, True)
+    two.apply()
+    assert {
+        path: content and content.replace(b"in_two", b"at_once") for path, content in in_two.state().items()
+    } == at_once.state()
+    assert not _sysctl.Run(in_two.options(wanted)).changed
+    _sysctl.Run(in_two.options([])).apply()
+    assert (in_two.value("ip_forward"), in_two.value("icmp_echo_ignore_broadcasts")) == ("0", "1")
+    assert not in_two.records.exists()
+
+
+def test_a_boot_part_alone_needs_no_switch(machine):
+    _sysctl.Run(machine.options(REPORT)).apply()
+    machine.drop_in.unlink()
+    run = _sysctl.Run(machine.options(REPORT))
+    assert (run.runtime_changes, run.changed) == (False, True)
+
+
+def test_a_run_time_that_is_refused_half_way_is_as_before(machine, monkeypatch):
+    untouched = machine.state()
+    run = _sysctl.Run(machine.options(REPORT))
+    real, refused = run.kernel.write, iter([False, True])
+
+    def write(key, value):
+        if next(refused, False):
+            raise OSError(errno.EINVAL, "Invalid argument")
+        real(key, value)
+
+    monkeypatch.setattr(run.kernel, "write", write)
+    with pytest.raises(Problem, match="the kernel refuses the value .* Everything is as it was before."):
+        run.apply_runtime()
+    assert machine.state() == untouched
+
+
+def test_the_switch_cannot_be_armed_and_nothing_changes(machine):
+    if os.path.isdir("/run/systemd/system"):
+        pytest.skip("systemd runs here")
+    untouched = machine.state()
+    result = machine.run(REPORT, confirm_within=5, confirmation="t")
+    assert result["failed"] and result["msg"].startswith("confirm_within: found no way to start the timer")
+    assert machine.state() == untouched
+    assert not os.path.exists("/run/rosfleet-multimaster/rollback-sysctl")
+    assert machine.run(REPORT, check=True, confirm_within=5, confirmation="t")["changed"]
+
+
 # On the kernel
 
 
@@ -559,6 +637,26 @@ def test_kernel_apply_again_and_back(namespace):
     assert [item["changed"] for item in namespace.run(REPORT)["settings"]] == [False, True]
     assert namespace.held(BROADCASTS) == "0"
     assert namespace.run([])["changed"]
+    assert {key: namespace.held(key) for key in keys} == before
+
+
+@as_root
+def test_kernel_undo_commands_bring_everything_back(namespace):
+    """Also what somebody has set apart, which the kernel overwrites when forwarding is turned off again."""
+    keys = [FORWARD, BROADCASTS, ETH0, LO, REDIRECTS, "net/ipv4/conf/default/forwarding"]
+    namespace.held(ETH0, 1)
+    namespace.held(REDIRECTS, 0)
+    before = {key: namespace.held(key) for key in keys}
+    program = (
+        "import json, subprocess, sys\n"
+        "from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import Run\n"
+        "run = Run(json.loads(sys.argv[1]))\nundo = run.undo_commands()\nrun.apply_runtime()\n"
+        "print(open('/proc/sys/net/ipv4/ip_forward').read())\n"
+        "for command in undo:\n    subprocess.run(command, check=True)\n"
+    )
+    command = [*namespace.prefix, sys.executable, "-c", program, json.dumps(namespace.options(REPORT))]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    assert subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment).stdout.strip() == b"1"
     assert {key: namespace.held(key) for key in keys} == before
 
 

@@ -7,4 +7,4 @@
 set -euo pipefail
 cd "$MOLECULE_PROJECT_DIRECTORY"
 exec .work/venv/bin/python tests/lab/lab.py inventory --print \
-  --name "molecule-$MOLECULE_SCENARIO_NAME" --inventory "inventory/${LAYOUT:-single_computer}"
+  --name "molecule-$MOLECULE_SCENARIO_NAME" --inventory "${LAB_INVENTORY:-inventory/${LAYOUT:-single_computer}}"

@@ -57,7 +57,7 @@ class CallbackModule(CallbackBase):
         if result._task.action.rpartition(".")[2] in CONTROLLER_ONLY:
             return
         host = result._host.get_name()
-        self.runs[host] += 1
+        self.runs[host] += 1 + bool(result._result.get("confirmed"))  # a second run confirms
         self.changed[host] += bool(result._result.get("changed"))
 
     def v2_playbook_on_stats(self, stats):

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
-from rosfleet_multimaster.discovery_core import Ask, Contact, Discovery, Event, Master, Say, Send, Settings
+from rosfleet_multimaster.discovery_core import Ask, Contact, Discovery, Event, Master, Say, Send, Settings, misnamed
 from rosfleet_multimaster.heartbeat import Heartbeat, Kind, Stamp, decode, encode
 
 OWN = Master(
@@ -222,6 +222,17 @@ def test_two_addresses_of_one_master_are_one_master():
     assert [(event.change, event.master.monitor_uri) for event in take(core, Event)] == [
         ("changed", "http://10.0.0.2:11611")
     ]
+
+
+def test_a_gateway_may_have_its_name_in_the_network_of_its_robot():
+    """It is heard from its address in the common network; whether its name leads to it shows who answers there."""
+    heard, named = "192.168.1.239", "192.168.11.101"
+    assert misnamed(CONTACT, heard, heard, None) == ""
+    assert misnamed(CONTACT, heard, named, CONTACT._replace(stamp=2001.0)) == ""
+    for there in (None, CONTACT._replace(uri="http://other:11311/")):
+        problem = misnamed(CONTACT, heard, named, there)
+        assert f"kobuki2computer resolves to {named}" in problem and f"heard from {heard}" in problem
+    assert "kobuki2computer has no address" in misnamed(CONTACT, heard, "", None)
 
 
 def test_one_name_or_one_uri_for_two_masters_is_reported():

@@ -66,6 +66,30 @@ class Contact(NamedTuple):
             raise ValueError(f"it calls its master {uri}")
         return cls(stamp, uri, name, discoverer)
 
+    @property
+    def host(self) -> str:
+        """The host that the master calls its own."""
+        return urlsplit(self.uri).hostname or ""
+
+
+def misnamed(contact: Contact, heard: str, address: str, there: Optional[Contact]) -> str:
+    """Why the nodes of a master cannot be reached by its name, or an empty text.
+
+    `heard` is the address that it sends from, `address` that of its name ("" for none), `there` who answers at the latter.
+    A gateway has two: its name leads to the one in the robot's network, and it is heard from the other.
+    """
+    if not address:
+        return (
+            f"{contact.name} calls its master {contact.uri}, but {contact.host} has no address on this computer: its"
+            " topics will be silent"
+        )
+    if address == heard or (there is not None and there.uri == contact.uri):
+        return ""
+    return (
+        f"{contact.host} resolves to {address}, where {contact.name} does not answer, and {contact.name} is heard from"
+        f" {heard}: its topics may be silent"
+    )
+
 
 @dataclass(frozen=True)
 class Master:

@@ -16,7 +16,7 @@ import urllib.parse
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 from . import parameters, program, ros
-from .discovery_core import Ask, Contact, Discovery, Event, Key, Master, Say, Send, Settings
+from .discovery_core import Ask, Contact, Discovery, Event, Key, Master, Say, Send, Settings, misnamed
 from .filters import InvalidPattern, Pattern, Rules
 from .graph import Graph, State, build, document, graph_of, stamp_text, stamped
 from .sockets import (
@@ -297,20 +297,18 @@ class MasterDiscovery:
         self.core.contacted(key, contact, str(problem or ""), monotonic())
         self._carry_out()
         if contact is not None:
-            host, heard = urllib.parse.urlsplit(contact.uri).hostname or "", key[0]
+            heard, _port, rpc_port = key
             self.workers.submit(
-                lambda: socket.gethostbyname(host),
-                lambda address, _problem: self._compare(contact, host, heard, address),
+                lambda: _who_has(contact.host, heard, rpc_port),
+                lambda found, _problem: self._compare(contact, heard, *(found or ("", None))),
             )
 
-    def _compare(self, contact: Contact, host: str, heard: str, address: Optional[str]) -> None:
-        """Nodes of a master whose host cannot be resolved cannot be reached either."""
-        if address is None:
-            text = f"{contact.name} calls its master {contact.uri}, but {host} has no address on this computer: its topics will be silent"
-            self.errors[contact.uri] = text
-            self.limited.say("warning", f"resolve {host}", text)
-        elif address != heard:
-            self.errors[contact.uri] = f"{host} resolves to {address}, but {contact.name} is heard from {heard}"
+    def _compare(self, contact: Contact, heard: str, address: str, there: Optional[Contact]) -> None:
+        """Nodes of a master whose host is not where its name leads cannot be reached either."""
+        problem = misnamed(contact, heard, address, there)
+        if problem:
+            self.errors[contact.uri] = problem
+            self.limited.say("warning", f"resolve {contact.host}", problem)
         else:
             self.errors.pop(contact.uri, None)
 
@@ -603,6 +601,15 @@ def _resolve_all(hosts: List[str]) -> Dict[str, str]:
         except (OSError, UnicodeError):  # one that is no host name must not hide the others
             pass
     return found
+
+
+def _who_has(host: str, heard: str, rpc_port: int) -> Tuple[str, Optional[Contact]]:
+    """The address of a name, and which master answers there where that is another than the one that is heard."""
+    address = socket.gethostbyname(host)
+    try:
+        return address, None if address == heard else _contact(f"http://{address}:{rpc_port}")
+    except program.FAILURES:
+        return address, None
 
 
 def _contact(monitor_uri: str) -> Contact:

@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+"""The door from Ansible to the pure renderer of configuration for routers of other makes."""
+
+from __future__ import annotations
+
+DOCUMENTATION = r"""
+name: router_config
+short_description: The way to the networks of the robots, for routers and gateways of other makes
+version_added: "0.1.0"
+description:
+  - Renders the static routes of the fleet's plan as configuration to paste, for the router of the common network and for
+    every gateway of a robot that is no computer of the inventory (section 4.2 of the report).
+  - Where the language of the device has a place for it, the files also keep addresses between robots from being
+    translated, and the router from sending ICMP redirects.
+  - Each file begins with a comment that says what it is and what to do with it, and has a file beside it that takes it
+    back.
+author:
+  - rosfleet contributors (@rosfleet)
+positional: _input, dialects, interfaces
+options:
+  _input:
+    description: The return of M(rosfleet.multimaster.fleet_plan).
+    type: dict
+    required: true
+  dialects:
+    description: The languages to write, for example V([openwrt]).
+    type: list
+    elements: str
+    choices: [openwrt, routeros, vyos, edgeos, ios, linux]
+    default: [openwrt, routeros, vyos, edgeos, ios, linux]
+  interfaces:
+    description:
+      - >-
+        The interface of the common network where it is not the maker's usual one, by device and dialect, for example
+        V({router: {ios: GigabitEthernet0/1}, gateway-tibi: {openwrt: lan}}).
+    type: dict
+    default: {}
+"""
+
+EXAMPLES = r"""
+- name: Compute the plan of the fleet
+  rosfleet.multimaster.fleet_plan:
+  register: fleet
+
+- name: Show what to paste into a router under OpenWrt
+  ansible.builtin.debug:
+    msg: "{{ (fleet | rosfleet.multimaster.router_config(dialects=['openwrt']) | first).content }}"
+"""
+
+RETURN = r"""
+_value:
+  description:
+    - The files, each with C(path), relative, and C(content).
+    - The folder of the path is the device, C(router) or C(gateway-) and the robot. Empty where no robot has a network of
+      its own.
+  type: list
+  elements: dict
+  contains:
+    path:
+      description: Where the file belongs below a folder of the caller's choice.
+      type: str
+      sample: router/openwrt.sh
+    content:
+      description: Its text.
+      type: str
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ansible.errors import AnsibleFilterError
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _router_config
+
+
+def router_config(
+    plan: Any, dialects: Sequence[str] = tuple(_router_config.DIALECTS), interfaces: Any = None
+) -> list[dict[str, str]]:
+    """The files for all devices; see DOCUMENTATION."""
+    if not isinstance(plan, Mapping) or "networks" not in plan:
+        raise AnsibleFilterError(
+            f"The plan to render is {plan!r}; expected the return of rosfleet.multimaster.fleet_plan: register it first."
+        )
+    if isinstance(dialects, str) or not isinstance(dialects, Sequence):
+        raise AnsibleFilterError(
+            f"router_config_dialects is {dialects!r}; expected a list such as [openwrt]: correct it."
+        )
+    if interfaces is not None and not isinstance(interfaces, Mapping):
+        raise AnsibleFilterError(
+            f"router_config_interfaces is {interfaces!r}; expected a mapping such as {{router: {{ios: Vlan1}}}}: correct it."
+        )
+    try:
+        return _router_config.files(plan, dialects, interfaces)
+    except _router_config.RouterConfigProblem as problem:
+        raise AnsibleFilterError(str(problem)) from problem
+
+
+class FilterModule:
+    """Ansible's way to find the filter."""
+
+    def filters(self) -> dict[str, Any]:
+        """The filters by name."""
+        return {"router_config": router_config}

@@ -1,0 +1,397 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+# Private to this collection: may change at any time.
+
+"""The dead-man's switch: a change at run time that nobody confirms is taken back by the machine itself.
+
+Before the change, a timer of systemd is started that runs a script of plain commands: whatever happens to the module,
+the connection or the controller, the former state comes back. Everything lies below /run, and what a reboot reads is
+written only after the confirmation, so a power cycle brings the former state back as well.
+
+Who acts is decided by renaming one file, which only one can do: the script renames `armed` to `undoing`, the
+confirmation renames it to `confirmed` (rename(2)).
+"""
+
+import json
+import os
+import re
+import shlex
+import time
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _owned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+
+FOLDER = "/run/rosfleet-multimaster"
+UNIT = "multimaster-rollback-%s"
+OPTIONS = {
+    "confirm_within": {"type": "int", "default": 0},
+    "confirmation": {"type": "str", "default": ""},
+}
+
+_LIMIT = 60.0  # seconds for systemd, and for the script; both need a few hundredths
+# What serves one connection: OpenSSH's process of a session has had a name of its own since 9.8; dropbear(8).
+_SERVERS = ("sshd", "sshd-session", "dropbear")
+# What the state is called by the file that is there; the last two are ends.
+_MARKS = ("armed", "undoing", "rolled_back", "confirmed")
+
+_SCRIPT = """\
+# Written by rosfleet.multimaster: brings the state from before a change back that nobody has confirmed.
+PATH={path}
+cd {folder} || exit 1
+mv armed undoing 2>/dev/null || exit 0
+try() {{ "$@" >>log 2>&1 || echo "$*" >>failures; }}
+put() {{ cp -p "$1" "$2.rosfleet-new-undo" && mv "$2.rosfleet-new-undo" "$2"; }}
+{steps}mv undoing rolled_back
+"""
+
+
+class TakenBack(Problem):
+    """Nobody confirmed in time, so the former state has come back."""
+
+
+def connection(proc="/proc"):
+    # type: (str) -> str
+    """Which connection started this process: the nearest ancestor that serves an ssh connection, as PID-START.
+
+    Two sessions over one kept connection have the same one, a new TCP connection has another. Empty where there is
+    none, as for a connection into a container. (The environment does not say: sudo(8) takes SSH_CONNECTION away.)
+    """
+    pid = os.getppid()
+    while pid > 0:
+        # proc(5): pid (name) state parent ... start; a name may hold blanks and brackets
+        found = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", _machine.text("%s/%d/stat" % (proc, pid)), re.S)
+        if found is None:
+            return ""
+        name, parent, start = found.groups()
+        if name in _SERVERS:
+            return "%d-%s" % (pid, start)
+        pid = int(parent)
+    return ""
+
+
+class Timer:
+    """A timer of systemd that runs a command once and leaves nothing behind (systemd-run(1))."""
+
+    def start(self, unit, seconds, argv):
+        # type: (str, int, typing.Sequence[str]) -> None
+        """Run the command in so many seconds. Raises Problem where this machine cannot."""
+        self.stop(unit)
+        answer = _machine.run(
+            [
+                "systemd-run",
+                "--quiet",
+                "--no-ask-password",
+                "--collect",
+                "--unit=" + unit,
+                "--description=Take back what nobody has confirmed",
+                "--on-active=%ds" % seconds,
+                "--timer-property=AccuracySec=50ms",
+                "--",
+            ]
+            + list(argv),
+            limit=_LIMIT,
+        )
+        if answer.status != 0:
+            raise Problem(
+                "confirm_within: found no way to start the timer %s.timer (%s), expected systemd and the right to start "
+                "units: run as root (become: true), or set confirm_within to 0 to go without the dead-man's switch."
+                % (unit, " ".join(answer.error.split()) or "status %d" % answer.status)
+            )
+
+    def stop(self, unit):
+        # type: (str) -> None
+        """End the timer; that there is none is no error."""
+        _machine.run(["systemctl", "stop", unit + ".timer"], limit=_LIMIT)
+        _machine.run(["systemctl", "reset-failed", unit + ".timer", unit + ".service"], limit=_LIMIT)
+
+
+class Switch:
+    """One dead-man's switch of this machine, by its name."""
+
+    def __init__(self, name, folder=FOLDER, timer=None):
+        # type: (str, str, typing.Optional[Timer]) -> None
+        self.unit = UNIT % name
+        self.base = folder
+        self.folder = os.path.join(folder, "rollback-" + name)
+        self.timer = timer or Timer()
+
+    def arm(self, token, seconds, undo, files=(), memory=None):
+        # type: (str, int, typing.Iterable[typing.Sequence[str]], typing.Iterable[typing.Tuple[str, typing.Optional[bytes]]], typing.Any) -> None
+        """From now on `undo` happens in so many seconds, unless it is released.
+
+        `undo` are commands, run in their order, each even if an earlier one fails; then `files` get the content given
+        (None: no file). `memory` is what the confirming run has to know of the state before; JSON can hold it.
+        Raises Problem where the switch cannot be armed; then there is none.
+        """
+        try:
+            self.clear()
+            _owned.make_folders(self.base)
+            os.mkdir(self.folder, 0o700)
+            steps = [["try"] + list(argv) for argv in undo]
+            for number, (path, content) in enumerate(files):
+                steps.append(["try", "rm", "-f", path] if content is None else self._keep(number, path, content))
+            text = _SCRIPT.format(
+                path=_machine.BASE_PATH,
+                folder=shlex.quote(self.folder),
+                steps="".join(" ".join(shlex.quote(word) for word in step) + "\n" for step in steps),
+            )
+            state = {"token": token, "seconds": seconds, "connection": connection(), "memory": memory}
+            self._write("undo.sh", text.encode("utf-8", "surrogateescape"))
+            self._write("state.json", json.dumps(state).encode("utf-8"))
+            self._write("armed", b"")
+            self.timer.start(self.unit, seconds, ["/bin/sh", self._path("undo.sh")])
+        except (OSError, Problem) as problem:
+            self.clear()
+            if isinstance(problem, Problem):
+                raise
+            raise Problem(
+                "confirm_within: found %s not to be written (%s), expected a place for the way back: run as root "
+                "(become: true), or set confirm_within to 0 to go without the dead-man's switch."
+                % (self.folder, problem.strerror)
+            ) from problem
+
+    def look(self, token):
+        # type: (str) -> str
+        """What became of the switch.
+
+        none         there is none
+        armed        with this token, and it waits
+        rolled_back  with this token, and the former state has come back
+        other        armed with another token: a run that was broken off
+        earlier      taken back, with another token: nobody has heard of it yet
+        confirmed    a confirming run was broken off; what it had yet to do is in memory()
+        """
+        mark = self._mark()
+        deadline = time.time() + _LIMIT
+        while mark == "undoing":  # now, by the timer
+            if time.time() > deadline:
+                raise Problem("The way back in %s has not ended within %d s: look at its log." % (self.folder, _LIMIT))
+            time.sleep(0.1)
+            mark = self._mark()
+        ours = self.state().get("token") == token and token != ""
+        return {"armed": "armed" if ours else "other", "rolled_back": "rolled_back" if ours else "earlier"}.get(
+            mark, mark
+        )
+
+    def state(self):
+        # type: () -> typing.Dict[str, typing.Any]
+        """What arming remembered: token, seconds, connection, memory. Empty where there is no switch."""
+        try:
+            return json.loads((_owned.read_bytes(self._path("state.json")) or b"{}").decode("utf-8"))
+        except (OSError, ValueError):
+            return {}
+
+    def failures(self):
+        # type: () -> typing.List[str]
+        """The commands of the way back that failed."""
+        return _machine.text(self._path("failures")).splitlines()
+
+    def release(self):
+        # type: () -> bool
+        """Keep the change: from now on nothing is taken back. False when the switch was faster, or there is none."""
+        try:
+            os.rename(self._path("armed"), self._path("confirmed"))
+        except FileNotFoundError:
+            return False
+        self.timer.stop(self.unit)
+        return True
+
+    def roll_back_now(self):
+        # type: () -> None
+        """Bring the former state back at once, also after a release. Raises Problem where commands of it failed."""
+        try:
+            os.rename(self._path("confirmed"), self._path("armed"))
+        except FileNotFoundError:
+            pass
+        _machine.run(["/bin/sh", self._path("undo.sh")], limit=_LIMIT)
+        self.look("")  # waits, where the timer was faster
+        self.timer.stop(self.unit)
+        if self._mark() not in ("rolled_back", "none"):
+            raise Problem("The way back could not run: look at %s, and run it by hand." % self._path("undo.sh"))
+
+    def clear(self):
+        # type: () -> None
+        """Forget the switch: no timer, no script, no folder."""
+        if not os.path.isdir(self.folder):
+            return
+        if self._mark() == "armed":
+            self.release()
+        for name in os.listdir(self.folder):
+            _owned.remove(self._path(name))
+        _owned.remove_folder_if_empty(self.folder)
+        _owned.remove_folder_if_empty(self.base)
+
+    def _mark(self):
+        # type: () -> str
+        return next((mark for mark in _MARKS if os.path.exists(self._path(mark))), "none")
+
+    def _path(self, name):
+        # type: (str) -> str
+        return os.path.join(self.folder, name)
+
+    def _write(self, name, content):
+        # type: (str, bytes) -> None
+        _owned.write_by_rename(self._path(name), content, mode=0o600)
+
+    def _keep(self, number, path, content):
+        # type: (int, str, bytes) -> typing.List[str]
+        """Store a file as it shall be, with the permissions that it has now; the step that puts it back."""
+        name = "file-%d" % number
+        try:
+            status = os.stat(path)
+        except FileNotFoundError:
+            status = None
+        owner = None if status is None else (status.st_uid, status.st_gid)
+        mode = 0o644 if status is None else status.st_mode & 0o7777
+        _owned.write_by_rename(self._path(name), content, mode=mode, owner=owner)
+        return ["try", "put", name, path]
+
+
+class Guard:
+    """A module's side of the switch: two runs, of which the first changes the run time and the second confirms it.
+
+    The first run has confirm_within and a token as confirmation, the second the token only. The module's own run is an
+    object with: `runtime_changes` (whether the run time changes), `memory` (what the second run has to know, for JSON),
+    `undo_commands()` and `undo_files()` (for Switch.arm), `apply_runtime()` (the run time alone) and `apply()` (whatever
+    is not yet as planned: run time, then boot). Both take back what they did when they fail.
+    """
+
+    def __init__(self, module, name, what, switch=None):
+        # type: (typing.Any, str, str, typing.Optional[Switch]) -> None
+        """`what` names the concern in a sentence, in the plural: kernel settings, routes."""
+        self.module, self.what = module, what
+        self.switch = switch or Switch(name)
+        self.seconds = module.params["confirm_within"]
+        self.token = module.params["confirmation"]
+        self.found = "none"
+        self.unconfirmed = self.rolled_back = self.changed = False
+
+    def begin(self):
+        # type: () -> typing.Any
+        """Deal with what an earlier run left; the memory of that run, None where there is none.
+
+        Ends the module where the connection is still the one from before the change. Raises Problem.
+        """
+        if self.seconds < 0 or (self.seconds and not self.token):
+            raise Problem(
+                "confirm_within is %d and confirmation %r, expected 0 s, or more and a word that the second run repeats."
+                % (self.seconds, self.token)
+            )
+        self.found = self.switch.look(self.token)
+        state = self.switch.state()
+        if self.found == "rolled_back":
+            self._was_taken_back(state)
+        if self.found in ("other", "earlier"):
+            self._leftover(state)
+            self.found = "none"
+            return None
+        if self.found == "armed" and state["connection"] and state["connection"] == connection():
+            self.module.exit_json(
+                changed=False,
+                unconfirmed=True,
+                same_connection=True,
+                msg="The %s are not confirmed: this is the connection from before the change." % self.what,
+            )
+        self.changed = self.found in ("armed", "confirmed")
+        return state.get("memory") if self.changed else None
+
+    def apply(self, run):
+        # type: (typing.Any) -> None
+        """Apply the plan as far as this run may. Raises Problem; then the machine is as it was before the first run."""
+        if self.found == "armed":
+            if not self.switch.release():
+                self.switch.look(self.token)
+                self._was_taken_back(self.switch.state())
+        elif run.runtime_changes and self.seconds:
+            return self._try_out(run)
+        elif run.runtime_changes and self.token and self.found == "none":
+            raise Problem(
+                "The change of the %s can no longer be confirmed: the machine has been restarted meanwhile, or the first run "
+                "never got as far. It is as it was before: run the play again." % self.what
+            )
+        run.apply()
+        if self.found != "none":
+            self.switch.clear()
+        return None
+
+    def _try_out(self, run):
+        # type: (typing.Any) -> None
+        self.switch.arm(self.token, self.seconds, run.undo_commands(), run.undo_files(), run.memory)
+        try:
+            run.apply_runtime()
+        except Problem:
+            self._take_back()  # as the run has done; its sentence says what it could not
+            raise
+        self.unconfirmed = True
+
+    def _take_back(self):
+        # type: () -> typing.List[str]
+        """The former state at once, and no switch any more; what failed of it."""
+        try:
+            self.switch.roll_back_now()
+        except Problem as problem:
+            return [str(problem)]
+        failures = self.switch.failures()
+        self.switch.clear()
+        return failures
+
+    def _was_taken_back(self, state):
+        # type: (typing.Mapping[str, typing.Any]) -> typing.NoReturn
+        failures = self.switch.failures()
+        self.rolled_back, self.changed = True, False
+        if not self.module.check_mode:
+            self.switch.clear()
+        raise TakenBack(
+            "The %s were not confirmed over a new connection within %d s, so the machine has taken them back%s"
+            % (
+                self.what,
+                state.get("seconds", 0),
+                ", but these commands of it failed: %s: correct them by hand." % ", ".join(failures)
+                if failures
+                else " and is as it was before: correct what is planned for this host.",
+            )
+        )
+
+    def _leftover(self, state):
+        # type: (typing.Mapping[str, typing.Any]) -> None
+        """An earlier play that was broken off."""
+        waits = self.found == "other"
+        if not self.module.check_mode:
+            if waits:
+                self.switch.roll_back_now()
+            failures = self.switch.failures()
+            self.switch.clear()
+            if failures:
+                raise Problem(
+                    "The %s of an earlier run, which nobody confirmed, could not be taken back; these commands failed: %s: "
+                    "correct them by hand." % (self.what, ", ".join(failures))
+                )
+            self.changed = waits
+        self.module.warn(
+            "The %s of an earlier run, which nobody confirmed within %d s, %s taken back%s."
+            % (
+                self.what,
+                state.get("seconds", 0),
+                "would be" if waits and self.module.check_mode else "were",
+                " first" if waits else "",
+            )
+        )
+
+    def fail(self, problem, **result):
+        # type: (Problem, typing.Any) -> typing.NoReturn
+        """End the module with a sentence; a change that was to be confirmed is taken back."""
+        sentence = str(problem)
+        if not self.module.check_mode and self.found == "armed" and not self.rolled_back:
+            failures = self._take_back()
+            self.rolled_back = not failures
+            sentence += (
+                " Taking the %s back failed, too: %s" % (self.what, ", ".join(failures))
+                if failures
+                else " So the %s were taken back, and the machine is as it was before." % self.what
+            )
+        self.module.fail_json(msg=sentence, unconfirmed=False, rolled_back=self.rolled_back, **result)
+
+    def exit(self, changed, **result):
+        # type: (bool, typing.Any) -> typing.NoReturn
+        """End the module with its result."""
+        self.module.exit_json(changed=changed or self.changed, unconfirmed=self.unconfirmed, **result)

@@ -1,0 +1,454 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: routes
+short_description: Routes, at run time and at boot
+version_added: "0.1.0"
+description:
+  - Makes routes now, in the kernel, and brings them back at boot, by whatever manages the interface of each route.
+    Both are one resource with one result per route.
+  - A route takes the place of another one in one step, and a route that moves to another metric or table is added before
+    the old one is removed, so that there is no moment without a route.
+  - Routes that somebody else made stay. One that is already as wanted is adopted, which means that it is brought back at boot,
+    and that it stays when it is no longer listed. One with the same destination, table and metric and another way
+    is a conflict, see O(on_conflict). The routes that the kernel makes for the addresses of an interface are never replaced.
+  - What this module made is recorded. A route that is no longer listed is taken back, so that an empty list takes back everything,
+    and gives their place back to the routes that it had replaced.
+  - When something fails half way, everything is put back, the kernel's routes and the files.
+  - With O(confirm_within), a change that cuts the controller off is taken back by the machine itself.
+notes:
+  - Routes of this module have C(proto static), as those of systemd-networkd and NetworkManager.
+  - With C(ifupdown), the routes are in the hook C(/etc/network/if-up.d/rosfleet-multimaster), which C(ifup) runs.
+  - With C(networkd), they are in a drop-in C(90-rosfleet-multimaster.conf) of the C(.network) file that configures the interface.
+    systemd-networkd is then restarted, which leaves addresses and routes as they are; C(networkctl reload) would take them away for a moment.
+  - With C(networkmanager), they are added to the profile that is active on the interface, and with C(netplan) they are in
+    C(/etc/netplan/90-rosfleet-multimaster.yaml).
+  - Needs the command C(ip) (iproute2).
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes
+  - rosfleet.multimaster.confirmed
+options:
+  routes:
+    description:
+      - The routes that this computer shall have; V([]) takes back everything that this module made.
+    type: list
+    elements: dict
+    required: true
+    suboptions:
+      destination:
+        description:
+          - The network or the address that the route leads to, for example V(192.168.11.0/24), V(fd00:11::/64) or V(192.168.1.5).
+          - V(default) is the default route of IPv4, as is V(0.0.0.0/0); that of IPv6 is V(::/0).
+        type: str
+        required: true
+      gateway:
+        description:
+          - The address of the next computer on the way, for example V(192.168.1.201). Without it the destination is on the link itself.
+        type: str
+      device:
+        description:
+          - The interface, for example V(eth0). The default is the interface with the network that holds O(routes[].gateway).
+          - For a type without a way, such as V(blackhole), it is the interface with which the route comes back at boot;
+            the default is that of another route of the list.
+        type: str
+      metric:
+        description:
+          - The metric, for example V(100); of several routes to a destination the one with the lowest metric is taken.
+          - The default is the kernel's, which is V(0) with IPv4 and V(1024) with IPv6.
+        type: int
+      table:
+        description:
+          - The number of the routing table, for example V(100); V(254) is the table main, which is always asked.
+        type: int
+        default: 254
+      source:
+        description:
+          - The address of this computer that it prefers as the sender on this way, for example V(192.168.11.100).
+        type: str
+      on_link:
+        description:
+          - Whether the gateway is on the link of O(routes[].device) though no network of that interface holds it, for example V(true).
+        type: bool
+        default: false
+      type:
+        description:
+          - What happens to what is sent there, for example V(blackhole).
+        type: str
+        default: unicast
+        choices:
+          unicast: It goes its way.
+          blackhole: It is dropped in silence.
+          unreachable: It is refused with the answer that the destination cannot be reached.
+          prohibit: It is refused with the answer that it is forbidden.
+      backend:
+        description:
+          - What brings the route back at boot, for example V(none).
+        type: str
+        default: auto
+        choices:
+          auto: What O(backends) says for the interface, else what manages the interface now.
+          ifupdown: The hook of C(ifup).
+          networkd: systemd-networkd.
+          networkmanager: NetworkManager.
+          netplan: netplan, with whatever it configures.
+          none: Nothing, the route is made at run time only.
+  backends:
+    description:
+      - What brings the routes of an interface back at boot, by interface, where it is not to be found out, for example
+        V(ifupdown) for C(eth0). The values are those of O(routes[].backend).
+    type: dict
+    default: {}
+  on_conflict:
+    description:
+      - What to do when somebody else has made a route with the same destination, table and metric and another way, for example V(replace).
+        A route from the configuration of systemd-networkd, NetworkManager or netplan is not replaced, since they would make both at boot.
+    type: str
+    default: fail
+    choices:
+      fail: Fail before anything changes, naming that route.
+      replace: Take its place at run time, and give it back when the route is no longer listed.
+  root:
+    description:
+      - The root folder under which the files of the boot part lie, for example V(/mnt/image) for the image of a machine, where O(backends)
+        has to be given. Routes at run time and the record are those of the running machine, not of the image.
+    type: path
+    default: /
+  records:
+    description:
+      - The folder of the record of what this module made, for example V(/var/lib/rosfleet-multimaster).
+    type: path
+    default: /var/lib/rosfleet-multimaster
+author:
+  - rosfleet contributors (@rosfleet)
+"""
+
+EXAMPLES = r"""
+- name: The default gateway of section 4.2 of the report, on a computer inside the robot tibi
+  rosfleet.multimaster.routes:
+    routes:
+      - destination: default
+        gateway: 192.168.11.101
+    confirm_within: 30
+
+- name: The static routes of the router
+  rosfleet.multimaster.routes:
+    routes:
+      - destination: 192.168.11.0/24
+        gateway: 192.168.1.201
+      - destination: 192.168.10.0/24
+        gateway: 192.168.1.202
+
+- name: Multicast by the wire whatever the default route is, and what is for no robot goes nowhere
+  rosfleet.multimaster.routes:
+    routes:
+      - destination: 226.0.0.0/8
+        device: eth0
+      - destination: 192.168.0.0/16
+        type: blackhole
+
+- name: Take everything back
+  rosfleet.multimaster.routes:
+    routes: []
+"""
+
+RETURN = r"""
+routes:
+  description: What was found and done per route, in the order of the list.
+  returned: always, unless an option is wrong
+  type: list
+  elements: dict
+  contains:
+    destination:
+      description: The destination in normal form.
+      type: str
+      returned: always
+      sample: default
+    gateway:
+      description: The next computer on the way, null where the destination is on the link or there is no way.
+      type: str
+      returned: always
+      sample: 192.168.11.101
+    device:
+      description: The interface, also where it was found by the gateway; null for a type without a way.
+      type: str
+      returned: always
+      sample: eth0
+    metric:
+      description: The metric.
+      type: int
+      returned: always
+      sample: 0
+    table:
+      description: The routing table.
+      type: int
+      returned: always
+      sample: 254
+    source:
+      description: The preferred address of the sender, null where the kernel chooses.
+      type: str
+      returned: always
+      sample: 192.168.11.100
+    on_link:
+      description: Whether the gateway is taken to be on the link.
+      type: bool
+      returned: always
+      sample: false
+    type:
+      description: The type of the route.
+      type: str
+      returned: always
+      sample: unicast
+    backend:
+      description: What brings it back at boot.
+      type: str
+      returned: always
+      sample: ifupdown
+    before:
+      description: The kernel's route with this destination, table and metric before the run, as C(ip route) writes it; null for none.
+      type: str
+      returned: always
+      sample: default via 192.168.11.1 dev eth0 proto static
+    after:
+      description: The same after the run, in check mode the planned one.
+      type: str
+      returned: always
+      sample: default via 192.168.11.101 dev eth0 proto static
+    boot_file:
+      description: The file or the profile that brings it back at boot; null with the back end V(none).
+      type: str
+      returned: always
+      sample: /etc/network/if-up.d/rosfleet-multimaster
+    changed:
+      description: Whether the kernel's route changed or what brings it back at boot.
+      type: bool
+      returned: always
+      sample: true
+    state:
+      description:
+        - V(ok) or V(changed), or why it is not made. V(conflict) means that somebody else has made another one in its place,
+          V(refused) that the one in its place is never replaced.
+      type: str
+      returned: always
+      sample: changed
+    problem:
+      description: The sentence for a route that is not made, else null.
+      type: str
+      returned: always
+      sample:
+conflicts:
+  description: One sentence per conflict that O(on_conflict) decides.
+  returned: always, unless an option is wrong
+  type: list
+  elements: str
+  sample: []
+taken_back:
+  description: The routes that are no longer listed.
+  returned: always, unless an option is wrong
+  type: list
+  elements: dict
+  contains:
+    destination:
+      description: The destination.
+      type: str
+      returned: always
+      sample: 192.168.11.0/24
+    gateway:
+      description: The next computer on the way, null for none.
+      type: str
+      returned: always
+      sample: 192.168.1.201
+    device:
+      description: The interface, null for none.
+      type: str
+      returned: always
+      sample: eth0
+    metric:
+      description: The metric.
+      type: int
+      returned: always
+      sample: 0
+    table:
+      description: The routing table.
+      type: int
+      returned: always
+      sample: 254
+    type:
+      description: The type of the route.
+      type: str
+      returned: always
+      sample: unicast
+    before:
+      description: The kernel's route of this key before the run, null for none.
+      type: str
+      returned: always
+      sample: 192.168.11.0/24 via 192.168.1.201 dev eth0 proto static
+    after:
+      description: The same after the run, null for none.
+      type: str
+      returned: always
+      sample:
+    state:
+      description:
+        - V(removed), V(restored) where the route came back that had been replaced, V(gone) where it was no longer there,
+          or V(left) where somebody else has made another one in its place since.
+      type: str
+      returned: always
+      sample: removed
+other_defaults:
+  description: Default routes that somebody else made, beside one that is listed; a lower metric than that of the listed one wins.
+  returned: always, unless an option is wrong
+  type: list
+  elements: dict
+  contains:
+    destination:
+      description: Which default route it is, V(default) or V(::/0).
+      type: str
+      returned: always
+      sample: default
+    gateway:
+      description: Its gateway, null for none.
+      type: str
+      returned: always
+      sample: 10.0.0.1
+    device:
+      description: Its interface, null for none or several.
+      type: str
+      returned: always
+      sample: wlan0
+    metric:
+      description: Its metric.
+      type: int
+      returned: always
+      sample: 600
+    table:
+      description: Its table.
+      type: int
+      returned: always
+      sample: 254
+    protocol:
+      description: Who made it, as C(ip route) says it.
+      type: str
+      returned: always
+      sample: dhcp
+    text:
+      description: The whole route, as C(ip route) writes it.
+      type: str
+      returned: always
+      sample: default via 10.0.0.1 dev wlan0 proto dhcp metric 600
+unconfirmed:
+  description: Whether the change waits for its confirmation, with O(confirm_within); the controller's result is never this one.
+  returned: always, unless an option is wrong
+  type: bool
+  sample: false
+confirmed:
+  description: Whether the controller confirmed the change over a new connection, with O(confirm_within).
+  returned: when it did
+  type: bool
+  sample: true
+rolled_back:
+  description: Whether the change was taken back, because it was not confirmed in time or could not be completed.
+  returned: failed
+  type: bool
+  sample: true
+same_connection:
+  description: Whether the confirming run came over the connection from before the change, which proves nothing.
+  returned: with O(confirmation), when it did
+  type: bool
+  sample: true
+msg:
+  description: What was done, in a sentence.
+  returned: always
+  type: str
+  sample: "1 of 2 routes changed."
+"""
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import Run
+
+BACKENDS = ["auto", "ifupdown", "networkd", "networkmanager", "netplan", "none"]
+FATES = {
+    "removed": "'{before}' is removed.",
+    "restored": "'{after}' is there again.",
+    "gone": "The route to {destination} was no longer there.",
+    "left": "'{before}' is left: somebody else has made it in the place of ours.",
+}
+SECOND_DEFAULT = (
+    "There is a second default route, '{text}', beside the listed one: the lower metric decides which is taken. "
+    "Turn it off where it is made, or give the listed one a lower metric."
+)
+
+
+def summary(run):
+    """What the run does, in sentences."""
+    changed = sum(item["changed"] for item in run.items)
+    sentences = ["%d of %d routes changed." % (changed, len(run.items))] if run.items else []
+    sentences += [FATES[item["state"]].format(**item) for item in run.plan.taken_back]
+    if run.changed and not changed and not run.plan.taken_back:
+        places = sorted(place for listed in run.boot.changes.values() for place in listed)
+        sentences.append("%s is brought up to date." % ", ".join(places))
+    return " ".join(sentences) or "No routes are ours."
+
+
+def main():
+    module = AnsibleModule(
+        argument_spec=dict(
+            _deadman.OPTIONS,
+            routes={
+                "type": "list",
+                "elements": "dict",
+                "required": True,
+                "options": {
+                    "destination": {"type": "str", "required": True},
+                    "gateway": {"type": "str"},
+                    "device": {"type": "str"},
+                    "metric": {"type": "int"},
+                    "table": {"type": "int", "default": 254},
+                    "source": {"type": "str"},
+                    "on_link": {"type": "bool", "default": False},
+                    "type": {
+                        "type": "str",
+                        "default": "unicast",
+                        "choices": ["unicast", "blackhole", "unreachable", "prohibit"],
+                    },
+                    "backend": {"type": "str", "default": "auto", "choices": BACKENDS},
+                },
+            },
+            backends={"type": "dict", "default": {}},
+            on_conflict={"type": "str", "default": "fail", "choices": ["fail", "replace"]},
+            root={"type": "path", "default": "/"},
+            records={"type": "path", "default": "/var/lib/rosfleet-multimaster"},
+        ),
+        supports_check_mode=True,
+    )
+    guard = _deadman.Guard(module, "routes", "routes")
+    result = {}
+    try:
+        run = Run(module.params, guard.begin())
+        result = {
+            "routes": run.items,
+            "conflicts": run.conflicts,
+            "taken_back": run.plan.taken_back,
+            "other_defaults": run.other_defaults,
+        }
+        if run.refused:
+            raise Problem(" ".join(run.refused))
+        for other in run.other_defaults:
+            module.warn(SECOND_DEFAULT.format(**other))
+        for item in run.plan.taken_back:
+            if item["state"] == "left":
+                module.warn(FATES["left"].format(**item))
+        if not module.check_mode:
+            guard.apply(run)
+    except Problem as problem:
+        guard.fail(problem, **result)
+    if module._diff:
+        result["diff"] = run.difference
+    guard.exit(changed=run.changed, msg=summary(run), **result)
+
+
+if __name__ == "__main__":
+    main()

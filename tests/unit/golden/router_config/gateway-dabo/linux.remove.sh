@@ -1,0 +1,6 @@
+#!/bin/sh
+# rosfleet.multimaster: takes linux.sh back, for the gateway of dabo (192.168.10.1, 192.168.1.202).
+# Linux (ip route). Copy it to the device and run it as root.
+set -eu
+ip route del 192.168.11.0/24 via 192.168.1.201 2> /dev/null || true
+ip route del 192.168.12.0/23 via 192.168.1.203 2> /dev/null || true

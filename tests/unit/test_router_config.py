@@ -1,0 +1,384 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Configuration for routers and gateways of other makes: golden files, and each dialect as its device reads it.
+
+The files in golden/router_config are written anew by UPDATE_GOLDEN=1 pytest tests/unit/test_router_config.py
+"""
+
+import copy
+import ipaddress
+import json
+import os
+import pathlib
+import re
+import shlex
+import subprocess
+
+import pytest
+from ansible.errors import AnsibleFilterError
+from ansible_collections.rosfleet.multimaster.plugins.filter.router_config import router_config
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _router_config
+from hypothesis import given
+from hypothesis import strategies as st
+
+GOLDEN = pathlib.Path(__file__).with_name("golden") / "router_config"
+
+# The report's fleet, but for two things: the gateway of dabo is a device of another make, and car has a wider network.
+PLAN = {
+    "common_network": "192.168.1.0/24",
+    "router": {"name": "", "address": "192.168.1.1"},
+    "networks": [
+        {
+            "robot": "tibi",
+            "network": "192.168.11.0/24",
+            "gateway": "192.168.11.101",
+            "common_address": "192.168.1.201",
+            "device": False,
+        },
+        {
+            "robot": "dabo",
+            "network": "192.168.10.0/24",
+            "gateway": "192.168.10.1",
+            "common_address": "192.168.1.202",
+            "device": True,
+        },
+        {
+            "robot": "car",
+            "network": "192.168.12.0/23",
+            "gateway": "192.168.12.101",
+            "common_address": "192.168.1.203",
+            "device": False,
+        },
+    ],
+}
+ROUTES = {entry["network"]: entry["common_address"] for entry in PLAN["networks"]}
+OWN = {"router": "192.168.1.0/24", "gateway-dabo": "192.168.10.0/24"}
+FILES = {file["path"]: file["content"] for file in router_config(PLAN)}
+
+
+def routes_of(device):
+    """destination -> gateway, as the device needs them."""
+    return {network: gateway for network, gateway in ROUTES.items() if network != OWN[device]}
+
+
+def peers_of(device):
+    """The networks towards which the device translates nothing."""
+    return set(ROUTES) if device == "router" else {"192.168.1.0/24", *ROUTES} - {OWN[device]}
+
+
+def body(path):
+    """The lines that are no comment."""
+    return [line for line in FILES[path].splitlines() if line.strip() and line[0] not in "#!"]
+
+
+DEVICES = pytest.mark.parametrize("device", OWN)
+
+
+def test_golden_files():
+    if os.environ.get("UPDATE_GOLDEN"):
+        for path, content in FILES.items():
+            (GOLDEN / path).parent.mkdir(parents=True, exist_ok=True)
+            (GOLDEN / path).write_text(content)
+    golden = {str(path.relative_to(GOLDEN)): path.read_text() for path in GOLDEN.rglob("*") if path.is_file()}
+    assert set(FILES) == set(golden)
+    for path, content in FILES.items():
+        assert content == golden[path], path
+
+
+@pytest.mark.parametrize("path", FILES)
+def test_every_file_says_what_it_is(path):
+    device, file = path.split("/")
+    name = file.partition(".")[0]
+    assert file == f"{name}.{'remove.' if '.remove.' in file else ''}{_router_config.DIALECTS[name].suffix}"
+    head = "\n".join(line for line in FILES[path].splitlines() if line[0] in "#!")
+    assert "rosfleet.multimaster" in head and _router_config.DIALECTS[name].title in head
+    assert ("router of the common network" if device == "router" else "gateway of dabo") in head
+    if ".remove." not in file:
+        assert f"{name}.remove." in head
+        for network, gateway in routes_of(device).items():
+            assert f"{network} by {gateway}" in head
+
+
+# The shell: OpenWrt and Linux.
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if path.endswith(".sh")])
+def test_scripts_are_posix_shell(path):
+    for command in (["sh", "-n"], ["shellcheck", "--shell=sh", "-"]):
+        done = subprocess.run(command, input=FILES[path], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+
+
+@pytest.fixture
+def namespace():
+    """A network namespace with the address of the router."""
+    name = f"router-{os.getpid()}"
+    run = ["ip", "netns", "exec", name]
+    subprocess.run(["ip", "netns", "add", name], check=True)
+    try:
+        for command in (
+            "ip link set lo up",
+            "ip link add eth0 type veth peer name peer",
+            "ip address add 192.168.1.1/24 dev eth0",
+            "ip link set peer up",
+            "ip link set eth0 up",
+        ):
+            subprocess.run([*run, *command.split()], check=True)
+        yield run
+    finally:
+        subprocess.run(["ip", "netns", "delete", name], check=True)
+
+
+@DEVICES
+def test_linux_script_makes_the_routes_and_takes_them_back(device, namespace):
+    def shell(script):
+        done = subprocess.run([*namespace, "sh"], input=script, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def kernel():
+        routes = json.loads(shell("ip -json -4 route"))
+        return {route["dst"]: route["gateway"] for route in routes if "gateway" in route}
+
+    def redirects():
+        return set(shell("cat /proc/sys/net/ipv4/conf/*/send_redirects").split())
+
+    shell("for file in /proc/sys/net/ipv4/conf/*/send_redirects; do echo 1 > $file; done")
+    add, remove = (FILES[f"{device}/{file}"] for file in ("linux.sh", "linux.remove.sh"))
+    for time in "first", "second":
+        shell(add)
+        assert kernel() == routes_of(device), time
+        assert redirects() == ({"0"} if device == "router" else {"1"})
+    for time in "first", "second":
+        shell(remove)
+        assert (kernel(), redirects()) == ({}, {"1"}), time
+
+
+# OpenWrt: the sections as uci reads them.
+
+UCI = re.compile(
+    r"(?P<verb>set|add_list) (?P<config>[a-z]+)\.(?P<section>[a-z0-9_]+)(\.(?P<option>[a-z_]+))?=('(?P<value>[^']*)'|(?P<type>[a-z]+))"
+)
+
+
+def sections(path):
+    """Configuration -> section -> option -> value; the type of a section is its option "" and a list is a list."""
+    lines = FILES[path].split("uci batch <<'END'\n")[1].split("\nEND\n")[0].splitlines()
+    found = {"network": {}, "firewall": {}}
+    for line in lines:
+        match = UCI.fullmatch(line)
+        assert match, line
+        options = found[match["config"]].setdefault(match["section"], {})
+        if match["verb"] == "add_list":
+            options.setdefault(match["option"], []).append(match["value"])
+        else:
+            assert (match["option"] or "") not in options, line
+            options[match["option"] or ""] = match["value"] if match["option"] else match["type"]
+    return found
+
+
+@DEVICES
+def test_openwrt(device):
+    uci = sections(f"{device}/openwrt.sh")
+    interface = "lan" if device == "router" else "wan"
+    routes = list(uci["network"].values())
+    assert {route["target"]: route["gateway"] for route in routes} == routes_of(device)
+    assert all((route[""], route["interface"], len(route)) == ("route", interface, 4) for route in routes)
+    nat = [section for section in uci["firewall"].values() if section[""] == "nat"]
+    assert {section["dest_ip"] for section in nat} == peers_of(device)
+    assert {(section["src"], section["proto"], section["target"]) for section in nat} == {("*", "all", "ACCEPT")}
+    rules = [section for section in uci["firewall"].values() if section[""] == "rule"]
+    if device == "router":
+        assert rules == []
+    else:
+        assert [(rule["dest_ip"], set(rule["src_ip"])) for rule in rules] == [(OWN[device], peers_of(device))]
+
+
+@DEVICES
+@pytest.mark.parametrize("file", ["openwrt.sh", "openwrt.remove.sh"])
+def test_openwrt_first_forgets_its_own_sections_and_no_other(device, file, tmp_path):
+    """Run with a stand-in for uci that shows the sections there and notes what is deleted."""
+    made = sections(f"{device}/openwrt.sh")
+    names = [f"{config}.{section}" for config in made for section in made[config]]
+    shown = [f"{name}={'route' if name.startswith('network') else 'nat'}\n{name}.target='x'" for name in names]
+    (tmp_path / "shown").write_text("\n".join([*shown, "network.lan=interface", "firewall.@zone[0]=zone", ""]))
+    (tmp_path / "uci").write_text(
+        "#!/bin/sh\n"
+        f'case $1 in -q) grep "^$3\\." {tmp_path}/shown ;; delete) echo "$2" >> {tmp_path}/deleted ;; *) exit 9 ;; esac\n'
+    )
+    (tmp_path / "uci").chmod(0o755)
+    loop = FILES[f"{device}/{file}"].split("done\n")[0] + "done\n"
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    subprocess.run(["sh", "-eu"], input=loop, text=True, env=environment, check=True)
+    assert (tmp_path / "deleted").read_text().splitlines() == names
+
+
+# RouterOS.
+
+KNOWN = {
+    "/ip route add": {"dst-address", "gateway", "comment"},
+    "/ip firewall address-list add": {"list", "address", "comment"},
+    "/ip firewall raw add": {"chain", "action", "src-address-list", "dst-address-list", "dst-address-type", "comment"},
+    "/ip settings set": {"send-redirects"},
+}
+
+
+def commands(path):
+    """The commands of a file: menu and verb -> their properties."""
+    found = {}
+    for line in body(path):
+        words = shlex.split(line)
+        if "remove" not in words:
+            number = next(index for index, word in enumerate(words) if "=" in word)
+            menu, values = " ".join(words[:number]), dict(word.split("=", 1) for word in words[number:])
+            assert set(values) == KNOWN[menu], line
+            found.setdefault(menu, []).append(values)
+    return found
+
+
+@DEVICES
+def test_routeros(device):
+    found = commands(f"{device}/routeros.rsc")
+    routes = found["/ip route add"]
+    assert {route["dst-address"]: route["gateway"] for route in routes} == routes_of(device)
+    addresses = found["/ip firewall address-list add"]
+    assert {entry["address"] for entry in addresses} == {"192.168.1.0/24", *ROUTES}
+    assert {entry["list"] for entry in addresses} == {"rosfleet"}
+    (raw,) = found["/ip firewall raw add"]
+    assert (raw["chain"], raw["action"], raw["dst-address-type"]) == ("prerouting", "notrack", "!local")
+    assert found.get("/ip settings set") == ([{"send-redirects": "no"}] if device == "router" else None)
+
+
+@DEVICES
+@pytest.mark.parametrize("file", ["routeros.rsc", "routeros.remove.rsc"])
+def test_routeros_first_forgets_its_own(device, file):
+    lines = [line for line in body(f"{device}/{file}") if " remove " in line]
+    assert [line.split(" remove ")[0] for line in lines] == [
+        "/ip route",
+        "/ip firewall raw",
+        "/ip firewall address-list",
+    ]
+    added = commands(f"{device}/routeros.rsc")
+    for line in lines:
+        menu, what = line.split(" remove ")
+        (name, operator, value) = re.fullmatch(r"\[find (\w+)([=~])\"?([^\"]*)\"?\]", what).groups()
+        for entry in added[f"{menu} add"]:
+            assert entry[name] == value if operator == "=" else re.search(value, entry[name])
+
+
+# VyOS and EdgeOS.
+
+VYATTA = {
+    "vyos": ("nat source rule 5", "outbound-interface name eth0", "firewall global-options send-redirects"),
+    "edgeos": ("service nat rule 5001", "outbound-interface eth0", "firewall send-redirects"),
+}
+
+
+@DEVICES
+@pytest.mark.parametrize("name", VYATTA)
+def test_vyatta(device, name):
+    nat, outbound, redirects = VYATTA[name]
+    add, remove = body(f"{device}/{name}.txt"), body(f"{device}/{name}.remove.txt")
+    for lines in add, remove:
+        assert lines[:2] == ["configure", "delete firewall group network-group ROSFLEET"]
+        assert lines[-3:] == ["commit", "save", "exit"]
+    routes = [f"protocols static route {network} next-hop {gateway}" for network, gateway in routes_of(device).items()]
+    members = [f"firewall group network-group ROSFLEET network {network}" for network in peers_of(device)]
+    rule = [
+        "destination group network-group ROSFLEET",
+        "description 'No translation towards robots'",
+        "exclude",
+        outbound,
+    ]
+    rule += ["type masquerade"] if name == "edgeos" else []
+    off = [f"{redirects} disable"] if device == "router" else []
+    wanted = [*routes, *members, *(f"{nat} {line}" for line in rule), *off]
+    assert sorted(add[2:-3]) == sorted(f"set {line}" for line in wanted)
+    back = [f"set {redirects} enable"] if device == "router" else []
+    assert sorted(remove[2:-3]) == sorted([*(f"delete {line}" for line in routes), f"delete {nat}", *back])
+
+
+# Cisco IOS; tests/systems has FRR read it.
+
+
+@DEVICES
+def test_ios(device):
+    def split(path):
+        lines = body(path)
+        routes = [line.replace("no ", "").split()[2:] for line in lines if "ip route" in line]
+        found = {str(ipaddress.ip_network(f"{address}/{mask}")): gateway for address, mask, gateway in routes}
+        return found, [line for line in lines if "ip route" not in line]
+
+    added, rest = split(f"{device}/ios.txt")
+    removed, rest_of_remove = split(f"{device}/ios.remove.txt")
+    assert added == removed == routes_of(device)
+    off, on = (
+        (["interface GigabitEthernet0/0", f" {command}", "exit"] for command in ("no ip redirects", "ip redirects"))
+        if device == "router"
+        else ([], [])
+    )
+    assert (rest, rest_of_remove) == ([*off, "end"], [*on, "end"])
+    assert all(line.startswith("no ip route") for line in body(f"{device}/ios.remove.txt") if "ip route" in line)
+
+
+# What is asked for.
+
+
+def test_dialects_and_interfaces_are_chosen():
+    files = router_config(PLAN, ["ios"], {"router": {"ios": "Vlan10"}})
+    assert [file["path"] for file in files] == [
+        "router/ios.txt",
+        "router/ios.remove.txt",
+        "gateway-dabo/ios.txt",
+        "gateway-dabo/ios.remove.txt",
+    ]
+    assert all("interface Vlan10\n" in file["content"] for file in files[:2])
+
+
+def test_nothing_without_networks_of_robots():
+    assert router_config({"common_network": "192.168.1.0/24", "router": {}, "networks": []}) == []
+
+
+def test_a_router_without_an_address():
+    files = router_config({**PLAN, "router": {}}, ["linux"])
+    assert "for the router of the common network 192.168.1.0/24.\n" in files[0]["content"]
+
+
+@pytest.mark.parametrize(
+    "arguments, sentence",
+    [
+        ((["junos"],), "router_config_dialects has 'junos', which is not known; expected some of openwrt,"),
+        (("ios",), "router_config_dialects is 'ios'; expected a list"),
+        (
+            (["ios"], {"gateway-tibi": {}}),
+            "has 'gateway-tibi', which is not known; expected some of router, gateway-dabo:",
+        ),
+        ((["ios"], {"router": {"linux": "eth0"}}), "router_config_interfaces.router has 'linux', which is not known"),
+        (
+            (["ios"], {"router": {"ios": "x\nreload"}}),
+            "router_config_interfaces.router.ios is 'x\nreload'; expected one word",
+        ),
+        ((["ios"], {"router": "Vlan1"}), "router_config_interfaces.router is 'Vlan1'; expected a mapping"),
+        ((["ios"], ["Vlan1"]), "router_config_interfaces is ['Vlan1']; expected a mapping"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(arguments, sentence):
+    with pytest.raises(AnsibleFilterError) as problem:
+        router_config(PLAN, *arguments)
+    assert sentence in str(problem.value)
+
+
+def test_something_else_than_a_plan():
+    with pytest.raises(AnsibleFilterError, match="expected the return of rosfleet.multimaster.fleet_plan"):
+        router_config({"changed": False})
+
+
+@given(st.text(min_size=1, max_size=12))
+def test_a_name_is_never_a_command(name):
+    plan = copy.deepcopy(PLAN)
+    plan["networks"][0]["robot"] = name
+    shown = _router_config.Network(name, "192.168.11.0/24").name
+    assert re.fullmatch(r"[A-Za-z0-9_.-]+", shown)
+    for file in router_config(plan):
+        assert file["content"] == FILES[file["path"]].replace("tibi", shown)
