@@ -226,7 +226,7 @@ class Run:
         except (OSError, Problem) as problem:
             failures = self._take_back()
             end = "Not put back: %s." % ", ".join(failures) if failures else "Everything is as it was before."
-            raise Problem("%s %s" % (_sentence(problem), end)) from problem
+            raise Problem("%s %s" % (_owned.sentence(problem), end)) from problem
 
     def _announce(self):
         # type: () -> None
@@ -340,13 +340,3 @@ def _overrides(backends, interfaces):
         if name not in names:
             raise Problem("backends: %s has %r, expected one of %s." % (interface, name, ", ".join(names)))
     return backends
-
-
-def _sentence(problem):
-    # type: (Exception) -> str
-    if isinstance(problem, OSError):
-        return "%s cannot be written (%s), expected a writable file system with room." % (
-            problem.filename or "A file",
-            problem.strerror,
-        )
-    return str(problem)

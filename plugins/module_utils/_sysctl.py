@@ -571,7 +571,7 @@ class Run:
                 except (OSError, ValueError) as failure:
                     kept.append("%s (%s)" % (what, getattr(failure, "strerror", None) or failure))
             end = "Not put back: %s." % ", ".join(kept) if kept else "Everything is as it was before."
-            raise Problem("%s %s" % (_sentence(problem), end)) from problem
+            raise Problem("%s %s" % (_owned.sentence(problem), end)) from problem
 
     def _tidy(self):
         # type: () -> None
@@ -644,13 +644,3 @@ def _conflict_sentence(item, drop_in):
         found,
         item["value"],
     )
-
-
-def _sentence(problem):
-    # type: (Exception) -> str
-    if isinstance(problem, OSError):
-        return "%s cannot be written (%s), expected a writable file system with room." % (
-            problem.filename or "A file",
-            problem.strerror,
-        )
-    return str(problem)
