@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup lab demo lab-down lint sanity unit molecule systems bench-site test format readme
+.PHONY: help setup lab demo lab-down lint sanity unit molecule systems bench-site test test-long format readme
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -42,6 +42,8 @@ molecule: lab ## the roles in containers: check, converge, idempotence, verify, 
 
 systems: lab ## injected faults and the commands of the README, on real systems
 	@$(PYTHON) tools/test.py systems
+
+test-long: bench-site ## what takes too long for 'make test'
 
 bench-site: lab ## the second run of site.yml beside a playbook of the usual tasks, on 13 systems (ten minutes)
 	@$(PYTHON) tests/bench/site/site.py

@@ -214,8 +214,8 @@ class Switch:
         """Forget the switch: no timer, no script, no folder."""
         if not os.path.isdir(self.folder):
             return
-        if self._mark() == "armed":
-            self.release()
+        if not (self._mark() == "armed" and self.release()):
+            self.timer.stop(self.unit)  # of a way back that was gone by hand
         for name in os.listdir(self.folder):
             _owned.remove(self._path(name))
         _owned.remove_folder_if_empty(self.folder)
@@ -348,7 +348,7 @@ class Guard:
                 state.get("seconds", 0),
                 ", but these commands of it failed: %s: correct them by hand." % ", ".join(failures)
                 if failures
-                else " and is as it was before: correct what is planned for this host.",
+                else " and is as it was before: correct what is planned for this host, or reach it by a way that does not depend on it.",
             )
         )
 
@@ -366,7 +366,7 @@ class Guard:
                     "The %s of an earlier run, which nobody confirmed, could not be taken back; these commands failed: %s: "
                     "correct them by hand." % (self.what, ", ".join(failures))
                 )
-            self.changed = waits
+        self.changed = waits
         self.module.warn(
             "The %s of an earlier run, which nobody confirmed within %d s, %s taken back%s."
             % (

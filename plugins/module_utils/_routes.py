@@ -46,7 +46,16 @@ class Run:
         self.record = _owned.Record("routes", options["records"])
         self.stored = self.record.load()
         self.recorded = self.stored if memory is None else memory
-        self.entries = _entries(self.recorded.get("routes", []))
+        try:
+            self.entries = _entries(self.recorded.get("routes", []))
+            boot = self.recorded.get("boot", {})
+            for entry in boot.get("places", {}).values():
+                dict.fromkeys((entry["backend"], *entry["texts"], *map(str, entry["routes"])))
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as problem:
+            raise Problem(
+                "The record %s does not hold what this version of the module writes (%s); restore it from a backup, or remove "
+                "it and what it owned by hand." % (self.record.path, type(problem).__name__)
+            ) from problem
         self.kernel = Kernel()
         self.keys = [item.route.key for item in items] + list(self.entries)
         self.current = self._read()
@@ -240,6 +249,18 @@ class Run:
             self._do(change)
         if self.plan.changes:
             self._expect()
+            self._look_for_given_back()
+
+    def _look_for_given_back(self):
+        # type: () -> None
+        """Whose gateway or interface is no longer there, cannot be given back, and keeps nothing from being removed."""
+        restored = [item for item in self.plan.taken_back if item["state"] == "restored"]
+        if not restored:
+            return
+        now = {held.text for there in self._read().values() for held in there}
+        for item in restored:
+            if item["after"] not in now:
+                item.update(state="lost")
 
     def _change_boot(self):
         # type: () -> None

@@ -9,6 +9,7 @@ A back end knows one manager and its files, nothing of the kernel's routes: thos
 
 import os
 import socket
+import stat
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _owned
@@ -84,6 +85,12 @@ class BackEnd:
                 _owned.remove(path)
         else:
             _owned.write_by_rename(path, content.encode("utf-8"), mode=self.mode)
+
+    def wrong_mode(self, place):
+        # type: (str) -> bool
+        """Whether a file of ours has lost its permissions: a hook that cannot be executed is not run, and says nothing."""
+        path = self.path(place)
+        return place.startswith("/") and os.path.isfile(path) and stat.S_IMODE(os.stat(path).st_mode) != self.mode
 
     def activate(self, places):
         # type: (typing.List[str]) -> None

@@ -234,7 +234,9 @@ class Kernel:
         if "table does not exist" in answer.error:
             return []
         try:
-            found = json.loads(answer.output.decode("utf-8") or "[]") if answer.status == 0 else []
+            if answer.status != 0:
+                raise ValueError  # an option that it does not know, perhaps: the answer as text decides
+            found = json.loads(answer.output.decode("utf-8") or "[]")
         except ValueError:
             answer = run(["ip", "-oneline"] + show, limit=_LIMIT)
             found = from_text(answer.output.decode("utf-8", "replace"))

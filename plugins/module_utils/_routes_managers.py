@@ -105,7 +105,11 @@ class Boot:
         """Back end -> its places that change, or that a killed run has not told its manager about."""
         changed = {}
         for name, wanted in self.wanted.items():
-            differ = {place for place, text in wanted.items() if text != self.before[name].get(place)}
+            differ = {
+                place
+                for place, text in wanted.items()
+                if text != self.before[name].get(place) or (text is not None and self.ends[name].wrong_mode(place))
+            }
             places = sorted(differ | set(self.pending.get(name, [])))
             if places:
                 changed[name] = places
@@ -118,7 +122,7 @@ class Boot:
             return False
         recorded = self.recorded.get(place, {"texts": [], "routes": []})
         untouched = self.before[backend].get(place) in recorded["texts"]
-        return not untouched or dict(route._asdict()) not in recorded["routes"]
+        return not untouched or self.ends[backend].wrong_mode(place) or dict(route._asdict()) not in recorded["routes"]
 
     @property
     def difference(self):

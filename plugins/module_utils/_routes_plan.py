@@ -252,7 +252,7 @@ def plan(routes, current, entries, replace, interfaces):
     `current` has every key of routes and entries that the kernel holds. No key is without a route on the way: `replace` of
     ip-route(8) is one step of the kernel, and what goes, goes after everything that comes.
     """
-    adds, removals = [], []  # type: typing.List[Change], typing.List[Change]
+    adds, returns, removals = [], [], []  # type: typing.List[Change], typing.List[Change], typing.List[Change]
     interim, final, after = dict(entries), {}, {}
     results, taken_back = [], []
 
@@ -274,7 +274,9 @@ def plan(routes, current, entries, replace, interfaces):
             state = "changed"
         if not adopted:
             took = [held.words for held in there if held.route.way not in made]
-            replaced = entry.replaced + tuple(words for words in took if words not in entry.replaced)
+            # Where none of ours was there any more, what came since has taken the earlier ones' place.
+            earlier_ones = entry.replaced if not took or any(held.route.way in made for held in there) else ()
+            replaced = earlier_ones + tuple(words for words in took if words not in earlier_ones)
             earlier = tuple(other for other in entry.made if other != route)
             final[route.key] = Entry((route,), replaced)
             interim[route.key] = Entry(earlier + (route,), replaced)
@@ -302,9 +304,8 @@ def plan(routes, current, entries, replace, interfaces):
         others = [held for held in there if held not in ours]
         known = [words for words in entry.replaced if _device(words) in interfaces or _device(words) is None]
         back = known if ours and not others else []
-        for words in back:
-            removals.append(_put(key, words, words is back[0]))
-        removals += [remove(held) for held in (ours[1:] if back else ours)]
+        returns += [_put(key, words, words is back[0])._replace(may_fail=True) for words in back]
+        removals += [remove(held) for held in ours]  # which the first of those that return has replaced, if it could
         texts = [" ".join(words) for words in back] + [held.text for held in others]
         after[key] = texts
         route = ours[0].route if ours else entry.made[-1]
@@ -321,7 +322,7 @@ def plan(routes, current, entries, replace, interfaces):
                 "state": "restored" if back else "removed" if ours else "left" if others else "gone",
             }
         )
-    changes = adds + removals
+    changes = adds + _links_first(returns) + removals
     return Plan(changes, _undo(changes, routes, current, after), interim, final, after, results, taken_back)
 
 
@@ -388,7 +389,24 @@ def _undo(changes, routes, current, after):
             goes += [
                 Change("del", key[0], tuple(words_of(route)), may_fail=True) for route in routes if route.key == key
             ]
-    return comes + goes
+    return _links_first(comes) + goes
+
+
+def _links_first(changes):
+    # type: (typing.List[Change]) -> typing.List[Change]
+    """Networks on a link before what is behind them; within a key the order stays."""
+    behind = {}  # type: typing.Dict[typing.Tuple[int, str], bool]
+    for change in changes:
+        place = _place(change)
+        behind[place] = behind.get(place, False) or bool({"via", "nexthop"} & set(change.words))
+    return sorted(changes, key=lambda change: behind[_place(change)])
+
+
+def _place(change):
+    # type: (Change) -> typing.Tuple[int, str]
+    words = [word for word in change.words if word not in NO_WAY]
+    numbers = [words[words.index(name) + 1] if name in words else "" for name in ("metric", "table")]
+    return (change.version, " ".join([words[0]] + numbers))
 
 
 def undo_command(change):

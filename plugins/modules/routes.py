@@ -291,7 +291,8 @@ taken_back:
       sample:
     state:
       description:
-        - V(removed), V(restored) where the route came back that had been replaced, V(gone) where it was no longer there,
+        - V(removed), V(restored) where the route came back that had been replaced, V(lost) where that one could not come back
+          as the interfaces are now, V(gone) where it was no longer there,
           or V(left) where somebody else has made another one in its place since.
       type: str
       returned: always
@@ -373,6 +374,7 @@ BACKENDS = ["auto", "ifupdown", "networkd", "networkmanager", "netplan", "none"]
 FATES = {
     "removed": "'{before}' is removed.",
     "restored": "'{after}' is there again.",
+    "lost": "'{before}' is removed; '{after}', whose place it had, cannot be given back as the interfaces are now.",
     "gone": "The route to {destination} was no longer there.",
     "left": "'{before}' is left: somebody else has made it in the place of ours.",
 }
@@ -443,6 +445,9 @@ def main():
                 module.warn(FATES["left"].format(**item))
         if not module.check_mode:
             guard.apply(run)
+        for item in run.plan.taken_back:
+            if item["state"] == "lost":
+                module.warn(FATES["lost"].format(**item))
     except Problem as problem:
         guard.fail(problem, **result)
     if module._diff:

@@ -731,7 +731,7 @@ def _gateway_finds_nobody(case: Case) -> bool:
 def _nothing_leaves(case: Case) -> bool:
     """The observer reaches its gateway, and nobody behind it."""
     own, answered = case.way.own, case.observer.answered
-    if own is None or (own.name and own.name not in answered):
+    if own is None or own.name not in answered:  # a device of another make was not asked
         return False
     return all(case.layout.members[name]["robot"] == case.observer.plan["robot"] for name in answered)
 
@@ -739,11 +739,27 @@ def _nothing_leaves(case: Case) -> bool:
 def _nothing_enters(case: Case) -> bool:
     """The target's gateway is reached, but nobody behind it, though the target reaches its gateway."""
     its, target, answered = case.way.its, case.run.get(case.target), case.observer.answered
-    if its is None or (its.name and its.name not in answered):
+    if its is None or its.name not in answered:
         return False
-    if target is not None and its.name and its.name not in target.answered:
+    if target is not None and its.name not in target.answered:
         return False
     return not any(name in answered for name in case.layout.inner[case.planned["robot"]])
+
+
+def _device_passes_nothing_out(case: Case) -> bool:
+    """The observer is behind a device of another make, and reaches nobody beyond it."""
+    own, answered = case.way.own, case.observer.answered
+    if own is None or own.name:
+        return False
+    return all(case.layout.members[name]["robot"] == case.observer.plan["robot"] for name in answered)
+
+
+def _device_passes_nothing_in(case: Case) -> bool:
+    """The target is behind a device of another make, and the observer reaches nobody behind it."""
+    its = case.way.its
+    if its is None or its.name:
+        return False
+    return not any(name in case.observer.answered for name in case.layout.inner[case.planned["robot"]])
 
 
 def _no_way_back(case: Case) -> bool:
@@ -1134,6 +1150,16 @@ CHECKS: tuple[Check, ...] = (
                 "{its_gateway} is reached, but passes nothing on between its robot's network and the others: a firewall there "
                 "drops forwarded packets, as Docker sets it up",
                 "let packets between the robots' networks pass on {its_gateway}; see there: nft list ruleset; iptables -S FORWARD",
+            ),
+            Cause(
+                _device_passes_nothing_out,
+                "the gateway {gateway}, a device of another make, is off, has another address, or does not pass packets on",
+                "switch it on; playbooks/router_config.yml writes what to paste into it (docs/router.md)",
+            ),
+            Cause(
+                _device_passes_nothing_in,
+                "the gateway {its_gateway}, a device of another make, is off, has another address, or does not pass packets on",
+                "switch it on; playbooks/router_config.yml writes what to paste into it (docs/router.md)",
             ),
             Cause(
                 _only_from_outside,

@@ -141,7 +141,10 @@ def read_fleet(inventory: Inventory) -> Fleet:
     problems += _networks.problems(
         common=shared.get("multimaster_common_network", ""),
         addresses={host: read["multimaster_address"] for host, read in values.items() if "multimaster_address" in read},
-        robots={name: _networks.Layout.of(hosts, own.get(name, {})) for name, hosts in inventory.robots.items()},
+        robots={
+            name: _networks.Layout.of(hosts, own.get(name, {}), inventory.variables.get(hosts[0], {}) if hosts else {})
+            for name, hosts in inventory.robots.items()
+        },
         router=(router.name, router.address) if router else None,
     )
     if not problems:

@@ -23,12 +23,14 @@ class Layout:
     network: str
     gateway: str
     common_address: str
+    unread: frozenset[str] = frozenset()  # variables with a value that is not of its kind
 
     @classmethod
-    def of(cls, hosts: Sequence[str], own: Mapping[str, Any]) -> Layout:
-        """The layout in the variables of a robot."""
+    def of(cls, hosts: Sequence[str], own: Mapping[str, Any], given: Mapping[str, Any]) -> Layout:
+        """The layout in the variables of a robot, as they were read and as they were given."""
         names = ("multimaster_network", "multimaster_gateway", "multimaster_common_address")
-        return cls(hosts, *(own.get(name, "") for name in names))
+        unread = frozenset(name for name in names if given.get(name) is not None and name not in own)
+        return cls(hosts, *(own.get(name, "") for name in names), unread)
 
 
 def problems(
@@ -72,7 +74,7 @@ def _complete(robot: str, layout: Layout) -> Iterator[str]:
     present = [name for name, value in given.items() if value]
     if layout.hosts and present:
         for name, value in given.items():
-            if not value:
+            if not value and name not in layout.unread:
                 yield (
                     f"{layout.hosts[0]}: {name} of the robot {robot} is not set, but {present[0]} is; expected {examples[name]}: "
                     f"set it in group_vars/{robot}.yml."

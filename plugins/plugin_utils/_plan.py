@@ -122,7 +122,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, Any]:
     if is_gateway:
         interfaces.append({"network": fleet.common_network, "address": computer.common_address})
     existing = robot.routes == "existing"
-    expected = _network_routes(fleet, robot, computer) if existing else []
+    expected = _expected(fleet, robot, computer) if existing else []
     return {
         "computer": computer.name,
         "robot": robot.name,
@@ -207,6 +207,15 @@ def _network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> list[dict
         ]
     networks = [fleet.common_network, *(other.network for other in others)]
     return [{"destination": network, "gateway": robot.gateway.address} for network in networks if robot.gateway]
+
+
+def _expected(fleet: Fleet, robot: Robot, computer: Computer) -> list[dict[str, Any]]:
+    """The routes that something else makes: on the common network they may also lead to its router."""
+    also = [fleet.router.address] if computer.common_address and fleet.router else []
+    return [
+        {"destination": route["destination"], "gateways": [route["gateway"], *also]}
+        for route in _network_routes(fleet, robot, computer)
+    ]
 
 
 def _multicast_routing(fleet: Fleet, gateway: Computer) -> dict[str, Any]:

@@ -114,22 +114,19 @@ def _multicast_on(plan: Mapping[str, Any]) -> str:
 
 def _ways(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
     """With `multimaster_routes: existing`: whether there is a route to each network, so that packets come back."""
-    networks = [ipaddress.ip_network(interface["network"]) for interface in plan["networks"]]
     found = {entry["destination"]: entry for entry in info.get("ways", ())}
     problems = []
     for route in plan["routes_expected"]:
         way = found.get(str(ipaddress.ip_network(route["destination"])[1]), {"error": "not looked at", "gateway": None})
         by = way["gateway"]
-        good = by and any(ipaddress.ip_address(by) in network for network in networks)
-        if good and not (by == route["gateway"] or plan["common_address"]):
-            good = False
-        if not good:
-            seen = way["error"] or (f"one by {by}" if by else "a way without a gateway")
-            problems.append(
-                f"{plan['computer']}: multimaster_routes is 'existing', but towards {route['destination']} there is no route by "
-                f"{route['gateway']} (found: {seen}); expected one, since without a route back nothing is answered: add it, or set "
-                "multimaster_routes to 'default' or 'networks'."
-            )
+        if by in route["gateways"]:
+            continue
+        seen = way["error"] or (f"one by {by}" if by else "a way without a gateway")
+        problems.append(
+            f"{plan['computer']}: multimaster_routes is 'existing', but towards {route['destination']} there is no route by "
+            f"{' or '.join(route['gateways'])} (found: {seen}); expected one, since without a route back nothing is answered: add it, "
+            "name the router in multimaster_router where it leads there, or set multimaster_routes to 'default' or 'networks'."
+        )
     return problems
 
 

@@ -87,8 +87,8 @@ def _network(value: Any) -> str:
         network = ipaddress.ip_network(_text(value))
     except ValueError:
         raise Unexpected("an IPv4 network such as 192.168.1.0/24, without host bits") from None
-    if network.version != 4:
-        raise Unexpected("an IPv4 network such as 192.168.1.0/24")
+    if network.version != 4 or network.prefixlen > 30:
+        raise Unexpected("an IPv4 network of several addresses, such as 192.168.1.0/24")
     return str(network)
 
 

@@ -593,6 +593,22 @@ def test_each_cause_between_networks_is_told(change, check, verdict, when, obser
     assert all(finding.remedy and "{" not in finding.cause + finding.remedy for finding in found)
 
 
+def test_a_silent_device_is_never_said_to_be_reached():
+    """The gateway of tibi is a device of another make, which nobody asked: it may be off."""
+    fleet = fig12()
+    fleet["computers"]["tibi-visio"].update(is_gateway=False, common_address="", is_master=True)
+    next(member for member in fleet["members"] if member["name"] == "tibi-visio").update(multicast=False)
+
+    def change(seen):
+        silent(seen, [*INNER_TIBI, "tibi-visio"], outside("tibi"))
+        silent(seen, [*outside("tibi"), "router"], [*INNER_TIBI, "tibi-visio"])
+
+    found = [finding for finding in evaluate(change, fleet) if finding.check == "ping_address" and finding.cause]
+    device = "the gateway 192.168.11.101, a device of another make, is off"
+    assert found and all(finding.cause.startswith(device) for finding in found), {finding.cause for finding in found}
+    assert {finding.observer for finding in found} >= {"tibi-nav", "car-nav"}
+
+
 def test_everything_is_good_between_three_robot_networks():
     findings = evaluate(fleet=fig12())
     assert not notable(findings)
@@ -725,6 +741,7 @@ UNTOLD = {
     or cause.when in (_checks._target_down, _checks._left_out)
     or (check.id, cause.when) in {(row[1], row[3]) for row in BETWEEN_NETWORKS}
     or cause.when in (_checks._other_hop, _checks._no_way_back)
+    or cause.when in (_checks._device_passes_nothing_out, _checks._device_passes_nothing_in)
     or (check.id in ("ping_address", "udp_multicast", "icmp_rounds", "list_masters") and cause.when is _checks._always)
 }
 

@@ -392,7 +392,7 @@ def test_unconfirmed_in_time(play, tmp_path):
     late = play(confirmation="t")
     assert late.msg == (
         "The test values were not confirmed over a new connection within 0 s, so the machine has taken them back and is as "
-        "it was before: correct what is planned for this host."
+        "it was before: correct what is planned for this host, or reach it by a way that does not depend on it."
     )
     assert (late.failed, late.rolled_back, play.state(), play.clean()) == (True, True, ("old", "old"), True)
 

@@ -122,7 +122,9 @@ def test_routes_of_networks_alone_leave_the_default_route():
 def test_existing_routes_are_expected_and_looked_at():
     nav = computers(robot("tibi", multimaster_routes="existing"))["tibi-nav"]
     assert nav["routes"] == []
-    assert {"destination": "192.168.12.0/24", "gateway": "192.168.11.101"} in nav["routes_expected"]
+    assert {"destination": "192.168.12.0/24", "gateways": ["192.168.11.101"]} in nav["routes_expected"]
+    visio = computers(robot("tibi", multimaster_routes="existing"))["tibi-visio"]
+    assert {"destination": "192.168.12.0/24", "gateways": ["192.168.1.203", "192.168.1.1"]} in visio["routes_expected"]
     assert nav["look_at"]["destinations"] == ["192.168.1.1", "192.168.10.1", "192.168.12.1"]
 
 
@@ -282,6 +284,14 @@ WRONG = {
     "no network": (
         [robot("tibi", multimaster_network=None)],
         "multimaster_network of the robot tibi is not set, but multimaster_gateway is",
+    ),
+    "a network with host bits": (
+        [robot("tibi", multimaster_network="192.168.11.1/24")],
+        "multimaster_network is '192.168.11.1/24'; expected an IPv4 network",
+    ),
+    "a network of one address": (
+        [robot("tibi", multimaster_network="192.168.11.101/32")],
+        "multimaster_network is '192.168.11.101/32'; expected an IPv4 network of several addresses",
     ),
     "a gateway of another robot": (
         [robot("tibi", multimaster_gateway="dabo-visio")],

@@ -252,7 +252,7 @@ def test_a_missing_route_back_is_named(way, problem):
         "address": "192.168.11.100",
         "common_address": "",
         "networks": [{"network": "192.168.11.0/24", "address": "192.168.11.100"}],
-        "routes_expected": [{"destination": "192.168.10.0/24", "gateway": "192.168.11.101"}],
+        "routes_expected": [{"destination": "192.168.10.0/24", "gateways": ["192.168.11.101"]}],
         "is_master": False,
         "discovery": {},
     }

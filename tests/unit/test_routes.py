@@ -248,7 +248,10 @@ def test_a_foreign_route_in_its_place_is_a_conflict_or_comes_back_later():
     assert plan.results[0]["state"] == "changed"
     after = holding("unicast default via 192.168.11.101 dev eth0 proto static scope global")
     back = planned([], after, plan.final)
-    assert commands(back.changes) == ["replace default via 192.168.11.1 dev eth0 proto boot mtu 1400"]
+    assert commands(back.changes) == [
+        "replace default via 192.168.11.1 dev eth0 proto boot mtu 1400",
+        "del default via 192.168.11.101 dev eth0 proto static",  # there still, where the other could not be given back
+    ]
     assert back.taken_back[0]["state"] == "restored"
     assert back.final == {}
 

@@ -467,3 +467,65 @@ run.apply()
     assert HOOK in computer.files()
     computer.run()
     assert (computer.routes(), computer.files()) == ([], files)
+
+
+def test_the_way_back_makes_a_network_on_the_link_before_what_is_behind_it(computer):
+    """A default route sorts first, and its gateway is in a network that is ours too."""
+    listed = (
+        {"destination": "172.16.0.0/24", "device": "eth0"},
+        {"destination": "default", "gateway": "172.16.0.1", "device": "eth0"},
+    )
+    assert computer.run(*listed)["changed"]
+    before = computer.routes()
+    program = """
+import json, subprocess, sys
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import Run
+run = Run(json.load(sys.stdin))
+run.apply_runtime()
+for argv in run.undo_commands():
+    subprocess.run(argv, check=True)
+"""
+    done = computer.python("-c", program, input=json.dumps(computer.full(())))
+    assert done.stderr == ""
+    assert computer.routes() == before
+
+
+def test_a_route_that_cannot_be_given_back_keeps_nothing_from_being_removed(computer):
+    """The robot's network has another address since."""
+    files = computer.files()
+    computer.ip("route add default via 192.168.11.1")
+    assert computer.run(FOUR, on_conflict="replace")["changed"]
+    computer.ip("address add 192.168.21.100/24 dev eth0")
+    renumbered = {"destination": "default", "gateway": "192.168.21.101"}
+    assert computer.run(renumbered, on_conflict="replace")["changed"]
+    computer.ip("address delete 192.168.11.100/24 dev eth0")
+    back = computer.run()
+    assert back["changed"], back
+    assert back["taken_back"][0]["state"] == "lost"
+    assert "cannot be given back" in back["msg"]
+    assert (computer.routes(), computer.files()) == ([], files)
+
+
+def test_of_the_routes_in_its_place_the_last_one_comes_back(computer):
+    for last in (1, 2, 3):
+        computer.ip(f"route replace default via 192.168.11.{last}")
+        assert computer.run(FOUR, on_conflict="replace")["changed"]
+    computer.run()
+    assert computer.routes() == ["default via 192.168.11.3 dev eth0"]
+
+
+def test_a_hook_that_has_lost_its_permissions_gets_them_back(computer):
+    computer.run(FOUR)
+    hook = computer.root / HOOK
+    hook.chmod(0o644)
+    assert computer.run(FOUR)["routes"][0]["state"] == "changed"
+    assert os.access(hook, os.X_OK)
+    assert not computer.run(FOUR)["changed"]
+
+
+@pytest.mark.parametrize("record", [{"routes": [{}]}, {"routes": None}, {"boot": []}, {"boot": {"places": {"x": {}}}}])
+def test_a_record_of_another_shape_is_one_sentence(computer, record):
+    (computer.root / "var").mkdir()
+    (computer.root / "var/routes.json").write_text(json.dumps(record))
+    failed = computer.run(FOUR)
+    assert failed["failed"] and "does not hold what this version of the module writes" in failed["msg"]
