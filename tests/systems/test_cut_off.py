@@ -290,3 +290,16 @@ def test_the_module_is_killed(fleet, half):
     output = fleet.module(INNER, "routes", routes=[DEFAULT], confirm_within=ENOUGH)
     assert "which nobody confirmed within 1 s, were taken back." in output and '"changed": false' in output, output
     assert fleet.state(INNER) == before
+
+
+def test_a_teardown_goes_no_further_where_the_controller_needs_the_routes(fleet):
+    """The gateway and the router go on forwarding, or nobody would reach the inner computers again."""
+    quick = {"routes_confirm_within": WITHIN, "sysctl_confirm_within": WITHIN}
+    hosts = dict.fromkeys((INNER, OTHER, GATEWAY, ROUTER), quick)
+    output = fleet._ansible(f"playbook {HERE}/playbooks/teardown.yml", hosts)
+    assert SENTENCE % ("routes", WITHIN) in output
+    assert "The machines are as they were before" not in output
+    for host in (GATEWAY, ROUTER):
+        assert fleet.run(host, "cat /proc/sys/net/ipv4/ip_forward") == "1\n"
+    output = fleet.play()
+    assert not any(recap(output, host)["failed"] + recap(output, host)["unreachable"] for host in hosts), output
