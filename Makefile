@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup lab demo lab-down lint sanity unit molecule systems bench-site test test-long format readme
+.PHONY: help setup lab demo lab-down lint sanity unit molecule systems bench-site test test-long test-interop checkout format readme
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -43,7 +43,15 @@ molecule: lab ## the roles in containers: check, converge, idempotence, verify, 
 systems: lab ## injected faults and the commands of the README, on real systems
 	@$(PYTHON) tools/test.py systems
 
-test-long: bench-site ## what takes too long for 'make test'
+test-long: bench-site ## what takes too long for 'make test': losses of minutes, and the bench
+	@$(PYTHON) tools/test.py long
+
+test-interop: checkout lab ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout)
+	@FKIE="$(abspath $(FKIE))" $(PYTHON) tools/test.py interop
+
+checkout:
+	@test -e "$(FKIE)/fkie_master_discovery/nodes/master_discovery" -a -e "$(FKIE)/fkie_master_sync/nodes/master_sync" \
+		|| { echo "make test-interop needs FKIE=<folder of a checkout of multimaster_fkie 1.3.2>, but FKIE is '$(FKIE)'." >&2; exit 1; }
 
 bench-site: lab ## the second run of site.yml beside a playbook of the usual tasks, on 13 systems (ten minutes)
 	@$(PYTHON) tests/bench/site/site.py

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Runs the tests: all, or the groups that are named; ends with the line "N passed, N failed".
+"""Runs the tests: all that 'make test' has, or the groups that are named; ends with the line "N passed, N failed".
 
 Every part runs, whatever became of the ones before. What is counted: test cases of pytest, sanity tests of ansible-test
 (one per interpreter), Molecule scenarios, tools of the lint group, demonstrations.
@@ -120,10 +120,25 @@ SUITES = [
     Suite("sanity", "ansible-test", [sys.executable, "tools/sanity.py"], sanity_tests, shown=True),
     cases("unit"),
     *scenarios(),
-    cases("systems", "systems", "systems-cut-off", "systems-fourth", "systems-placement"),
+    cases(
+        "systems",
+        "systems",
+        "systems-cut-off",
+        "systems-fourth",
+        "systems-placement",
+        "systems-links",
+        "systems-data-flow",
+        "systems-clock",
+        "systems-exchanges",
+    ),
     demonstration("single_computer"),
     demonstration("multi_computer"),
+    cases("long", "long-links", "long-fuzz"),
+    cases("interop", "interop"),
 ]
+
+#: groups that run only when they are named: what takes hours, or needs what the project does not have
+ON_REQUEST = {"interop", "long"}
 
 
 def environment() -> dict[str, str]:
@@ -181,7 +196,9 @@ def run(suite: Suite) -> Count:
 
 def main() -> int:
     """Return 1 when a test failed or none ran."""
-    groups = sys.argv[1:] or list(dict.fromkeys(suite.group for suite in SUITES))
+    groups = sys.argv[1:] or [
+        group for group in dict.fromkeys(suite.group for suite in SUITES) if group not in ON_REQUEST
+    ]
     shutil.rmtree(REPORTS, ignore_errors=True)
     REPORTS.mkdir(parents=True)
     started = time.monotonic()

@@ -23,6 +23,9 @@ _REFUSALS = {
     (11, 0): "time to live exceeded: the routers pass it round in a circle",
 }
 
+# A connection of a node, as its getBusInfo tells it: "in" from a publisher (peer is its URI), "out" to a subscriber (peer
+# is its name); host is the other end.
+Link = typing.NamedTuple("Link", [("direction", str), ("topic", str), ("peer", str), ("host", str)])
 Echo = typing.NamedTuple("Echo", [("source", str), ("sequence", int), ("error", str)])
 
 
@@ -96,6 +99,29 @@ def masters(output: str) -> typing.List[typing.Dict[str, typing.Any]]:
 def unquoted(value: str) -> str:
     """A text as genpy prints it: in quotes where ROS is new enough."""
     return value[1:-1] if len(value) > 1 and value[0] == value[-1] and value[0] in "\"'" else value
+
+
+def links(entries: typing.Any) -> typing.List[Link]:
+    """The connections in an answer to getBusInfo (ROS Slave API); the last element, a text, is missing before kinetic."""
+    found = []
+    for entry in entries if isinstance(entries, list) else []:
+        if not isinstance(entry, list) or len(entry) < 5 or not all(isinstance(text, str) for text in entry[1:5]):
+            continue
+        peer, inward = entry[1], entry[2] == "i"
+        text = entry[6] if len(entry) > 6 else ""
+        end = re.search(r" to \[(.+):\d+ on socket", text if isinstance(text, str) else "")
+        found.append(
+            Link(
+                "in" if inward else "out", entry[4], peer, end.group(1).lower() if end else host(peer if inward else "")
+            )
+        )
+    return found
+
+
+def host(uri: str) -> str:
+    """The host text of a URI, in small letters; empty where there is none."""
+    match = re.match(r"\w+://([^/:]+)", uri)
+    return match.group(1).lower() if match else ""
 
 
 def echo(received: bytes, identifier: int) -> typing.Optional[Echo]:

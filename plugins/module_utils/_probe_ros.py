@@ -25,6 +25,8 @@ CALLER = "/multimaster_verify"
 SHORTEST = 10  # seconds that a command of ROS may take at least: rospy alone needs several to start on a small computer
 LAST = 3  # seconds before the end at which the listener says what it has heard until then
 LIST_MASTERS = "/master_discovery/list_masters"
+FAREWELL = 10  # seconds that its node has to unregister: on a busy computer Python takes its time
+NO_SCRIPT = "rostopic is no script, so the Python of ROS is not known"
 _PROPERTIES = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "MainPID")
 
 
@@ -70,16 +72,21 @@ class Ros:
             return str(problem)
         return ""
 
+    def python(self) -> typing.List[str]:
+        """The words that run the Python of this computer's ROS; empty where rostopic is no script. Raises NoRos."""
+        with open(self.command("rostopic"), "rb") as stream:
+            return _probe.interpreter(stream.readline())
+
     def run(self, name: str, arguments: typing.List[str], seconds: float) -> typing.Tuple[str, str]:
         """Output and error of a command; when its time is over it is interrupted, so that its node unregisters."""
         return self.program(name, [self.command(name)] + arguments, max(seconds, SHORTEST))
 
     def program(self, name: str, words: typing.List[str], limit: float) -> typing.Tuple[str, str]:
         """The same for any program of that many seconds at most; `name` is what its errors call it."""
-        argv = ["timeout", "--signal=INT", "--kill-after=3", f"{limit:.1f}"] + words
+        argv = ["timeout", "--signal=INT", f"--kill-after={FAREWELL}", f"{limit:.1f}"] + words
         variables = dict(self.variables, PATH=self.variables.get("PATH", BASE_PATH), LC_ALL="C.UTF-8")
         variables.update(HOME=self.folder, ROS_HOME=self.folder, PYTHONUNBUFFERED="1", PYTHONDONTWRITEBYTECODE="1")
-        answer = run(argv, variables, limit + 5, unprivileged=True)
+        answer = run(argv, variables, limit + 2 * FAREWELL, unprivileged=True)
         output = answer.output.decode("utf-8", "replace")
         if answer.status == 0:
             return output, ""
@@ -191,10 +198,9 @@ def listen(
 
     One node for all topics: rospy takes half a second of a processor to start, and there is one for each computer.
     """
-    with open(ros.command("rostopic"), "rb") as stream:
-        words = _probe.interpreter(stream.readline())
+    words = ros.python()
     if not words:
-        return {}, "rostopic is no script, so the Python of ROS is not known"
+        return {}, NO_SCRIPT
     path = os.path.join(ros.folder, "listener.py")
     with open(path, "w") as stream:
         stream.write(inspect.getsource(_probe_listener))
@@ -269,7 +275,7 @@ def start_talker(ros: Ros, label: str, computer: str, lifetime: int) -> str:
         "EnvironmentFile": ros.file,
         "RuntimeMaxSec": str(lifetime),
         "KillSignal": "SIGINT",  # so that its node unregisters
-        "TimeoutStopSec": "5",
+        "TimeoutStopSec": str(FAREWELL),
     }
     argv = ["systemd-run", "--quiet", "--collect", "--unit=" + _probe.TALKER]
     argv += ["--description=Talker of the verification of rosfleet.multimaster"]

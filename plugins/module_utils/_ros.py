@@ -16,9 +16,11 @@ import shlex
 import shutil
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _fkie
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import BASE_PATH, CLEAN, run
 
 PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
+PYTHON2 = "/usr/bin/python2.7"  # what the ROS distributions before Noetic are built for
 MODULES = ("rospy", "genpy", "rosgraph", "std_msgs", "std_srvs")
 COMMANDS = ("roscore", "rostopic", "rosservice")
 HOOKS = "etc/catkin/profile.d"  # in a prefix: what its set-up file sources at its end
@@ -64,17 +66,20 @@ class NotFound(Exception):
     """One sentence: what was looked for, where, and what to do."""
 
 
-def find(choice="auto", root="/opt/ros", debian=_DEBIAN):
-    # type: (str, str, str) -> Record
+def find(choice="auto", nodes=(), root="/opt/ros", debian=_DEBIAN):
+    # type: (str, typing.Sequence[Record], str, str) -> Record
     """`found`, `chosen` and `problem`: the installations of ROS, the one to use, and one sentence where that fails.
 
-    `choice` is "auto", "debian", or the path of a set-up file or of the folder that holds it.
+    `choice` is "auto", "debian", or the path of a set-up file or of the folder that holds it; `nodes` are executables
+    that are looked for in the chosen one.
     """
     try:
         found = [examine(kind, setup) for kind, setup in candidates(choice, root, debian)]
     except NotFound as problem:
         return {"found": [], "chosen": None, "problem": str(problem)}
     chosen, problem = choose(found, root)
+    if chosen:
+        chosen["nodes"] = _fkie.nodes(list(nodes), chosen["python"], full(chosen["environment"]))
     return {"found": found, "chosen": chosen, "problem": problem}
 
 
@@ -151,6 +156,7 @@ def examine(kind, setup):
         "missing": list(MODULES),
         "commands": {name: shutil.which(name, path=full(environment)["PATH"]) or "" for name in COMMANDS},
         "hooks": hooks(environment),
+        "nodes": [],
         "problem": problem,
     }
     if not problem and version == "1":
@@ -211,22 +217,28 @@ def _import(setup, environment):
     # type: (str, typing.Dict[str, str]) -> Record
     where = setup or "Debian's packages"
     old = environment.get("ROS_PYTHON_VERSION") == "2" or "/python2." in environment.get("PYTHONPATH", "")
-    if old:
+    python = PYTHON2 if old else PYTHON
+    if not os.path.exists(python):
         return {
-            "problem": "The rospy of %s is made for Python 2, but the bundled nodes need Python 3.8 or later; "
-            "use a ROS for Python 3 (Noetic, or Debian's packages)." % where
+            "problem": "The rospy of %s is made for Python 2, but there is no %s; install it (python2.7)."
+            % (where, python)
         }
-    answer = run([PYTHON, "-c", _ASK] + list(MODULES), full(environment), _IMPORTING, unprivileged=True)
+    answer = run([python, "-c", _ASK] + list(MODULES), full(environment), _IMPORTING, unprivileged=True)
     try:
         told = json.loads(answer.output.decode("utf-8").splitlines()[-1])
     except (ValueError, IndexError):
         return {"problem": "The modules of %s cannot be imported: %s." % (where, answer.error or "no answer")}
-    result = {"python_version": told["version"], "missing": told["missing"], "rospy": "rospy" not in told["missing"]}
+    result = {
+        "python": python,
+        "python_version": told["version"],
+        "missing": told["missing"],
+        "rospy": "rospy" not in told["missing"],
+    }
     if told["missing"]:
         folders = [item for item in environment.get("PYTHONPATH", "").split(":") if os.path.isabs(item)]
         packages = ", ".join("python3-" + name.replace("_", "-") for name in told["missing"])
         result["problem"] = closed(folders) or "%s cannot import %s out of %s; %s." % (
-            PYTHON,
+            python,
             ", ".join(told["missing"]),
             where,
             "install what is missing" if setup else "install " + packages,

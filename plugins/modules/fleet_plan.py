@@ -97,6 +97,42 @@ masters:
       description: The TCP port of O(ignore:monitor_uri).
       type: int
       sample: 11611
+    declared:
+      description:
+        - Whether the robot declares what it gives to the others (C(multimaster_exports)). One that does not gives everything to
+          everybody.
+      type: bool
+      sample: false
+flows:
+  description:
+    - What the robots that declare it give to which others, empty where none declares. What several entries say of two robots
+      adds up, and what no entry says does not flow.
+    - In a name C(*) stands for any text. The case of letters does not count.
+    - The topics of the verification, C(/multimaster_verify/*), flow wherever anything does, and are not listed.
+  returned: success
+  type: list
+  elements: dict
+  contains:
+    from:
+      description: The robots that give, each of them to each of RV(flows[].to).
+      type: list
+      elements: str
+      sample: [tibi]
+    to:
+      description: The robots that are given it.
+      type: list
+      elements: str
+      sample: [dabo, car]
+    topics:
+      description: The topics whose publishers are exchanged, those of actions among them.
+      type: list
+      elements: str
+      sample: [/tibi/pose, /tibi/dock/status, /tibi/dock/feedback, /tibi/dock/result]
+    services:
+      description: The services that are exchanged.
+      type: list
+      elements: str
+      sample: [/tibi/reset]
 common_network:
   description: The network that all robots share.
   returned: success

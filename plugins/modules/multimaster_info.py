@@ -51,11 +51,38 @@ options:
         of its name.
     type: list
     elements: str
-    choices: [system, owned, interfaces, ways, multicast_routing, ros, ports, exports, sshd, environment]
-    default: [system, owned, interfaces, ways, multicast_routing, ros, ports, exports, sshd, environment]
+    choices: [system, owned, interfaces, ways, multicast_routing, ros, packages, ports, exports, sshd, environment]
+    default: [system, owned, interfaces, ways, multicast_routing, ros, packages, ports, exports, sshd, environment]
   destinations:
     description:
       - IPv4 addresses to which the ways are looked up, for example V(192.168.10.1); see RV(ways).
+    type: list
+    elements: str
+    default: []
+  nodes:
+    description:
+      - Executables of ROS packages that are looked for in the chosen installation of ROS, as C(rosrun) does it; see
+        RV(ros.found[].nodes).
+    type: list
+    elements: dict
+    default: []
+    suboptions:
+      package:
+        description: The ROS package, for example V(fkie_master_discovery).
+        type: str
+        required: true
+      executable:
+        description: The executable, for example V(master_discovery).
+        type: str
+        required: true
+      modules:
+        description: The Python modules that it needs, for example V([fkie_multimaster_msgs.srv]).
+        type: list
+        elements: str
+        default: []
+  packages:
+    description:
+      - Debian packages whose versions are looked up, for example V([ros-noetic-fkie-master-sync]); see RV(packages).
     type: list
     elements: str
     default: []
@@ -309,11 +336,63 @@ ros:
           returned: always
           type: str
           sample: /opt/ros/noetic/etc/catkin/profile.d
+        nodes:
+          description: The executables of O(nodes), looked for in the chosen installation only.
+          returned: always
+          type: list
+          elements: dict
+          contains:
+            package:
+              description: The ROS package.
+              returned: always
+              type: str
+              sample: fkie_master_discovery
+            executable:
+              description: The executable.
+              returned: always
+              type: str
+              sample: master_discovery
+            path:
+              description: Where it is, empty where it was not found.
+              returned: always
+              type: str
+              sample: /opt/ros/noetic/lib/fkie_master_discovery/master_discovery
+            problem:
+              description: Why an unprivileged user could not run it, or empty.
+              returned: always
+              type: str
+              sample: ""
         problem:
           description: One sentence about what is wrong with this installation, or empty.
           returned: always
           type: str
           sample: ""
+packages:
+  description: The Debian packages of O(packages), and those that the collection installed.
+  returned: with the part V(packages)
+  type: list
+  elements: dict
+  contains:
+    name:
+      description: The name of the package.
+      returned: always
+      type: str
+      sample: ros-noetic-fkie-master-sync
+    installed:
+      description: The version that is installed, or empty.
+      returned: always
+      type: str
+      sample: 1.3.2-2focal
+    candidate:
+      description: The version that apt would install, empty where its sources have none.
+      returned: always
+      type: str
+      sample: 1.3.2-2focal
+    ours:
+      description: Whether the collection installed it.
+      returned: always
+      type: bool
+      sample: true
 ports:
   description: The listening TCP and bound UDP sockets on O(ports).
   returned: with the part V(ports)
@@ -474,7 +553,7 @@ problems:
 """
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _owned, _ports, _ros, _shells
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _fkie, _machine, _owned, _ports, _ros, _shells
 
 # part: the function that looks, its options, the most seconds that it may take, and the value where it cannot look
 PARTS = (
@@ -489,7 +568,14 @@ PARTS = (
     ("interfaces", _machine.interfaces, (), 15, []),
     ("ways", _machine.ways, ("destinations",), 15, []),
     ("multicast_routing", _machine.multicast_routing, (), 10, {"smcrouted": "", "others": []}),
-    ("ros", _ros.find, ("ros_setup",), 120, {"found": [], "chosen": None, "problem": "ROS could not be looked for."}),
+    (
+        "ros",
+        _ros.find,
+        ("ros_setup", "nodes"),
+        180,
+        {"found": [], "chosen": None, "problem": "ROS could not be looked for."},
+    ),
+    ("packages", _fkie.packages, ("packages",), 30, []),
     ("ports", _ports.holders, ("ports",), 15, []),
     ("exports", _shells.exports, (), 5, []),
     (
@@ -530,6 +616,17 @@ def main():
         argument_spec={
             "ros_setup": {"type": "str", "default": "auto"},
             "destinations": {"type": "list", "elements": "str", "default": []},
+            "nodes": {
+                "type": "list",
+                "elements": "dict",
+                "default": [],
+                "options": {
+                    "package": {"type": "str", "required": True},
+                    "executable": {"type": "str", "required": True},
+                    "modules": {"type": "list", "elements": "str", "default": []},
+                },
+            },
+            "packages": {"type": "list", "elements": "str", "default": []},
             "ports": {
                 "type": "list",
                 "elements": "dict",

@@ -10,6 +10,7 @@ description:
   - Does from this computer to all others what sections 3.2 and 3.3 of the report IRI-TR-15-1 try by hand. It resolves
     the names, pings by name and by address, connects to the discovery nodes, compares the clocks, calls
     C(rosservice call /master_discovery/list_masters), and hears what every other computer publishes (section 4.3).
+    On the computer of a roscore it also reads what that holds, of which robot it is, and which nodes are connected.
   - It takes three tasks, so that any number of C(--forks) works. With O(state=started), every computer that has ROS
     starts a talker, an ordinary C(rostopic pub) in a unit that ends by itself after O(lifetime). With
     O(state=collected), every computer looks, all others at once, and returns what it found; one node on each computer
@@ -48,8 +49,8 @@ options:
     type: str
   is_master:
     description:
-      - Whether the roscore of its robot runs on this computer, for example V(true). Other computers may be without ROS;
-        then they have no talker, and that is no error.
+      - Whether the roscore of its robot runs on this computer, for example V(true). Only then RV(exchange) is read. Other
+        computers may be without ROS; then they have no talker, and that is no error.
     type: bool
     default: false
   is_router:
@@ -132,6 +133,10 @@ options:
         description: Its master URI, for example V(http://kobuki2computer:11311/).
         type: str
         default: ""
+      declared:
+        description: Whether its robot declares what it gives, for example V(false).
+        type: bool
+        default: false
   present:
     description:
       - The names of the computers that take part in this run, for example V([kobuki1computer, kobuki2computer]). Only
@@ -578,6 +583,161 @@ topics:
       returned: always
       type: str
       sample: ""
+exchange:
+  description:
+    - What the roscore of this computer holds, by the robot that it is of, read at the end of the looking.
+    - Where O(is_master=false) it is empty, and RV(exchange.error) says so.
+  returned: when O(state=collected)
+  type: dict
+  sample:
+    error: ""
+    types_error: ""
+    topics:
+      - {name: /odom, type: nav_msgs/Odometry, md5sum: cd5e73d190d741a2f92e81eda573aca7, publishers: [/base], subscribers: []}
+    services: [{name: /base/reset, node: /base}]
+    imports:
+      - master: http://kobuki2computer:11311/
+        topics: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}]
+        services: []
+    silent: []
+    connections:
+      - {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}
+  contains:
+    error:
+      description: Why it could not be read, or empty.
+      returned: always
+      type: str
+      sample: ""
+    types_error:
+      description: Why the md5 sums are not known, or empty.
+      returned: always
+      type: str
+      sample: ""
+    topics:
+      description: The topics that the robot's own nodes have registered.
+      returned: always
+      type: list
+      elements: dict
+      sample:
+        - {name: /odom, type: nav_msgs/Odometry, md5sum: cd5e73d190d741a2f92e81eda573aca7, publishers: [/base], subscribers: []}
+      contains:
+        name:
+          description: The name of the topic.
+          returned: always
+          type: str
+          sample: /odom
+        type:
+          description: Its type as the roscore knows it, or empty.
+          returned: always
+          type: str
+          sample: nav_msgs/Odometry
+        md5sum:
+          description: The md5 sum that the class of this type has on this computer, or empty where there is none.
+          returned: always
+          type: str
+          sample: cd5e73d190d741a2f92e81eda573aca7
+        publishers:
+          description: The nodes that publish it.
+          returned: always
+          type: list
+          elements: str
+          sample: [/base]
+        subscribers:
+          description: The nodes that subscribe to it.
+          returned: always
+          type: list
+          elements: str
+          sample: []
+    services:
+      description: The services of the robot's own nodes.
+      returned: always
+      type: list
+      elements: dict
+      sample: [{name: /base/reset, node: /base}]
+      contains:
+        name:
+          description: The name of the service.
+          returned: always
+          type: str
+          sample: /base/reset
+        node:
+          description: The node that provides it.
+          returned: always
+          type: str
+          sample: /base
+    imports:
+      description:
+        - What is registered for other masters, by the parameter C(/rosfleet_multimaster/imports), or by the service
+          C(get_sync_info) of another implementation of master_sync.
+      returned: always
+      type: list
+      elements: dict
+      sample:
+        - master: http://kobuki2computer:11311/
+          topics: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}]
+          services: []
+      contains:
+        master:
+          description: The URI of the other master.
+          returned: always
+          type: str
+          sample: http://kobuki2computer:11311/
+        topics:
+          description: As RV(exchange.topics), without the md5 sums.
+          returned: always
+          type: list
+          elements: dict
+          sample: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}]
+        services:
+          description: As RV(exchange.services).
+          returned: always
+          type: list
+          elements: dict
+          sample: []
+    silent:
+      description: The robot's own nodes that are registered and do not answer at their URI.
+      returned: always
+      type: list
+      elements: str
+      sample: []
+    connections:
+      description: The connections of the robot's own nodes with nodes of other robots, by C(getBusInfo).
+      returned: always
+      type: list
+      elements: dict
+      sample:
+        - {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}
+      contains:
+        node:
+          description: The own node.
+          returned: always
+          type: str
+          sample: /base
+        topic:
+          description: The topic.
+          returned: always
+          type: str
+          sample: /goal
+        direction:
+          description: V(in), if the own node is the subscriber, or V(out).
+          returned: always
+          type: str
+          sample: in
+        peer:
+          description: The other node, or its URI where this roscore does not know it.
+          returned: always
+          type: str
+          sample: /planner
+        host:
+          description: The other end as the own node names it.
+          returned: always
+          type: str
+          sample: kobuki2computer
+        robot:
+          description: The robot of that host.
+          returned: always
+          type: str
+          sample: kobuki2
 services:
   description: The services of O(services).
   returned: when O(state=collected)
@@ -673,7 +833,7 @@ import re
 import time
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe_network, _probe_ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe_exchange, _probe_network, _probe_ros
 
 # More than any part takes by its own limits; one that is later is named and left behind.
 LONGEST = 900.0
@@ -686,6 +846,7 @@ def look(params, quiet):
         result = dict(EMPTY, problems=[])
         parts = [part for part in PARTS if not (quiet and part in COMMANDS)]
         parts = [part for part in parts if part in OF_A_ROUTER or not params["is_router"]]
+        parts = [part for part in parts if part not in SETTLED or params["is_master"]]
 
         def part(name):
             try:
@@ -694,11 +855,13 @@ def look(params, quiet):
                 return name, EMPTY[name], f"{name} could not be looked at: {problem}."
 
         late = f"%s gave no result within {LONGEST:g} s."
-        for name, value, problem in _probe_network.concurrently(
-            part, parts, LONGEST, lambda name: (name, EMPTY[name], late % name)
-        ):
-            result[name] = value
-            result["problems"] += [problem] if problem else []
+        for settled in (False, True):
+            now = [name for name in parts if (name in SETTLED) == settled]
+            for name, value, problem in _probe_network.concurrently(
+                part, now, LONGEST, lambda name: (name, EMPTY[name], late % name)
+            ):
+                result[name] = value
+                result["problems"] += [problem] if problem else []
     result["seconds"] = round(time.monotonic() - began, 1)
     return result
 
@@ -744,11 +907,15 @@ PARTS = {
     "topics": lambda params, ros, deadline: _probe_ros.topics(
         ros, others(params), params["run"], params["name"], deadline
     ),
+    "exchange": lambda params, ros, deadline: _probe_exchange.exchange(ros, params["members"], params["name"]),
     "ros_missing": lambda params, ros, deadline: ros.missing(),
     "services": lambda params, ros, deadline: _probe_ros.services(params["services"], ros.variables),
 }
-COMMANDS = ("list_masters", "topics")
+COMMANDS = ("list_masters", "topics", "exchange")
 OF_A_ROUTER = ("members", "default_routes", "forwarding")
+# Looked at when the others are through, since by then what was awaited is there; a robot's other computers would only
+# ask the same roscore.
+SETTLED = ("exchange",)
 EMPTY = {
     "members": [],
     "default_routes": [],
@@ -757,6 +924,7 @@ EMPTY = {
     "roscore": {"uri": "", "answer": "", "error": "not looked at"},
     "list_masters": {"masters": [], "seconds": 0.0, "error": "not looked at"},
     "topics": [],
+    "exchange": dict(_probe_exchange.NOTHING, error="not looked at"),
     "ros_missing": "not looked at",
     "services": [],
 }
@@ -870,6 +1038,7 @@ def main():
                     "monitor_uri": text,
                     "robot": {"type": "str", "default": ""},
                     "uri": {"type": "str", "default": ""},
+                    "declared": {"type": "bool", "default": False},
                 },
             },
             "present": {"type": "list", "elements": "str"},

@@ -11,12 +11,12 @@ Every observation is looked at once, so the cost grows with the number of observ
 from __future__ import annotations
 
 import ipaddress
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exchange import Conflict, Exchanges, Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._ways import Gateway, Layout, Way
 
 OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
@@ -25,6 +25,7 @@ VERDICTS = (OK, WARNING, FAILED, UNKNOWN)
 # Seconds that two clocks may differ: tf extrapolates and messages are dropped from some tenths on.
 CLOCK_WARNING, CLOCK_FAILED = 0.1, 0.5
 LOSS = 0.05  # the share of datagrams that may be lost
+NAMED = 4  # registrations, names or connections that a finding names
 TALKER_TYPE, TALKER_NODE = "std_msgs/String", "/multimaster_verify_talker_"
 
 COMPUTER, ITSELF_TOO, MEMBER, MASTER, MASTER_TOO = "computer", "itself too", "member", "master", "master too"
@@ -140,6 +141,18 @@ class Case:
     address: str
     master: Mapping[str, Any] | None
     run: Mapping[str, Computer]  # the computers of this run
+    exchanges: Exchanges
+
+    @property
+    def robots(self) -> tuple[str, str]:
+        """The robot of the observer, and that of the target."""
+        return self.observer.plan["robot"], self.master["robot"] if self.master else self.planned.get("robot", "")
+
+    @property
+    def exchange(self) -> Mapping[str, Any] | None:
+        """What the roscore holds of which the observer is the computer; None where it is none, or does not answer."""
+        seen = (self.probe or {}).get("exchange") if self.observer.plan["is_master"] else None
+        return None if seen is None or self.probe["roscore"]["error"] else seen
 
     @property
     def probe(self) -> Mapping[str, Any] | None:
@@ -235,6 +248,14 @@ def evaluate(fleet: Mapping[str, Any], observations: Mapping[str, Observation]) 
     }
     layout = Layout(fleet)
     masters = [(entry["computer"], entry["address"], entry) for entry in fleet["masters"]]
+    exchanges = Exchanges(
+        fleet,
+        {
+            computer.plan["robot"]: computer.seen.probe["exchange"]
+            for computer in run.values()
+            if computer.plan["is_master"] and computer.seen.probe and not computer.seen.probe["exchange"]["error"]
+        },
+    )
     # Gateways first, since what happens there explains what happens behind them.
     computers = sorted(run.values(), key=lambda computer: not computer.plan["is_gateway"])
     bad: set[tuple[str, str, str]] = set()  # (check, observer, target)
@@ -243,7 +264,7 @@ def evaluate(fleet: Mapping[str, Any], observations: Mapping[str, Observation]) 
             for target, address, master in _targets(check, computer, layout, masters):
                 if target == computer.name and check.scope in (MEMBER, MASTER):
                     continue
-                finding = _finding(check, Case(fleet, layout, computer, target, address, master, run), bad)
+                finding = _finding(check, Case(fleet, layout, computer, target, address, master, run, exchanges), bad)
                 if finding is not None:
                     if finding.verdict == FAILED:
                         bad.add((check.id, finding.observer, finding.target))
@@ -621,7 +642,7 @@ def _strangers(case: Case) -> Judgement | None:
 
 def _topic_heard(case: Case) -> Judgement | None:
     target = case.run.get(case.target)
-    if case.probe is None or target is None or _without_ros(case.observer):
+    if case.probe is None or target is None or _without_ros(case.observer) or _declared_away(case):
         return None
     entry = case.observer.topics.get(case.target)
     if entry is None:
@@ -637,24 +658,16 @@ def _topic_heard(case: Case) -> Judgement | None:
 
 
 def _filtered(case: Case, topic: str) -> bool:
-    """Whether a filter of the observer's robot that ignores leaves the topic out; the plan lets it pass white lists."""
-    if _same_robot(case):
-        return False
-    own, its = case.masters
-    rules = case.fleet["computers"][own]["sync"]
+    """Whether what passes between the two robots leaves the topic out."""
+    own, its = case.robots
+    talker = Item("publisher", topic, TALKER_NODE + topic.rpartition("/")[2])
+    return own != its and not case.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
 
-    def matches(rule: str, value: str) -> bool:
-        patterns = [pattern for pattern in rules.get(rule, ()) if isinstance(pattern, str)]
-        return any(re.fullmatch(pattern.strip().replace("*", ".*"), value, re.IGNORECASE) for pattern in patterns)
 
-    name = case.layout.masters[case.planned["robot"]]["name"]
-    return bool(
-        (matches("ignore_hosts", name) and not matches("sync_hosts", name))
-        or (rules.get("sync_hosts") and not rules.get("ignore_hosts") and not matches("sync_hosts", name))
-        or any(matches(rule, topic) for rule in ("ignore_topics", "ignore_publishers"))
-        or matches("ignore_type", TALKER_TYPE)
-        or matches("ignore_nodes", TALKER_NODE + topic.rpartition("/")[2])
-    )
+def _declared_away(case: Case) -> bool:
+    """Whether the target's robot declares that it gives the observer's nothing."""
+    own, its = case.robots
+    return own != its and case.exchanges.flows.declared_away(its, own)
 
 
 def _same_robot(case: Case) -> bool:
@@ -671,6 +684,76 @@ def _direct_connection(case: Case) -> Judgement | None:
     return Judgement(
         OK if all(host in names for host in hosts) else FAILED, f"the publisher is on {case.target}", found
     )
+
+
+def _nodes_answer(case: Case) -> Judgement | None:
+    if case.exchange is None or case.exchange["error"]:
+        return None
+    silent = case.exchange["silent"]
+    found = f"no answer of {_some(silent)}" if silent else "they answer"
+    return Judgement(WARNING if silent else OK, "every node that is registered answers", found)
+
+
+def _names(case: Case) -> Judgement | None:
+    if not _both_seen(case):
+        return None
+    own, its = case.robots
+    clashes = case.exchanges.clashes(its, own)
+    found = _some(f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
+    return Judgement(FAILED if clashes else OK, "each name once", found or "no name twice")
+
+
+def _types(case: Case) -> Judgement | None:
+    if not _both_seen(case):
+        return None
+    own, its = case.robots
+    conflicts, expected = case.exchanges.conflicts(its, own), "each topic has one type"
+    if conflicts:
+        return Judgement(FAILED, expected, _some(map(_told, conflicts)))
+    if case.exchange["types_error"]:
+        return Judgement(UNKNOWN, expected, f"the md5 sums are not known: {case.exchange['types_error']}")
+    return Judgement(OK, expected, "the same types")
+
+
+def _told(conflict: Conflict) -> str:
+    (one, its_type, its_sum), (other, type_name, md5sum) = sorted((conflict.one, conflict.other))
+    if its_type != type_name:
+        return f"{conflict.topic} is {its_type} on {one} and {type_name} on {other}"
+    return f"{conflict.topic} is {type_name} on both, with the md5 sum {its_sum} on {one} and {md5sum} on {other}"
+
+
+def _both_seen(case: Case) -> bool:
+    return case.exchange is not None and all(robot in case.exchanges.robots for robot in case.robots)
+
+
+def _flow(case: Case) -> Judgement | None:
+    if case.exchange is None:
+        return None
+    own, its = case.robots
+    if case.exchange["error"]:
+        return Judgement(UNKNOWN, f"what {its} gives", case.exchange["error"])
+    missing, superfluous = case.exchanges.missing(its, own), case.exchanges.superfluous(its, own)
+    parts = [("not there", missing), ("there against the plan", superfluous)]
+    found = "; ".join(f"{words}: {_some(map(str, items))}" for words, items in parts if items)
+    return Judgement(FAILED if found else OK, f"what {its} gives to {own}, and nothing else", found or "just that")
+
+
+def _cross_link(case: Case) -> Judgement | None:
+    if case.exchange is None or case.exchange["error"]:
+        return None
+    crossing = case.exchanges.crossing(case.exchange["connections"], *case.robots)
+    found = _some(
+        f"{link['node']} {'hears' if link['direction'] == 'in' else 'is heard by'} {link['peer']} of {link['robot']} on {link['topic']}"
+        for link in crossing
+    )
+    return Judgement(FAILED if crossing else OK, "only connections of what is exchanged", found or "only such")
+
+
+def _some(items: Iterable[str]) -> str:
+    """The first ones, and how many more there are."""
+    texts = list(items)
+    more = f" and {len(texts) - NAMED} more" if len(texts) > NAMED else ""
+    return ", ".join(texts[:NAMED]) + more
 
 
 # How causes are told from each other.
@@ -889,6 +972,25 @@ def _publisher_on_loopback(case: Case) -> bool:
 def _left_out(case: Case) -> bool:
     entry = case.observer.topics.get(case.target)
     return entry is not None and _filtered(case, entry["topic"])
+
+
+def _superfluous(case: Case) -> bool:
+    own, its = case.robots
+    return bool(case.exchanges.superfluous(its, own))
+
+
+def _nothing_registered(case: Case) -> bool:
+    own, its = case.robots
+    return not case.exchanges.imported(its, own)
+
+
+def _exchange_unknown(case: Case) -> bool:
+    return bool(case.exchange["error"])
+
+
+def _types_unknown(case: Case) -> bool:
+    own, its = case.robots
+    return not case.exchanges.conflicts(its, own)
 
 
 def _roscore_silent(case: Case) -> bool:
@@ -1448,6 +1550,107 @@ CHECKS: tuple[Check, ...] = (
                 _always,
                 "the publisher runs elsewhere, or calls itself otherwise than planned",
                 "run site.yml on {target}, so that its nodes have the collection's ROS_HOSTNAME or ROS_IP",
+            ),
+        ),
+    ),
+    Check(
+        "nodes_answer",
+        "registered nodes answer",
+        COMPUTER,
+        _nodes_answer,
+        ("master_uri",),
+        causes=(
+            Cause(
+                _always,
+                "they ended without saying so, as by kill -9 or a loss of power, and the roscore still hands out their addresses",
+                "run on {observer}: rosnode cleanup; a node that hangs must be ended first",
+            ),
+        ),
+    ),
+    Check(
+        "names",
+        "no node or service name twice",
+        MASTER,
+        _names,
+        causes=(
+            Cause(
+                _always,
+                "one name, two nodes: a roscore holds one of them, so the collection's nodes refuse the second, and upstream's end the "
+                "first",
+                "give one of them another name or a namespace of its robot, or leave it out by multimaster_exports or "
+                "multimaster_filters",
+            ),
+        ),
+    ),
+    Check(
+        "types",
+        "topics have the same type on both sides",
+        MASTER,
+        _types,
+        causes=(
+            Cause(
+                _types_unknown,
+                "the Python of ROS on {observer} does not tell the classes of its message types",
+                "try on {observer}: rosmsg md5 std_msgs/String",
+            ),
+            Cause(
+                _always,
+                "subscribers and publishers of different types do not connect, so the collection's nodes refuse the topic of the "
+                "other robot",
+                "install the same version of the message package on both, or give one of the topics another name",
+            ),
+        ),
+    ),
+    Check(
+        "flow",
+        "robot has what it is to get, and nothing else",
+        MASTER,
+        _flow,
+        (
+            "target:reachable",
+            "observer:services",
+            "target:services",
+            "master_uri",
+            "rpc_port",
+            "list_masters",
+            "topic_heard",
+        ),
+        causes=(
+            Cause(
+                _exchange_unknown,
+                "the sync node on {observer} does not tell what it has registered",
+                "see on {observer}: rosservice call /master_sync/get_sync_info",
+            ),
+            Cause(
+                _superfluous,
+                "the sync node on {observer} or the discovery node on {target} runs with other parameters, or is not one that can leave "
+                "this out",
+                "run site.yml on both robots; docs/providers.md says what upstream's nodes cannot leave out",
+            ),
+            Cause(
+                _nothing_registered,
+                "the sync node on {observer} has registered nothing of {target}",
+                "see on {observer}: journalctl -b -u multimaster-sync; rosservice call /master_sync/get_sync_info",
+            ),
+            Cause(
+                _always,
+                "the sync node on {observer} has not registered it, or the discovery node on {target} does not serve it",
+                "run site.yml on both robots; see on {observer}: journalctl -b -u multimaster-sync",
+            ),
+        ),
+    ),
+    Check(
+        "cross_link",
+        "connections only as exchanged",
+        MASTER,
+        _cross_link,
+        causes=(
+            Cause(
+                _always,
+                "they connected before the flow was declared, or the roscore of a third robot, which knows both, has brought them "
+                "together",
+                "start these nodes again; if it comes back, run site.yml on all robots, so that none of them holds another one's "
+                "subscribers",
             ),
         ),
     ),

@@ -10,12 +10,16 @@ Pure: mappings in, a model or sentences out. Every problem of an inventory is fo
 from __future__ import annotations
 
 import ipaddress
+import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _networks, _variables
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _contradictions, _flows, _networks, _variables
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exports import Export
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._values import Unexpected, nearest
 
 
 class InventoryProblems(Exception):
@@ -76,6 +80,18 @@ class Robot:
     roscore_port: int
     rpc_port: int
     filters: Mapping[str, list[str]] = field(default_factory=dict)
+    exports: tuple[Export, ...] | None = None  # none declared: everything to everybody
+    provider: str = "bundled"
+
+    @property
+    def master_name(self) -> str:
+        """The name of its master."""
+        return master_name(self.master.name, self.roscore_port)
+
+
+def master_name(computer: str, roscore_port: int) -> str:
+    """The name of a master: its computer, and the port where that is not ROS's usual one (as upstream does)."""
+    return computer.lower() if roscore_port == 11311 else f"{computer.lower()}_{roscore_port}"
 
 
 @dataclass(frozen=True)
@@ -100,11 +116,22 @@ class Fleet:
     answer_broadcast_pings: bool
     advertise: str
     heartbeat_hz: float
+    offline_after: float
 
     @property
     def computers(self) -> tuple[Computer, ...]:
         """The computers of all robots, in the order of the inventory."""
         return tuple(computer for robot in self.robots for computer in robot.computers)
+
+    @cached_property
+    def flows(self) -> tuple[_flows.Flow, ...]:
+        """What flows by declaration; robots that declare nothing give everything to everybody."""
+        return _flows.flows({robot.name: robot.exports for robot in self.robots})
+
+    @cached_property
+    def declared(self) -> bool:
+        """Whether any robot declares what it gives."""
+        return any(robot.exports is not None for robot in self.robots)
 
 
 def read_fleet(inventory: Inventory) -> Fleet:
@@ -147,6 +174,10 @@ def read_fleet(inventory: Inventory) -> Fleet:
         },
         router=(router.name, router.address) if router else None,
     )
+    problems += _contradictions.problems(
+        [_party(name, hosts, values, own[name]) for name, hosts in inventory.robots.items() if hosts], inventory.robots
+    )
+    problems += _too_few_heartbeats(shared)
     if not problems:
         problems += _unreached_masters(robots, shared)
     if problems or not robots:
@@ -162,6 +193,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
         answer_broadcast_pings=shared["multimaster_answer_broadcast_pings"],
         advertise=shared["multimaster_advertise"],
         heartbeat_hz=shared["multimaster_heartbeat_hz"],
+        offline_after=shared["multimaster_offline_after"],
     )
 
 
@@ -181,7 +213,7 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict
             continue
         try:
             read[variable.name] = variable.read(value)
-        except _variables.Unexpected as expected:
+        except Unexpected as expected:
             problems.append(
                 f"{host}: {variable.name} is {_shown(value)}; expected {expected}: correct it in the inventory."
             )
@@ -195,7 +227,7 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict
 
 def _unknown(host: str, given: Mapping[str, Any]) -> list[str]:
     return [
-        f"{host}: the variable {name} is not known{_variables.nearest(name, _variables.BY_NAME)}; expected one of the "
+        f"{host}: the variable {name} is not known{nearest(name, _variables.BY_NAME)}; expected one of the "
         "variables in the README: correct its name or remove it."
         for name in given
         if name not in _variables.BY_NAME and name not in _variables.RESERVED
@@ -218,12 +250,13 @@ def _collapsed(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
 def _is_name(host: str) -> bool:
     try:
         _variables.BY_NAME["multimaster_master"].read(host)
-    except _variables.Unexpected:
+    except Unexpected:
         return False
     return host.lower() != "localhost"
 
 
 def _shown(value: Any) -> str:
+    value = list(value) if isinstance(value, tuple) else value
     return f"'{value}'" if isinstance(value, str) else str(value)
 
 
@@ -304,7 +337,7 @@ def _read_robot(
     if master not in hosts:
         problems.append(
             f"{hosts[0]}: multimaster_master is '{master}', which is no computer of the robot {name}; expected one of "
-            f"{', '.join(hosts)}{_variables.nearest(master, hosts)}: correct it in group_vars/{name}.yml."
+            f"{', '.join(hosts)}{nearest(master, hosts)}: correct it in group_vars/{name}.yml."
         )
         return None
     roscore_port = own.get("multimaster_roscore_port")
@@ -314,7 +347,13 @@ def _read_robot(
             f"{master}: multimaster_rpc_port is {rpc_port}, which is also the port of its roscore; expected another port: "
             "leave it out for the port of the roscore + 300."
         )
-    required = ("multimaster_roscore_port", "multimaster_roscore", "multimaster_filters", "multimaster_routes")
+    required = (
+        "multimaster_roscore_port",
+        "multimaster_roscore",
+        "multimaster_filters",
+        "multimaster_provider",
+        "multimaster_routes",
+    )
     required_of_each = (
         "multimaster_address",
         "multimaster_ros_setup",
@@ -348,6 +387,8 @@ def _read_robot(
         roscore_port=roscore_port,
         rpc_port=rpc_port,
         filters=own["multimaster_filters"],
+        exports=own.get("multimaster_exports"),
+        provider=own["multimaster_provider"],
     )
 
 
@@ -390,7 +431,7 @@ def _read_router(inventory: Inventory, shared: Mapping[str, Any], problems: list
     variable = _variables.BY_NAME["multimaster_address"]
     try:
         read = str(variable.read(address))
-    except _variables.Unexpected as expected:
+    except Unexpected as expected:
         found = "is not set" if address is None else f"is {_shown(address)}"
         problems.append(f"{name}: multimaster_address {found}; expected {expected}: set it in the inventory.")
         return None
@@ -400,6 +441,39 @@ def _read_router(inventory: Inventory, shared: Mapping[str, Any], problems: list
             "multimaster_router out where the group 'routers' has a host."
         )
     return Router(name, read)
+
+
+def _party(
+    name: str, hosts: Sequence[str], values: Mapping[str, Mapping[str, Any]], own: Mapping[str, Any]
+) -> _contradictions.Party:
+    """A robot as far as it can be read; what its computers disagree about counts as not set."""
+    declared = {values[host].get("multimaster_exports") for host in hosts}
+    filters = [values[host].get("multimaster_filters", {}) for host in hosts]
+    master = own.get("multimaster_master", hosts[0])
+    known = master in hosts and "multimaster_roscore_port" in own
+    return _contradictions.Party(
+        name=name,
+        host=master if master in hosts else hosts[0],
+        master=master_name(master, own["multimaster_roscore_port"]) if known else "",
+        declared=declared.pop() if len(declared) == 1 else None,
+        filters=filters[0] if all(of_host == filters[0] for of_host in filters) else {},
+    )
+
+
+def _too_few_heartbeats(shared: Mapping[str, Any]) -> list[str]:
+    """Silence is told from a slow rate by two heartbeats at least; a heartbeat carries its rate in whole tenths."""
+    rate, after = shared.get("multimaster_heartbeat_hz"), shared.get("multimaster_offline_after")
+    if rate is None or after is None:
+        return []
+    tenths = int(rate * 10)
+    if tenths * after >= 20:
+        return []
+    longer = f" or multimaster_offline_after to {math.ceil(20 / tenths * 10) / 10:g}" if tenths else ""
+    return [
+        f"multimaster_heartbeat_hz is {rate:g} and multimaster_offline_after is {after:g}, so a robot promises {tenths * after / 10:.2g} "
+        f"heartbeats in that time; expected at least 2: raise multimaster_heartbeat_hz to {math.ceil(20 / after) / 10:g}{longer} "
+        "in group_vars/robots.yml."
+    ]
 
 
 def _unreached_masters(robots: Sequence[Robot], shared: Mapping[str, Any]) -> list[str]:

@@ -12,25 +12,13 @@ from __future__ import annotations
 import ipaddress
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _flows, _providers
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exports import FROM_CLIENT, FROM_SERVER, topics_of
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import Computer, Fleet, Robot, Router
-
-# actionlib: an action NAME is these five topics (section 2 of the report).
-ACTION_TOPICS = ("goal", "cancel", "status", "feedback", "result")
-
-# Upstream's timeout_factor: at one heartbeat a second, a robot that lost its power is offline after 5 x 2 = 10 s, and
-# ten datagrams in a row do not get lost.
-SILENCE = 2
-
-# What the verification publishes while it runs, so that it can tell under a white list too whether topics cross.
-VERIFICATION_TOPICS = "/multimaster_verify/*"
 
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
 LOOKED_AT = ["system", "owned", "interfaces", "ways", "multicast_routing"]
-LOOKED_AT_WITH_ROS = ["ros", "ports", "exports", "sshd", "environment"]
-
-# Where the roles install and what the nodes are called on the machine.
-LIBRARY = "/usr/local/lib/rosfleet-multimaster"
-CONFIGURATION = "/etc/rosfleet-multimaster"
+LOOKED_AT_WITH_ROS = ["ros", "packages", "ports", "exports", "sshd", "environment"]
 
 
 def plan(fleet: Fleet) -> dict[str, Any]:
@@ -43,6 +31,7 @@ def plan(fleet: Fleet) -> dict[str, Any]:
             {"address": computer.address, "names": [computer.name, *computer.aliases]} for computer in fleet.computers
         ],
         "masters": [_master(fleet, robot) for robot in fleet.robots],
+        "flows": _flows.listed(fleet.flows, [robot.name for robot in fleet.robots]),
         "common_network": fleet.common_network,
         "networks": [
             {
@@ -93,17 +82,12 @@ def _master(fleet: Fleet, robot: Robot) -> dict[str, Any]:
         "robot": robot.name,
         "computer": robot.master.name,
         "address": robot.master.discovery_address,
-        "name": master_name(robot),
+        "name": robot.master_name,
         "uri": master_uri(fleet, robot) + "/",
         "monitor_uri": f"http://{robot.master.discovery_address}:{robot.rpc_port}",
         "rpc_port": robot.rpc_port,
+        "declared": robot.exports is not None,
     }
-
-
-def master_name(robot: Robot) -> str:
-    """The name of a robot's master: its computer, and the port where that is not ROS's usual one (as upstream does)."""
-    name = robot.master.name.lower()
-    return name if robot.roscore_port == 11311 else f"{name}_{robot.roscore_port}"
 
 
 def master_uri(fleet: Fleet, robot: Robot) -> str:
@@ -142,6 +126,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, Any]:
         "look_at": {
             "parts": LOOKED_AT + LOOKED_AT_WITH_ROS,
             "destinations": [str(ipaddress.ip_network(route["destination"])[1]) for route in expected],
+            **_providers.looked_for(robot.provider, is_master),
         },
         "multicast_routing": _multicast_routing(fleet, computer) if is_gateway else {},
         "environment": {
@@ -150,8 +135,21 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, Any]:
         },
         "ports": _ports(fleet, robot) if is_master else [],
         "services": _services(robot) if is_master else [],
-        "discovery": _discovery(fleet, robot) if is_master else {},
-        "sync": _sync(robot) if is_master else {},
+        "provider": robot.provider,
+        **_parameters(fleet, robot, is_master),
+    }
+
+
+def _parameters(fleet: Fleet, robot: Robot, is_master: bool) -> dict[str, Any]:
+    """The parameters of the nodes, in the words of the provider, and what of them it cannot do."""
+    if not is_master:
+        return {"discovery": {}, "sync": {}, "limits": []}
+    discovery, sync = _discovery(fleet, robot), _sync(fleet, robot)
+    hidden = [other.master_name for other in fleet.robots if other != robot and _restricted(fleet, other)]
+    return {
+        "discovery": _providers.discovery(robot.provider, discovery),
+        "sync": _providers.sync(robot.provider, fleet, robot, sync, hidden),
+        "limits": _providers.limits(robot, discovery) if robot.provider in _providers.UPSTREAM else [],
     }
 
 
@@ -177,13 +175,15 @@ def _router(fleet: Fleet, router: Router) -> dict[str, Any]:
             if robot.gateway
         ],
         "routes_expected": [],
-        "look_at": {"parts": LOOKED_AT, "destinations": []},
+        "look_at": {"parts": LOOKED_AT, "destinations": [], **_providers.looked_for("bundled", False)},
         "multicast_routing": {},
         "environment": {},
         "ports": [],
         "services": [],
+        "provider": "bundled",
         "discovery": {},
         "sync": {},
+        "limits": [],
     }
 
 
@@ -264,30 +264,70 @@ def _discovery(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     multicast = fleet.transport in ("both", "multicast")
     peers = [other.master.discovery_address for other in fleet.robots if other != robot]
     return {
-        "name": master_name(robot),
+        "name": robot.master_name,
         "mcast_group": fleet.multicast_group,
         "mcast_port": fleet.multicast_port,
         "interface": robot.master.discovery_address,
         "rpc_port": robot.rpc_port,
         "heartbeat_hz": fleet.heartbeat_hz,
-        "timeout_factor": SILENCE,
+        "offline_after": fleet.offline_after,
         "send_mcast": multicast,
         "listen_mcast": multicast,
         "robot_hosts": peers if fleet.transport in ("both", "unicast") else [],
+        "hide_subscribers": ["*"] if _restricted(fleet, robot) else [],
+        **_exports(fleet, robot),
     }
 
 
-def _sync(robot: Robot) -> dict[str, Any]:
-    """The private parameters of master_sync: the filters in upstream's names, an action as its five topics."""
-    parameters: dict[str, Any] = {}
+def _exports(fleet: Fleet, robot: Robot) -> dict[str, Any]:
+    if robot.exports is None:
+        return {}
+    addresses = {other.name: _addresses(other) for other in fleet.robots}
+    return {"exports": _flows.served(fleet.flows, robot.name, addresses)}
+
+
+def _addresses(robot: Robot) -> list[str]:
+    """The addresses from which a robot's master_sync asks the others."""
+    return list(dict.fromkeys(filter(None, (robot.master.address, robot.master.common_address))))
+
+
+# Filters that leave no publisher out.
+UNRESTRICTING = ("ignore_services", "ignore_subscribers")
+
+
+def _restricted(fleet: Fleet, robot: Robot) -> bool:
+    """Whether this robot exchanges no subscribers: a roscore that holds another robot's tells it whom to hear."""
+    return fleet.declared or any(patterns for name, patterns in robot.filters.items() if name not in UNRESTRICTING)
+
+
+def _sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
+    """The private parameters of master_sync: the robot's filters, and a white list for each master that declares."""
+    parameters = _filters(robot)
+    if _restricted(fleet, robot):
+        parameters["ignore_subscribers"] = ["*"]
+    received = _flows.received(fleet.flows, robot.name)
+    for other in fleet.robots:
+        if other.exports is None or other == robot:
+            continue
+        if other.name in received:
+            parameters[other.master_name] = received[other.name]
+            continue
+        parameters.setdefault("ignore_hosts", []).append(other.master_name.replace(".", r"\."))
+        if robot.filters.get("sync_hosts"):  # it would take the host back
+            parameters[other.master_name] = {"ignore_nodes": ["*"]}
+    return parameters
+
+
+def _filters(robot: Robot) -> dict[str, list[str]]:
+    """The robot's filters in upstream's names, an action as its five topics."""
+    parameters: dict[str, list[str]] = {}
     for name, patterns in robot.filters.items():
         rule, _underscore, what = name.partition("_")
         if what == "actions":
-            topics = [f"{pattern.rstrip('/')}/{topic}" for pattern in patterns for topic in ACTION_TOPICS]
-            parameters.setdefault(f"{rule}_topics", []).extend(topics)
+            parameters.setdefault(f"{rule}_topics", []).extend(topics_of(patterns, FROM_CLIENT + FROM_SERVER))
         else:
             target = "ignore_type" if name == "ignore_types" else name
             parameters.setdefault(target, []).extend(patterns)
-    if parameters.get("sync_topics") or parameters.get("sync_nodes"):
-        parameters.setdefault("sync_topics", []).append(VERIFICATION_TOPICS)
+    if any(parameters.get(name) for name in ("sync_nodes", "sync_services", "sync_topics")):
+        parameters.setdefault("sync_topics", []).append(_flows.VERIFICATION_TOPICS)
     return parameters

@@ -14,6 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _providers
+
 # The units of the collection: what they hold is no stranger's.
 OWN_UNITS = ("multimaster-roscore.service", "multimaster-discovery.service", "multimaster-sync.service")
 # The bundled nodes need this Python (Noetic's).
@@ -33,7 +35,7 @@ def compare(plan: Mapping[str, Any], info: Mapping[str, Any]) -> Comparison:
     """Compare one computer's plan with its machine.
 
     `plan` is an entry of `computers` of `fleet_plan`, `info` the return of `multimaster_info`. The plan that comes back has
-    the names of the interfaces, which only the machine knows.
+    the names of the interfaces, the nodes' programs and the packages to install, which only the machine knows.
     """
     interfaces: dict[str, str] = {}  # address -> name
     problems = []
@@ -43,17 +45,33 @@ def compare(plan: Mapping[str, Any], info: Mapping[str, Any]) -> Comparison:
         problems += found
     problems += _systemd(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
     warnings = _own_name(plan, info)
+    provided: dict[str, Any] = {"programs": _providers.NO_PROGRAMS, "packages": []}
+    limits = list(plan["limits"])
     if not plan["is_router"]:
         warnings += _exports(plan, info) + _sshd(plan, info)
+        ros = _ros(plan, info)
+        if not ros:
+            nodes = _providers.find(plan, info["ros"]["chosen"], info)
+            provided, ros = _provided(plan, info, nodes), list(nodes.problems)
+            limits += nodes.limits(plan)
         if plan["is_master"]:
-            problems += _ros(plan, info) + _port_holders(plan, info)
-            warnings += _no_roscore(plan, info)
+            problems += ros + _port_holders(plan, info)
+            warnings += _no_roscore(plan, info) + limits
         else:
-            warnings += _ros(plan, info)
-    return Comparison(tuple(problems), tuple(warnings), _with_interfaces(plan, interfaces))
+            warnings += ros
+    return Comparison(tuple(problems), tuple(warnings), {**_with_interfaces(plan, interfaces), **provided})
+
+
+def _provided(plan: Mapping[str, Any], info: Mapping[str, Any], found: _providers.Found) -> dict[str, Any]:
+    """What only the machine knows of the nodes: their programs, and the packages to install."""
+    ready = plan["is_master"] and not found.problems
+    python = info["ros"]["chosen"]["python"]
+    programs = _providers.programs(plan["provider"], python, found.paths) if ready else _providers.NO_PROGRAMS
+    return {"programs": programs, "packages": list(found.packages)}
 
 
 def _with_interfaces(plan: Mapping[str, Any], interfaces: Mapping[str, str]) -> dict[str, Any]:
+    """The plan with the names of the interfaces."""
     common = interfaces.get(plan["common_address"], "")
     filled = dict(plan)
     filled["sysctl"] = [
@@ -177,7 +195,7 @@ def _ros(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
     where = chosen["setup"] or "Debian's packages"
     if chosen["missing"]:
         return [
-            f"{host}: the ROS of {where} lacks the Python modules {', '.join(chosen['missing'])}; expected them for the bundled "
+            f"{host}: the ROS of {where} lacks the Python modules {', '.join(chosen['missing'])}; expected them for the "
             f"nodes: install them ({_packages(chosen)})."
         ]
     if plan["is_master"] and plan["roscore"] == "managed" and not chosen["commands"].get("roscore"):
@@ -186,10 +204,10 @@ def _ros(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
             "multimaster_roscore to 'existing' where something else starts a roscore."
         ]
     version = tuple(int(part) for part in chosen["python_version"].split(".")[:2])
-    if version < NODES_PYTHON:
+    if version < NODES_PYTHON and plan["provider"] == "bundled":
         return [
             f"{host}: the ROS of {where} has Python {chosen['python_version']}; expected 3.8 or later for the bundled nodes (Ubuntu 20.04, Debian 11 "
-            "or later)."
+            "or later): use such a system, or set multimaster_provider to 'fkie_apt' or 'fkie_existing'."
         ]
     return []
 

@@ -145,11 +145,13 @@ def _group(number: int, findings: Sequence[Finding]) -> list[str]:
     if len(findings) > PAIRS:
         pairs.append(f"and {len(findings) - PAIRS} more")
     alike = len({(finding.expected, finding.found) for finding in findings}) == 1
-    more = "" if alike else f" ({pairs[0]})"
+    found: dict[str, str] = {}  # what was found -> by whom first
+    for finding in findings:
+        found.setdefault(finding.found, "" if alike else f" ({whom(finding)})")
     rows = [
         (f"{number:>3}. ", f"{TITLES[first.check]}: {', '.join(pairs)}"),
-        ("     expected: ", first.expected + more),
-        ("     found:    ", first.found + more),
+        ("     expected: ", first.expected + found[first.found]),
+        *(("     found:    ", text + of) for text, of in list(found.items())[:PAIRS]),
         ("     cause:    ", first.cause),
         ("     remedy:   ", first.remedy),
     ]

@@ -9,12 +9,14 @@ The table in the README is written from here.
 
 from __future__ import annotations
 
-import difflib
 import ipaddress
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _exports
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._values import Unexpected, nearest
 
 PREFIX = "multimaster_"
 # Set by the preflight role for the other roles; not for an inventory.
@@ -37,10 +39,6 @@ FILTERS = (
 )
 
 _NAME = re.compile(r"(?!-)[a-z0-9-]{1,63}(?<!-)(\.(?!-)[a-z0-9-]{1,63}(?<!-))*", re.IGNORECASE)
-
-
-class Unexpected(ValueError):
-    """A value is not of its kind; the text says what was expected."""
 
 
 def _text(value: Any) -> str:
@@ -165,12 +163,6 @@ def _filters(value: Any) -> dict[str, list[str]]:
     return read
 
 
-def nearest(name: str, known: Any) -> str:
-    """' (did you mean X?)' for a mistyped name, or an empty text."""
-    close = difflib.get_close_matches(name, list(known), n=1)
-    return f" (did you mean {close[0]}?)" if close else ""
-
-
 @dataclass(frozen=True)
 class Variable:
     """One variable of the fleet."""
@@ -276,6 +268,14 @@ VARIABLES = (
         "0.5",
     ),
     Variable(
+        "multimaster_offline_after",
+        "fleet",
+        _number(float, 3, 3600),
+        5.0,
+        "Seconds after the loss of a robot until its topics and services are withdrawn from the others. They return with it.",
+        "30",
+    ),
+    Variable(
         "multimaster_network",
         "robot",
         _network,
@@ -347,6 +347,26 @@ VARIABLES = (
         + ", ".join(f"`{name}`" for name in FILTERS)
         + ". An action is its five topics.",
         "{ignore_topics: [/tf], sync_actions: [/move_base]}",
+    ),
+    Variable(
+        "multimaster_exports",
+        "robot",
+        _exports.read,
+        None,
+        "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` "
+        "stands for any text) and `to`, a list of robots (default: every other). Default: everything to everybody, as in the "
+        "report; `[]` is nothing. See docs/data_flow.md.",
+        "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
+    ),
+    Variable(
+        "multimaster_provider",
+        "robot",
+        _choice("bundled", "fkie_apt", "fkie_existing"),
+        "bundled",
+        "Whose discovery and sync nodes run: the collection's own (`bundled`), multimaster_fkie from the package sources that the "
+        "robot has (`fkie_apt`), or an installation of it that `multimaster_ros_setup` leads to (`fkie_existing`). See "
+        "docs/providers.md.",
+        "fkie_existing",
     ),
     Variable(
         "multimaster_ros_setup",

@@ -25,7 +25,7 @@ KEPT = 3  # archives per suite
 
 SYSTEM = """
 systemd systemd-sysv udev dbus dbus-user-session libpam-systemd kmod procps sudo less
-iproute2 iputils-ping net-tools nftables tcpdump openssh-server
+iproute2 iputils-ping net-tools nftables tcpdump openssh-server libfaketime
 ifupdown network-manager netplan.io smcroute frr
 python3 python3-apt
 """.split()

@@ -3,9 +3,7 @@
 
 """A lab of its own for injected faults: the two robots of Fig. 5 after site.yml."""
 
-import contextlib
 import json
-import os
 import shlex
 import subprocess
 import sys
@@ -19,81 +17,7 @@ INVENTORY = ROOT / "inventory" / "single_computer"
 sys.path.insert(0, str(ROOT / "tests" / "lab"))
 
 import containers  # noqa: E402
-from layout import hosts_of, read_inventory  # noqa: E402
-from podman import podman  # noqa: E402
-
-
-class Lab:
-    """The computers of the lab, and the playbooks against them."""
-
-    def __init__(self, name, inventory):
-        self.name = name
-        self.become(inventory)
-
-    def become(self, inventory):
-        """Bring the lab to the computers of an inventory: those that it has already stay as they are."""
-        hosts = hosts_of(read_inventory(inventory))
-        containers.up(self.name, hosts)
-        self.inventory, self.connection = inventory, containers.write_inventory(self.name, hosts)
-
-    def run(self, host, command, check=True, stdin=None):
-        """Run a shell command as root on a computer and return what it printed."""
-        done = subprocess.run(
-            ["podman", "exec", "-i", containers.container(self.name, host), "bash", "-lc", command],
-            input=stdin,
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
-        assert not check or done.returncode == 0, f"{host}: {command}: {done.stdout}{done.stderr}"
-        return done.stdout
-
-    def podman(self, *arguments):
-        """Run podman with a computer's container as the last argument."""
-        *words, host = arguments
-        podman(*words, containers.container(self.name, host))
-
-    def wait_until_up(self, host):
-        containers.wait(containers.container(self.name, host))
-
-    def play(self, name, *options, variables=None, programs=Path(sys.executable).parent):
-        """Run a playbook; returns its exit status and its output on one line."""
-        extra = ["-e", json.dumps(variables)] if variables else []
-        return self._ansible(programs / "ansible-playbook", name, *options, *extra)
-
-    def module(self, host, name, arguments):
-        """Run one module of the collection on a computer; returns exit status and output on one line."""
-        return self._ansible(
-            Path(sys.executable).with_name("ansible"),
-            host,
-            "-m",
-            f"rosfleet.multimaster.{name}",
-            "-a",
-            json.dumps(arguments),
-        )
-
-    def _ansible(self, program, *words):
-        done = subprocess.run(
-            [program, "-i", self.inventory, "-i", self.connection, *words],
-            cwd=ROOT,
-            env={**os.environ, "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"), "ANSIBLE_NOCOLOR": "1"},
-            capture_output=True,
-            text=True,
-            timeout=300,
-            check=False,
-        )
-        return done.returncode, " ".join((done.stdout + done.stderr).split())
-
-
-@contextlib.contextmanager
-def lab_of(name, inventory):
-    """The computers of an inventory, until the end of the block."""
-    containers.down(name)
-    try:
-        yield Lab(name, inventory)
-    finally:
-        containers.down(name)
+from subject import lab_of  # noqa: E402
 
 
 @pytest.fixture(scope="session")

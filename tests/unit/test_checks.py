@@ -8,7 +8,7 @@ import time
 from collections import Counter
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _checks, _fleet, _plan, _ways
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _checks, _exchange, _fleet, _plan, _ways
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import (
     FAILED,
     OK,
@@ -20,8 +20,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks impor
 ONE, TWO = "kobuki1computer", "kobuki2computer"
 
 
-def plan(robots=2, computers=1, **variables):
-    """The plan of a fleet of robots kobuki1, kobuki2, ... with addresses from 192.168.1.1 on."""
+def plan(robots=2, computers=1, exports=None, **variables):
+    """The plan of a fleet of robots kobuki1, kobuki2, ... with addresses from 192.168.1.1 on; `exports` by robot."""
     hosts = {
         f"kobuki{n}": [f"kobuki{n}computer" + (f"-{c}" if c else "") for c in range(computers)]
         for n in range(1, robots + 1)
@@ -33,6 +33,7 @@ def plan(robots=2, computers=1, **variables):
             **shared,
             "multimaster_address": f"192.168.{1 + n // 200}.{1 + n % 200}",
             "multimaster_master": f"{host.partition('computer')[0]}computer",
+            **({} if exports is None else {"multimaster_exports": exports.get(host.partition("computer")[0], [])}),
         }
         for n, host in enumerate(names)
     }
@@ -44,7 +45,7 @@ def good(fleet, name):
     own = fleet["computers"][name]
     me = next((member for member in fleet["members"] if member["name"] == name), None)
     others = [member for member in fleet["members"] if member["name"] != name]
-    layout = _ways.Layout(fleet)
+    layout, flows = _ways.Layout(fleet), _exchange.Flows(fleet)
     ways = {other["name"]: layout.way(own, other["name"]) for other in others}
     alive = {"ok": True, "rtt_ms": 0.4, "error": ""}
     probe = {
@@ -119,6 +120,7 @@ def good(fleet, name):
                 "error": "",
             }
             for other in others
+            if not (me and other["robot"] != me["robot"] and flows.declared_away(other["robot"], me["robot"]))
         ],
         "services": [
             {
@@ -132,6 +134,7 @@ def good(fleet, name):
             }
             for service in own["services"]
         ],
+        "exchange": exchange(fleet, own["robot"]) if own["is_master"] else dict(NO_EXCHANGE),
         "talker": {"running": True, "error": ""},
         "problems": [],
     }
@@ -173,9 +176,91 @@ def good(fleet, name):
             "services": [],
             "list_masters": {"masters": [], "error": "", "seconds": 0},
         }
-        silent = {"roscore": {"uri": "", "answer": "", "error": "not looked at"}, "ros_missing": "not looked at"}
+        silent = {
+            "roscore": {"uri": "", "answer": "", "error": "not looked at"},
+            "ros_missing": "not looked at",
+            "exchange": dict(NO_EXCHANGE),
+        }
         probe = {**{part: probe[part] for part in parts}, **empty, **silent}
     return Observation(multicast=multicast if me and me["discovery"] else None, probe=probe)
+
+
+SUMS = {"std_msgs/String": "992ce8a1687cec8c8bd883ec73ca41d1", "nav_msgs/Odometry": "cd5e73d190d741a2f92e81eda573aca7"}
+NO_EXCHANGE = {
+    "error": "not looked at",
+    "types_error": "",
+    "topics": [],
+    "services": [],
+    "imports": [],
+    "silent": [],
+    "connections": [],
+}
+
+
+def topic(name, kind, publishers=(), subscribers=(), **more):
+    return {"name": name, "type": kind, "publishers": [*publishers], "subscribers": [*subscribers], **more}
+
+
+def registered(robot):
+    """What the nodes of a robot have registered: a base with a service, a talker on a topic that all have, and rosout."""
+    nodes = [f"/{robot}/base", f"/{robot}/talker"]
+    return {
+        "topics": [
+            topic(f"/{robot}/odom", "nav_msgs/Odometry", [nodes[0]]),
+            topic("/chatter", "std_msgs/String", [nodes[1]], [nodes[0]]),
+            topic("/rosout", "rosgraph_msgs/Log", nodes, ["/rosout"]),
+            topic(f"/multimaster_verify/{robot}", "std_msgs/String", [f"/multimaster_verify_talker_{robot}"]),
+        ],
+        "services": [
+            {"name": f"/{robot}/reset", "node": nodes[0]},
+            {"name": f"{nodes[0]}/get_loggers", "node": nodes[0]},
+        ],
+    }
+
+
+def exchange(fleet, robot):
+    """What the roscore of a robot holds where everything works: what the plan lets pass, and one connection with each."""
+    flows = _exchange.Flows(fleet)
+    own = registered(robot)
+    imports, connections = [], []
+    for master in fleet["masters"]:
+        other = master["robot"]
+        if other == robot:
+            continue
+        its, rules = registered(other), flows.rules(other, robot)
+        topics = []
+        for entry in its["topics"]:
+            ends = {
+                kind: [
+                    node
+                    for node in entry[kind + "s"]
+                    if rules.passes(_exchange.Item(kind, entry["name"], node), entry["type"])
+                ]
+                for kind in ("publisher", "subscriber")
+            }
+            if any(ends.values()):
+                topics.append(topic(entry["name"], entry["type"], ends["publisher"], ends["subscriber"]))
+            if entry["name"] == "/chatter" and ends["publisher"]:
+                connections.append(
+                    {
+                        "node": f"/{robot}/base",
+                        "topic": "/chatter",
+                        "direction": "in",
+                        "peer": f"/{other}/talker",
+                        "host": master["computer"],
+                        "robot": other,
+                    }
+                )
+        services = [
+            entry
+            for entry in its["services"]
+            if rules.passes(_exchange.Item("service", entry["name"], entry["node"]), "")
+        ]
+        if topics or services:
+            imports.append({"master": master["uri"], "topics": topics, "services": services})
+    for entry in own["topics"]:
+        entry["md5sum"] = SUMS.get(entry["type"], "")
+    return {**NO_EXCHANGE, **own, "error": "", "imports": imports, "connections": connections}
 
 
 def evaluate(change=None, fleet=None):
@@ -299,6 +384,73 @@ def _icmp(seen):
     seen[ONE][1]["icmp"]["rounds"][0]["answered"] = []
 
 
+def _exchange_of(computer, **values):
+    def change(seen):
+        seen[computer][0]["exchange"].update(values)
+
+    return change
+
+
+def _renamed(seen):
+    """The base of the second robot has the name of the first one's, so its registrations are refused on both."""
+    for robot, computer in (("kobuki1", ONE), ("kobuki2", TWO)):
+        part = seen[computer][0]["exchange"]
+        other = next(iter(part["imports"]))
+        other["topics"] = [entry for entry in other["topics"] if "base" not in str(entry["publishers"])]
+        for entry in other["topics"]:
+            entry["subscribers"] = []
+        other["services"] = []
+        for entry in part["topics"]:
+            for kind in ("publishers", "subscribers"):
+                entry[kind] = [node.replace(f"/{robot}/base", "/base") for node in entry[kind]]
+        for entry in part["services"]:
+            entry["node"] = entry["node"].replace(f"/{robot}/base", "/base")
+
+
+def _same_service(seen):
+    """Both have the service /reset, and neither is registered at the other."""
+    for computer in (ONE, TWO):
+        part = seen[computer][0]["exchange"]
+        part["services"][0]["name"] = "/reset"
+        part["imports"][0]["services"] = []
+
+
+def _other_type(kind="std_msgs/Header", md5sum="4d9af5aeee4e9d8e2d1d0c0e6c6a7ee3"):
+    def change(seen):
+        for computer in (ONE, TWO):
+            part = seen[computer][0]["exchange"]
+            part["imports"][0]["topics"] = [
+                entry for entry in part["imports"][0]["topics"] if entry["name"] != "/chatter"
+            ]
+            part["connections"] = []
+        of(seen[TWO][0]["exchange"]["topics"], "/chatter").update(type=kind, md5sum=md5sum)
+
+    return change
+
+
+def _not_registered(seen):
+    imported = seen[ONE][0]["exchange"]["imports"][0]["topics"]
+    imported.remove(of(imported, "/kobuki2/odom"))
+
+
+def _against_the_plan(seen):
+    seen[ONE][0]["exchange"]["imports"][0]["topics"].append(topic("/rosout", "rosgraph_msgs/Log", ["/kobuki2/base"]))
+
+
+def _stranger_of_a_node(seen):
+    """A connection on a topic that is exchanged with nobody."""
+    seen[ONE][0]["exchange"]["connections"].append(
+        {
+            "node": "/rosout",
+            "topic": "/rosout",
+            "direction": "in",
+            "peer": "http://kobuki2computer:1234/",
+            "host": TWO,
+            "robot": "kobuki2",
+        }
+    )
+
+
 CAUSES = [
     (_name([], "Name or service not known"), "name", FAILED, "not known"),
     (_name(["127.0.1.1"]), "name", FAILED, "loopback"),
@@ -347,6 +499,22 @@ CAUSES = [
     (_topic(heard=False), "topic_heard", FAILED, "TCP ports of nodes"),
     (_topic(publishers=[{"node": "/n", "uri": "http://localhost:1/"}]), "direct_connection", FAILED, "localhost"),
     (_topic(publishers=[{"node": "/n", "uri": "http://kobuki1computer:1/"}]), "direct_connection", FAILED, "elsewhere"),
+    (_exchange_of(ONE, silent=["/dead"]), "nodes_answer", WARNING, "rosnode cleanup"),
+    (_renamed, "names", FAILED, "one name, two nodes"),
+    (_same_service, "names", FAILED, "one name, two nodes"),
+    (_other_type(), "types", FAILED, "same version of the message package"),
+    (_other_type("std_msgs/String", "0123"), "types", FAILED, "same version of the message package"),
+    (_exchange_of(ONE, types_error="ImportError: no module named rospy"), "types", UNKNOWN, "rosmsg md5"),
+    (
+        _exchange_of(ONE, error="/master_sync/get_sync_info does not answer"),
+        "flow",
+        UNKNOWN,
+        "does not tell what it has",
+    ),
+    (_not_registered, "flow", FAILED, "has not registered it"),
+    (_exchange_of(ONE, imports=[]), "flow", FAILED, "has registered nothing of"),
+    (_against_the_plan, "flow", FAILED, "runs with other parameters"),
+    (_stranger_of_a_node, "cross_link", FAILED, "start these nodes again"),
 ]
 
 
@@ -881,6 +1049,87 @@ def test_a_second_computer_may_be_without_ros():
     findings = evaluate(change, fleet)
     assert not notable(findings)
     assert not {"list_masters", "topic_heard"} & {finding.check for finding in findings if finding.observer == second}
+
+
+# kobuki1 gives its odometry to kobuki2, which gives /chatter to kobuki3; nothing else flows.
+DECLARED = {
+    "kobuki1": [{"topics": ["/kobuki1/odom"], "to": ["kobuki2"]}],
+    "kobuki2": [{"topics": ["/chatter"], "services": ["/kobuki2/reset"], "to": ["kobuki3"]}],
+}
+
+
+def test_a_declared_flow_and_nothing_else_is_expected():
+    findings = evaluate(fleet=plan(robots=3, exports=DECLARED))
+    assert not notable(findings)
+    heard = {(finding.observer, finding.target) for finding in findings if finding.check == "topic_heard"}
+    assert heard == {(TWO, ONE), ("kobuki3computer", TWO)}
+    assert {finding.check for finding in findings} >= {"direct_connection", "flow", "cross_link", "names", "types"}
+
+
+def _leak(seen):
+    """kobuki3 has the odometry of kobuki1, and a connection with it, though nothing flows there."""
+    part = seen["kobuki3computer"][0]["exchange"]
+    part["imports"].append(
+        {
+            "master": "http://kobuki1computer:11311/",
+            "topics": [topic("/kobuki1/odom", "nav_msgs/Odometry", ["/kobuki1/base"])],
+            "services": [],
+        }
+    )
+    part["connections"].append(
+        {
+            "node": "/kobuki3/base",
+            "topic": "/kobuki1/odom",
+            "direction": "in",
+            "peer": "/kobuki1/base",
+            "host": ONE,
+            "robot": "kobuki1",
+        }
+    )
+
+
+def test_what_is_not_declared_and_there_nevertheless_is_told_with_its_names():
+    found = notable(evaluate(_leak, plan(robots=3, exports=DECLARED)))
+    assert set(found) == {("flow", "kobuki3computer", ONE), ("cross_link", "kobuki3computer", ONE)}
+    flow, link = found["flow", "kobuki3computer", ONE], found["cross_link", "kobuki3computer", ONE]
+    assert flow.verdict == link.verdict == FAILED
+    assert flow.found == "there against the plan: the publisher /kobuki1/odom of /kobuki1/base"
+    assert link.found == "/kobuki3/base hears /kobuki1/base of kobuki1 on /kobuki1/odom"
+
+
+def test_a_declared_topic_that_does_not_arrive_is_told():
+    def change(seen):
+        seen[TWO][0]["exchange"]["imports"] = []
+        seen[TWO][0]["topics"][0].update(heard=False, publishers=[], error="the topic is not registered")
+
+    found = notable(evaluate(change, plan(robots=3, exports=DECLARED)))
+    assert set(found) == {("topic_heard", TWO, ONE), ("flow", TWO, ONE)}
+    assert found["flow", TWO, ONE].found == "not there: the publisher /kobuki1/odom of /kobuki1/base"
+
+
+def test_names_and_types_are_told_with_both_robots():
+    names = notable(evaluate(_renamed))
+    assert {finding.found for finding in names.values()} == {"the node /base is of kobuki1 and of kobuki2"}
+    types = notable(evaluate(_other_type()))
+    assert {finding.found for finding in types.values()} == {
+        "/chatter is std_msgs/String on kobuki1 and std_msgs/Header on kobuki2"
+    }
+    sums = notable(evaluate(_other_type("std_msgs/String", "0123")))
+    text = f"the md5 sum {SUMS['std_msgs/String']} on kobuki1 and 0123 on kobuki2"
+    assert all(finding.found.endswith(text) for finding in sums.values())
+
+
+def test_a_silent_sync_node_of_another_provider_is_no_failure():
+    found = notable(evaluate(_exchange_of(ONE, error="no answer")))
+    assert {(finding.check, finding.verdict) for finding in found.values()} == {("flow", UNKNOWN)}
+
+
+def test_many_names_are_counted():
+    def change(seen):
+        seen[ONE][0]["exchange"]["silent"] = [f"/dead{number}" for number in range(9)]
+
+    found = notable(evaluate(change))["nodes_answer", ONE, ONE].found
+    assert found == "no answer of /dead0, /dead1, /dead2, /dead3 and 5 more"
 
 
 def test_the_cost_grows_with_the_observations():

@@ -59,6 +59,7 @@ def test_plan_of_figure_5():
         "uri": "http://kobuki2computer:11311/",
         "monitor_uri": "http://192.168.1.239:11611",
         "rpc_port": 11611,
+        "declared": False,
     }
     first = plan["computers"]["kobuki1computer"]
     assert first["environment"] == {
@@ -74,10 +75,11 @@ def test_plan_of_figure_5():
         "interface": "192.168.1.229",
         "rpc_port": 11611,
         "heartbeat_hz": 1.0,
-        "timeout_factor": 2,
+        "offline_after": 5.0,
         "send_mcast": True,
         "listen_mcast": True,
         "robot_hosts": ["192.168.1.239"],
+        "hide_subscribers": [],
     }
 
 
@@ -131,15 +133,18 @@ def test_an_action_in_a_filter_is_its_five_topics():
     assert sync == {
         "ignore_topics": ["/dock/goal", "/dock/cancel", "/dock/status", "/dock/feedback", "/dock/result", "/tf"],
         "ignore_type": ["sensor_msgs/Image"],
+        "ignore_subscribers": ["*"],
     }
 
 
-def test_a_white_list_lets_the_verification_pass():
-    filters = {"sync_topics": ["/pose"]}
+@pytest.mark.parametrize("name", ["sync_nodes", "sync_services", "sync_topics"])
+def test_a_white_list_lets_the_verification_pass(name):
+    filters = {name: ["/pose"]}
     sync = _plan.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"]["kobuki1computer"][
         "sync"
     ]
-    assert sync == {"sync_topics": ["/pose", "/multimaster_verify/*"]}
+    topics = [*filters.get("sync_topics", []), "/multimaster_verify/*"]
+    assert sync == {**filters, "sync_topics": topics, "ignore_subscribers": ["*"]}
 
 
 WRONG = {
@@ -244,6 +249,22 @@ WRONG = {
         setting("kobuki1computer", multimaster_rpc_port=11311),
         ["kobuki1computer: multimaster_rpc_port is 11311, which is also the port of its roscore"],
     ),
+    "exports that are no list": (
+        setting("kobuki1computer", multimaster_exports={"topics": ["/pose"]}),
+        ["kobuki1computer: multimaster_exports is {'topics': ['/pose']}; expected a list of entries such as {topics:"],
+    ),
+    "exports to nobody": (
+        setting("kobuki1computer", multimaster_exports=[{"topics": ["/pose"], "to": ["kobuki3"]}]),
+        ["kobuki1computer: multimaster_exports is for 'kobuki3', which is no robot (did you mean kobuki"],
+    ),
+    "soon offline": (
+        everywhere(multimaster_offline_after=1),
+        ["kobuki1computer, kobuki2computer: multimaster_offline_after is 1; expected a number from 3 to 3600"],
+    ),
+    "soon offline at a slow rate": (
+        everywhere(multimaster_heartbeat_hz=0.02),
+        ["multimaster_heartbeat_hz is 0.02 and multimaster_offline_after is 5, so a robot promises 0 heartbeats"],
+    ),
     "relative set-up file": (
         setting("kobuki1computer", multimaster_ros_setup="ws/devel/setup.bash"),
         [
@@ -266,8 +287,9 @@ def test_all_problems_are_found_in_one_pass():
     def change(robots, variables):
         setting("kobuki1computer", multimaster_address="10.0.0.1")(robots, variables)
         setting("kobuki2computer", multimaster_roscore="none")(robots, variables)
+        setting("kobuki2computer", multimaster_exports=[{"topics": ["/pose"], "to": ["kobuki2"]}])(robots, variables)
 
-    assert len(problems(change)) == 2
+    assert len(problems(change)) == 3
 
 
 def test_one_wrong_line_of_the_inventory_is_one_sentence():
@@ -309,6 +331,9 @@ def test_an_empty_inventory_is_named():
                     "roscore_port",
                     "rpc_port",
                     "filters",
+                    "exports",
+                    "offline_after",
+                    "provider",
                     "ros_setup",
                     "nonsense",
                 )

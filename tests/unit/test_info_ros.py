@@ -9,7 +9,7 @@ import shutil
 import tempfile
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _fkie, _ros
 
 MODULE = "class Anything: pass\n"
 pytestmark = pytest.mark.skipif(not os.path.exists(_ros.PYTHON), reason=f"there is no {_ros.PYTHON}")
@@ -67,6 +67,7 @@ def test_the_only_prefix_is_chosen_and_examined(opt):
         "missing": [],
         "commands": {"roscore": f"{here}/bin/roscore", "rostopic": "", "rosservice": ""},
         "hooks": f"{here}/etc/catkin/profile.d",
+        "nodes": [],
         "problem": "",
     }
     assert found["chosen"]["python_version"].startswith("3.")
@@ -144,14 +145,28 @@ def test_missing_modules_are_named(opt, monkeypatch):
     assert "cannot import no_such_msgs, no_such_srvs out of" in found["problem"]
 
 
-@pytest.mark.parametrize(
-    "more", ["export ROS_PYTHON_VERSION=2", "export PYTHONPATH=/opt/ros/melodic/lib/python2.7/dist-packages"]
-)
-def test_python_2_is_told(opt, more):
+PYTHON_2 = ["export ROS_PYTHON_VERSION=2", "export PYTHONPATH=/opt/ros/melodic/lib/python2.7/dist-packages"]
+
+
+@pytest.mark.parametrize("more", PYTHON_2)
+def test_a_ros_for_python_2_needs_it(opt, more, monkeypatch):
+    monkeypatch.setattr(_ros, "PYTHON2", "/nowhere/python2.7")
     prefix(opt, more=more)
     found = find(opt)
     assert found["chosen"]["rospy"] is False
-    assert "is made for Python 2, but the bundled nodes need Python 3.8 or later" in found["problem"]
+    assert "is made for Python 2, but there is no /nowhere/python2.7; install it" in found["problem"]
+
+
+@pytest.mark.parametrize("more", PYTHON_2)
+def test_a_ros_for_python_2_is_examined_with_it(opt, more, monkeypatch):
+    interpreter = opt / "python2.7"
+    interpreter.write_text("""#!/bin/sh\necho '{"version": "2.7.17", "missing": []}'\n""")
+    interpreter.chmod(0o755)
+    monkeypatch.setattr(_ros, "PYTHON2", str(interpreter))
+    prefix(opt, more=more)
+    chosen = find(opt)["chosen"]
+    assert (chosen["python"], chosen["python_version"], chosen["rospy"]) == (str(interpreter), "2.7.17", True)
+    assert chosen["problem"] == ""
 
 
 @pytest.mark.parametrize(("more", "said"), [("exit 3", "it says nothing."), ("echo no luck. >&2; exit 3", "no luck.")])
@@ -170,3 +185,127 @@ def test_a_set_up_file_that_hangs_is_ended(opt, monkeypatch):
 def test_values_that_fit_into_no_file_are_left_out():
     output = b"ROS_NOTE=a\nb\0ROS_IP=1\0BASH_FUNC_x%%=() { :; }\0PATH=/x/bin:/usr/bin:/bin\0PYTHONPATH=/x::\0_=/x\0"
     assert _ros.added(output) == {"ROS_IP": "1", "PATH": "/x/bin", "PYTHONPATH": "/x"}
+
+
+# Executables of ROS packages
+
+
+WANTED = [{"package": "some_sync", "executable": "sync", "modules": ["some_sync.sync", "some_msgs.srv"]}]
+
+
+def package(folder, modules=("some_sync/sync.py", "some_msgs/srv.py")):
+    """A ROS package with its Python modules beside it."""
+    for name in modules:
+        path = folder / "python" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        (path.parent / "__init__.py").touch()
+        path.write_text("")
+    (folder / "some_sync/nodes").mkdir(parents=True)
+    (folder / "some_sync/package.xml").touch()
+    (folder / "some_sync/nodes/sync").touch()
+    return folder / "some_sync/nodes/sync"
+
+
+def nodes(opt, **environment):
+    environment = {"PYTHONPATH": f"{opt}/src/python", **environment}
+    (found,) = _fkie.nodes(WANTED, _ros.PYTHON, _ros.full(environment))
+    assert (found["package"], found["executable"]) == ("some_sync", "sync")
+    return found["path"], found["problem"]
+
+
+def test_a_node_below_the_package_path(opt):
+    path = package(opt / "src")
+    assert nodes(opt, ROS_PACKAGE_PATH=f"/nowhere:{opt}") == (str(path), "")
+    assert nodes(opt, ROS_PACKAGE_PATH=f"{opt}/src/some_sync") == (str(path), "")
+
+
+def test_an_installed_node_comes_first(opt):
+    package(opt / "src")
+    (opt / "lib/some_sync").mkdir(parents=True)
+    (opt / "lib/some_sync/sync").touch()
+    found = nodes(opt, ROS_PACKAGE_PATH=str(opt), CMAKE_PREFIX_PATH=f"/nowhere:{opt}")
+    assert found == (f"{opt}/lib/some_sync/sync", "")
+
+
+def test_what_is_ignored_and_what_is_inside_a_package_is_no_package(opt):
+    package(opt / "src/.hidden")
+    package(opt / "src/left_out")
+    (opt / "src/left_out/CATKIN_IGNORE").touch()
+    package(opt / "src/outer")
+    (opt / "src/outer/package.xml").touch()
+    assert nodes(opt, ROS_PACKAGE_PATH=str(opt)) == ("", "")
+
+
+def test_a_node_that_cannot_be_imported_says_why(opt):
+    path = package(opt / "src", modules=("some_sync/sync.py", "some_msgs/msg.py"))
+    (opt / "src/python/some_msgs/msg.py").write_text("")
+    found = nodes(opt, ROS_PACKAGE_PATH=str(opt))
+    assert found[0] == str(path)
+    assert found[1].startswith("some_msgs.srv cannot be imported: ModuleNotFoundError: No module named 'some_msgs.srv'")
+    (opt / "src/python/some_sync/sync.py").write_text("print('hello')\nraise SystemExit(3)\n")
+    assert nodes(opt, ROS_PACKAGE_PATH=str(opt))[1] == "some_sync.sync cannot be imported: SystemExit: 3"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="root only can be stopped by nobody's rights")
+def test_a_node_that_is_closed_to_others(opt):
+    path = package(opt / "src")
+    path.chmod(0o700)
+    assert nodes(opt, ROS_PACKAGE_PATH=str(opt)) == (str(path), f"{path} is closed to other users")
+
+
+def test_nodes_are_looked_for_in_the_chosen_installation(opt):
+    here = prefix(opt)
+    (here / "lib/some_sync").mkdir(parents=True)
+    (here / "lib/some_sync/sync").touch()
+    found = _ros.find("auto", WANTED, root=str(opt), debian="/nowhere")
+    (node,) = found["chosen"]["nodes"]
+    assert node["path"] == f"{here}/lib/some_sync/sync"
+    assert node["problem"].startswith("some_sync.sync cannot be imported: ")
+
+
+def test_an_interpreter_that_does_not_answer():
+    (found,) = _fkie.nodes(WANTED, "/nowhere/python2.7", {})
+    assert found["path"] == "" and "/nowhere/python2.7 could not be started" in found["problem"]
+
+
+# Debian packages
+
+
+POLICY = """\
+ros-noetic-fkie-master-sync:
+  Installed: (none)
+  Candidate: 1.3.2-2focal.20240101.000000
+  Version table:
+     1.3.2-2focal.20240101.000000 500
+        500 http://packages.example.org/ros/ubuntu focal/main amd64 Packages
+dpkg:
+  Installed: 1.21.22
+  Candidate: 1.21.22
+  Version table:
+ *** 1.21.22 500
+purely-virtual:
+  Installed: (none)
+  Candidate: (none)
+"""
+
+
+def test_versions_of_packages():
+    assert _fkie.policy(POLICY) == {
+        "ros-noetic-fkie-master-sync": {"installed": "", "candidate": "1.3.2-2focal.20240101.000000"},
+        "dpkg": {"installed": "1.21.22", "candidate": "1.21.22"},
+        "purely-virtual": {"installed": "", "candidate": ""},
+    }
+
+
+@pytest.mark.skipif(not shutil.which("apt-cache"), reason="there is no apt")
+def test_packages_of_this_machine(tmp_path):
+    record = tmp_path / "packages"
+    record.write_text("# ours\nros-noetic-nothing\n")
+    dpkg, unknown, ours = _fkie.packages(["dpkg", "ros-noetic-unknown"], str(record))
+    assert (dpkg["name"], bool(dpkg["installed"]), dpkg["ours"]) == ("dpkg", True, False)
+    assert unknown == {"name": "ros-noetic-unknown", "installed": "", "candidate": "", "ours": False}
+    assert ours == {"name": "ros-noetic-nothing", "installed": "", "candidate": "", "ours": True}
+
+
+def test_no_wanted_packages_are_no_question(tmp_path):
+    assert _fkie.packages([], str(tmp_path / "nothing")) == []

@@ -30,10 +30,10 @@ def ansible(tool, *arguments):
     )
 
 
-def plan(*inventories):
+def plan(*inventories, limit="kobuki1"):
     """What fleet_plan makes of inventories."""
     options = [word for inventory in inventories for word in ("-i", str(inventory))]
-    done = ansible("ansible", "robots", *options, "-m", "rosfleet.multimaster.fleet_plan", "--limit", "kobuki1")
+    done = ansible("ansible", "robots", *options, "-m", "rosfleet.multimaster.fleet_plan", "--limit", limit)
     return done.returncode, done.stdout + done.stderr
 
 
@@ -80,6 +80,33 @@ def test_a_wrong_host_outside_the_limit_is_named_too(changed):
     assert (
         "kobuki2computer: multimaster_master is 'kobuki3computer', which is no computer of the robot kobuki2" in output
     )
+
+
+def test_declared_data_flow_is_in_the_plan(changed):
+    status, output = plan(
+        "inventory/multi_computer",
+        changed({}, children={"tibi": {"vars": {"multimaster_exports": [{"actions": ["/dock"], "to": ["dabo"]}]}}}),
+        limit="car-visio",
+    )
+    assert status == 0, output
+    found = json.loads(output.partition("=>")[2])
+    assert found["flows"] == [
+        {"from": ["tibi"], "to": ["dabo"], "topics": ["/dock/status", "/dock/feedback", "/dock/result"], "services": []}
+    ]
+    assert found["computers"]["car-visio"]["sync"] == {"ignore_subscribers": ["*"], "ignore_hosts": ["tibi-visio"]}
+
+
+def test_declarations_that_contradict_each_other_are_named_before_any_host_is_reached(changed):
+    given = {
+        "tibi": [{"services": ["/reset"]}, {"topics": ["/pose"], "to": ["dabbo"]}],
+        "dabo": [{"services": ["/reset"], "to": ["car"]}],
+    }
+    groups = {robot: {"vars": {"multimaster_exports": exports}} for robot, exports in given.items()}
+    status, output = site("inventory/multi_computer", changed({}, children=groups))
+    assert status != 0
+    assert "tibi-visio: multimaster_exports is for 'dabbo', which is no robot (did you mean dabo?)" in output
+    assert "dabo-nav: multimaster_exports gives the service /reset to car, and so does that of tibi" in output
+    assert "UNREACHABLE" not in output
 
 
 def test_an_undefined_variable_in_a_template_is_named(changed):

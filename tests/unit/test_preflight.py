@@ -4,10 +4,15 @@
 """The plan of a computer compared with its machine."""
 
 import copy
+import json
+import os
+import pathlib
 import re
+import subprocess
+import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _preflight
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _preflight, _providers
 
 PLAN = {
     "computer": "kobuki1computer",
@@ -28,7 +33,9 @@ PLAN = {
         {"protocol": "udp", "port": 11511},
         {"protocol": "tcp", "port": 11611},
     ],
+    "provider": "bundled",
     "discovery": {"send_mcast": True, "interface": "192.168.1.229"},
+    "limits": [],
 }
 INFO = {
     "hostname": "kobuki1computer",
@@ -56,7 +63,9 @@ INFO = {
             "setup": "",
             "distro": "",
             "missing": [],
+            "python": "/usr/bin/python3",
             "python_version": "3.11.2",
+            "nodes": [],
             "commands": {"roscore": "/usr/bin/roscore"},
         },
     },
@@ -78,7 +87,8 @@ def compare(change=None, **plan):
 
 
 def test_a_machine_like_its_plan():
-    assert compare() == _preflight.Comparison((), (), PLAN)
+    programs = _providers.programs("bundled", "/usr/bin/python3", {})
+    assert compare() == _preflight.Comparison((), (), {**PLAN, "programs": programs, "packages": []})
 
 
 PROBLEMS = {
@@ -276,3 +286,160 @@ def test_a_router_needs_no_ros():
         discovery={},
     )
     assert found.problems == found.warnings == ()
+
+
+# A machine that runs no module
+
+
+def test_a_python_that_is_too_old_is_one_sentence(tmp_path):
+    root = pathlib.Path(__file__).resolve().parents[2]
+    old = tmp_path / "python2.7"
+    old.write_text("#!/bin/sh\ncat > /dev/null\necho 'ImportError: No module named typing' >&2\nexit 1\n")
+    old.chmod(0o755)
+    host = {"multimaster_address": "192.168.1.5", "multimaster_common_network": "192.168.1.0/24"}
+    host.update(ansible_connection="local", ansible_become=False, ansible_python_interpreter=str(old))
+    inventory = tmp_path / "hosts.json"
+    inventory.write_text(json.dumps({"robots": {"children": {"kobuki": {"hosts": {"kobuki-pc": host}}}}}))
+    done = subprocess.run(
+        [pathlib.Path(sys.executable).with_name("ansible-playbook"), "-i", inventory, "site.yml"],
+        cwd=root,
+        env={**os.environ, "ANSIBLE_COLLECTIONS_PATH": str(root / ".work/collections"), "ANSIBLE_NOCOLOR": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 2
+    assert (
+        "kobuki-pc: the machine could not be looked at (ImportError: No module named typing); expected" in done.stdout
+    )
+    assert "set ansible_python_interpreter, or use a later release of the system." in done.stdout
+
+
+# Upstream as provider
+
+
+PACKAGES = _providers.debian_packages("noetic", is_master=True)
+
+
+def noetic(info, installed=(), candidates=PACKAGES, python="3.8.10"):
+    """A robot with a ROS distribution of its package sources."""
+    setup = "/opt/ros/noetic/setup.bash"
+    info["ros"]["chosen"].update(kind="prefix", setup=setup, distro="noetic", python_version=python)
+    info["packages"] = [
+        {
+            "name": name,
+            "installed": "1.3.2" if name in installed else "",
+            "candidate": "1.3.2" if name in candidates else "",
+            "ours": False,
+        }
+        for name in PACKAGES
+    ]
+
+
+@pytest.mark.parametrize("installed", [(), PACKAGES])
+def test_packages_of_upstream_that_are_there_or_to_be_had(installed):
+    found = compare(lambda info: noetic(info, installed), provider="fkie_apt")
+    assert found.problems == found.warnings == ()
+    assert found.plan["packages"] == PACKAGES
+    start = "ExecStart=/usr/bin/python3 /opt/ros/noetic/lib/fkie_master_discovery/master_discovery "
+    assert start in found.plan["programs"]["discovery"]["service"]
+
+
+def test_packages_that_no_source_has_are_named():
+    (problem,) = compare(lambda info: noetic(info, candidates=PACKAGES[:1]), provider="fkie_apt").problems
+    assert "have no ros-noetic-fkie-master-sync, ros-noetic-fkie-multimaster-msgs; expected them" in problem
+    assert "the ROS distribution noetic: add the source that its ROS came from" in problem
+
+
+def test_an_installed_package_needs_no_source():
+    assert compare(lambda info: noetic(info, PACKAGES, candidates=()), provider="fkie_apt").problems == ()
+
+
+def test_debians_ros_has_no_packages_of_upstream():
+    (problem,) = compare(provider="fkie_apt").problems
+    assert "the ROS is Debian's own packages, for which there are no packages of multimaster_fkie" in problem
+    assert "expected one of indigo, jade, kinetic, lunar, melodic, noetic: set multimaster_provider" in problem
+
+
+def test_a_further_computer_needs_the_messages_alone():
+    found = compare(lambda info: noetic(info), provider="fkie_apt", is_master=False, ports=[], discovery={})
+    assert (found.problems, found.plan["packages"]) == ((), ["ros-noetic-fkie-multimaster-msgs"])
+    assert found.plan["programs"] == _providers.NO_PROGRAMS
+    found = compare(
+        lambda info: noetic(info, candidates=()), provider="fkie_apt", is_master=False, ports=[], discovery={}
+    )
+    assert found.problems == () and "have no ros-noetic-fkie-multimaster-msgs" in found.warnings[0]
+
+
+def test_upstream_runs_on_an_older_python():
+    assert compare(lambda info: noetic(info, python="2.7.18"), provider="fkie_apt").problems == ()
+    (problem,) = compare(lambda info: noetic(info, python="2.7.18")).problems
+    assert "has Python 2.7.18; expected 3.8 or later for the bundled nodes" in problem
+    assert "set multimaster_provider to 'fkie_apt' or 'fkie_existing'" in problem
+
+
+def workspace(info, **changes):
+    """A robot with an installation of upstream: {package: what differs}."""
+    info["ros"]["chosen"].update(
+        kind="workspace",
+        setup="/home/robot/ws/devel/setup.bash",
+        nodes=[
+            {
+                "package": node["package"],
+                "executable": node["executable"],
+                "path": f"/home/robot/ws/src/{node['package']}/nodes/{node['executable']}",
+                "problem": "",
+                **changes.get(node["package"], {}),
+            }
+            for node in _providers.looked_for("fkie_existing", True)["nodes"]
+        ],
+    )
+
+
+GONE = {"path": "", "problem": ""}
+NO_NEW = {"fkie_master_discovery": GONE, "fkie_master_sync": GONE}
+NO_OLD = {"master_discovery_fkie": GONE, "master_sync_fkie": GONE}
+
+
+@pytest.mark.parametrize(
+    ("there", "package"),
+    [({}, "fkie_master_sync"), (NO_OLD, "fkie_master_sync"), (NO_NEW, "master_sync_fkie")],
+)
+def test_an_installation_of_either_name(there, package):
+    found = compare(lambda info: workspace(info, **there), provider="fkie_existing")
+    assert found.problems == () and found.plan["packages"] == []
+    start = f"ExecStart=/usr/bin/python3 /home/robot/ws/src/{package}/nodes/master_sync "
+    assert start in found.plan["programs"]["sync"]["service"]
+
+
+@pytest.mark.parametrize(
+    ("there", "expected"),
+    [
+        (
+            {**NO_OLD, **NO_NEW},
+            "fkie_master_discovery/master_discovery is not there and fkie_master_sync/master_sync is",
+        ),
+        ({**NO_OLD, "fkie_master_sync": GONE}, "/setup.bash fkie_master_sync/master_sync is not there; expected both"),
+        (
+            {"fkie_master_sync": {"problem": "x.msg cannot be imported: ImportError: no"}, **NO_OLD},
+            r"fkie_master_sync/master_sync does not run \(x.msg cannot be imported: ImportError: no\); expected both",
+        ),
+    ],
+)
+def test_an_installation_that_is_not_whole(there, expected):
+    found = compare(lambda info: workspace(info, **there), provider="fkie_existing")
+    assert len(found.problems) == 1 and re.search(expected, found.problems[0]), found.problems
+    assert found.plan["programs"] == _providers.NO_PROGRAMS
+
+
+def test_what_upstream_cannot_do_is_a_warning():
+    said = ["kobuki1computer: multimaster_exports is declared, but ..."]
+    assert compare(workspace, provider="fkie_existing", limits=said).warnings == tuple(said)
+
+
+def test_old_releases_hide_nothing():
+    hiding = {**PLAN["discovery"], "hide_topics": ["*"]}
+    assert compare(workspace, provider="fkie_existing", discovery=hiding).warnings == ()
+    found = compare(lambda info: workspace(info, **NO_NEW), provider="fkie_existing", discovery=hiding)
+    assert "is one from before 1.0, which cannot hide anything" in found.warnings[0]

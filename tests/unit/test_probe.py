@@ -147,6 +147,42 @@ def test_what_routers_say(kind, code, text):
     assert _probe.echo(ip(refusal), 8) is None
 
 
+# As rospy and roscpp answer getBusInfo; the last one as before kinetic.
+BUS_INFO = [
+    [
+        1,
+        "http://kobuki2computer:41233/",
+        "i",
+        "TCPROS",
+        "/goal",
+        True,
+        "TCPROS connection on port 40433 to [kobuki2computer:41233 on socket 9]",
+    ],
+    [2, "/planner", "o", "TCPROS", "/odom", 1, "TCPROS connection on port 39281 to [192.168.1.239:40233 on socket 10]"],
+    [3, "http://Kobuki2Computer:41233/", "i", "TCPROS", "/old", 1],
+    [4, "/rosout", "o", "TCPROS", "/rosout", 1],
+]
+
+
+def test_links_of_a_node():
+    assert _probe.links(BUS_INFO) == [
+        ("in", "/goal", "http://kobuki2computer:41233/", "kobuki2computer"),
+        ("out", "/odom", "/planner", "192.168.1.239"),
+        ("in", "/old", "http://Kobuki2Computer:41233/", "kobuki2computer"),
+        ("out", "/rosout", "/rosout", ""),
+    ]
+
+
+nonsense = st.recursive(
+    st.none() | st.integers() | st.text(max_size=9), lambda inner: st.lists(inner, max_size=8), max_leaves=20
+)
+
+
+@given(nonsense)
+def test_any_bus_info_is_read(answer):
+    _probe.links(answer)
+
+
 @given(st.binary(max_size=80))
 def test_any_packet_is_read(packet):
     _probe.echo(packet, 7)

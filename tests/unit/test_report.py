@@ -93,6 +93,20 @@ def test_report():
     assert _report.render(summary) == TEXT
 
 
+def test_what_differs_is_told_for_each():
+    findings = [
+        Finding("names", ONE, two, FAILED, "each name once", f"the node /{node} is twice", "one name", "rename")
+        for two, node in ((TWO, "a"), ("c", "a"), ("d", "b"), ("e", "c"), ("f", "d"), ("g", "e"))
+    ]
+    lines = _report.render(_report.summarise(findings, [ONE], 2)).splitlines()
+    assert [line.strip() for line in lines if "found:" in line] == [
+        f"found:    the node /a is twice ({ONE} -> {TWO})",
+        f"found:    the node /b is twice ({ONE} -> d)",
+        f"found:    the node /c is twice ({ONE} -> e)",
+        f"found:    the node /d is twice ({ONE} -> f)",
+    ]
+
+
 def test_nothing_to_say():
     text = _report.render(_report.summarise([finding for finding in FINDINGS if finding.verdict == OK], [ONE], 2))
     assert text.startswith("VERIFICATION of 1 of 2 computers; the others are not in this run")

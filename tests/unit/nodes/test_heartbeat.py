@@ -29,7 +29,7 @@ def test_the_vectors_of_the_protocol(text, record):
     st.builds(
         Heartbeat,
         st.just(Kind.STATE),
-        st.integers(0, 65535),
+        st.integers(1, 65535),
         st.integers(0, 255).map(lambda rate: rate / 10),
         stamps,
         stamps,
@@ -67,6 +67,7 @@ def test_any_datagram_is_a_record_or_malformed(data):
         (b"R\x04" + bytes(22), "version 4"),
         (b"X\x02" + bytes(22), "letter R"),
         (b"R\x02" + bytes(19), "21 bytes"),
+        (b"R\x02" + bytes(22), "no port"),
         (b"R\x02" + bytes(23), "25 bytes"),
         (encode(Heartbeat(Kind.STATE, 11611, 0.0, Stamp(-2, 0), Stamp(1, 0))), "before 1970"),
         (encode(Heartbeat(Kind.STATE, 11611, 0.0, Stamp(1, 0), Stamp(0, -5))), "before 1970"),

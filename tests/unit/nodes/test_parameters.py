@@ -17,6 +17,7 @@ def test_defaults_and_what_is_given():
         (SYNC, {"ignore_topic": ["/a"]}, "did you mean ~ignore_topics?"),
         (SYNC, {"zzz": 1}, "is no parameter of this node"),
         (SYNC, {"check_host": True}, "has no effect"),
+        (DISCOVERY, {"timeout_factor": 2}, "~offline_after says"),
     ],
 )
 def test_an_unknown_name_is_a_warning_that_names_the_nearest(table, given, words):
@@ -34,7 +35,10 @@ def test_an_unknown_name_is_a_warning_that_names_the_nearest(table, given, words
         (DISCOVERY, {"send_mcast": "yes"}, "true or false"),
         (DISCOVERY, {"mcast_group": "192.168.1.1"}, "an IPv4 multicast group"),
         (DISCOVERY, {"mcast_group": "ff02::1"}, "an IPv4 multicast group"),
-        (DISCOVERY, {"hide_topics": ["/a["]}, "'/a['"),
+        (DISCOVERY, {"hide_topics": ["/a["]}, "hide_topics: the pattern '/a['"),
+        (DISCOVERY, {"hide_subscribers": "/a["}, "hide_subscribers: the pattern '/a['"),
+        (DISCOVERY, {"offline_after": 0.5}, "~offline_after is 0.5, but at least 2 seconds"),
+        (DISCOVERY, {"offline_after": float("nan")}, "~offline_after"),
         (DISCOVERY, {"hide_nodes": {"robot2": ["/a"]}}, "a pattern, or a list of patterns"),
         (DISCOVERY, {"do_not_sync": [{"robot2": ["/a"]}]}, "a pattern, or a list of patterns"),
         (SYNC, {"ignore_topics": ["/a["]}, "ignore_topics: the pattern '/a[' is no regular expression"),

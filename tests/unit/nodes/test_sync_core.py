@@ -14,7 +14,8 @@ ADD = Registration("service", "/add", *TALKER, "rosrpc://robot2:50000")
 
 
 def wanted(*items, master=R2, name="robot2"):
-    return [Wanted(item, master, name) for item in items]
+    types = {"/chatter": "std_msgs/String"}
+    return [Wanted(item, master, name, types.get(item.name, "*")) for item in items]
 
 
 def view(*items, node_uris=(), types=()):
@@ -36,7 +37,7 @@ class Roscore:
         self.items, self.shut_down = set(own), []
 
     def carry_out(self, todo):
-        for call in calls(todo, {"/chatter": "std_msgs/String"}):
+        for call in calls(todo):
             verb, kind = (
                 call[0][: -len(call[0].lstrip("abcdefghijklmnopqrstuvwxyz"))],
                 call[0].lstrip("abcdefghijklmnopqrstuvwxyz").lower(),
@@ -72,7 +73,7 @@ def settle(roscore, items, claims):
 
 def test_what_is_wanted_is_registered_with_the_remote_nodes_name_and_uri():
     todo = plan(wanted(CHATTER, HEARD, ADD), view(), {})
-    assert calls(todo, {"/chatter": "std_msgs/String"}) == [
+    assert calls(todo) == [
         ("registerPublisher", "/talker", "/chatter", "std_msgs/String", "http://robot2:40000/"),
         ("registerService", "/talker", "/add", "rosrpc://robot2:50000", "http://robot2:40000/"),
         ("registerSubscriber", "/talker", "/heard", "*", "http://robot2:40000/"),
@@ -83,13 +84,13 @@ def test_what_is_wanted_is_registered_with_the_remote_nodes_name_and_uri():
 
 def test_what_is_there_is_not_registered_again():
     todo = plan(wanted(CHATTER, ADD), view(CHATTER, ADD), {TALKER: R2})
-    assert calls(todo, {}) == []
+    assert calls(todo) == []
     assert set(todo.held) == {CHATTER, ADD}
 
 
 def test_what_is_no_longer_wanted_is_unregistered_and_then_no_longer_claimed():
     todo = plan([], view(CHATTER, HEARD, ADD), {TALKER: R2})
-    assert calls(todo, {}) == [
+    assert calls(todo) == [
         ("unregisterPublisher", "/talker", "/chatter", "http://robot2:40000/"),
         ("unregisterService", "/talker", "/add", "rosrpc://robot2:50000"),
         ("unregisterSubscriber", "/talker", "/heard", "http://robot2:40000/"),
@@ -101,13 +102,13 @@ def test_what_is_no_longer_wanted_is_unregistered_and_then_no_longer_claimed():
 def test_registrations_of_the_own_robot_are_never_touched():
     own = Registration("publisher", "/chatter", "/own", "http://robot1:1/")
     todo = plan([], view(own), {TALKER: R2})
-    assert calls(todo, {}) == []
+    assert calls(todo) == []
 
 
 def test_a_killed_sync_finds_its_registrations_again():
     roscore = Roscore()
     claims = settle(roscore, wanted(CHATTER, ADD), {}).claims
-    assert calls(plan(wanted(ADD), roscore.view(), claims), {}) == [
+    assert calls(plan(wanted(ADD), roscore.view(), claims)) == [
         ("unregisterPublisher", "/talker", "/chatter", "http://robot2:40000/")
     ]
 
@@ -136,7 +137,7 @@ def test_it_is_registered_when_the_own_node_has_gone():
 def test_an_own_node_seen_through_another_master_is_left_alone_silently():
     own = Registration("publisher", "/chatter", *TALKER)
     todo = plan(wanted(CHATTER), view(own), {})
-    assert (calls(todo, {}), todo.refused, todo.claims) == ([], [], {})
+    assert (calls(todo), todo.refused, todo.claims) == ([], [], {})
 
 
 def test_a_service_that_another_node_provides_is_refused():
@@ -363,10 +364,21 @@ def test_a_type_that_nobody_knows_is_not_told_to_the_roscore(kind):
     sync = core()
     sync.announced(announced(), 0.0)
     sync.fetched(fetch(sync, 0.1), state(kind=kind), "", 0.2)
-    assert sync.types() == {}
+    assert {item.type for item in sync.wanted(1.0)} == {"*"}
 
 
-def test_a_subscriber_keeps_the_publishers_of_its_own_robot():
+def test_a_subscriber_is_told_who_publishes_here_and_on_its_own_robot():
     sync = synced()
-    assert sync.publishers_of("/chatter", R2) == ["http://robot2:40000/"]
-    assert sync.publishers_of("/nothing", R2) == sync.publishers_of("/chatter", R3) == []
+    hearing = CHATTER._replace(kind="subscriber")
+    here = ["http://robot1:1/", "http://robot2:40000/"]
+    assert sync.publishers_for(hearing, R2, here) == here
+    assert sync.publishers_for(hearing, R2, here[:1]) == here
+    assert sync.publishers_for(hearing, R2, []) == sync.publishers_for(hearing, R3, here) == []
+
+
+@pytest.mark.parametrize("filters", [{"ignore_publishers": ["/chatter"]}, {"do_not_sync": ["/chatter"]}])
+def test_a_subscriber_whose_own_publishers_are_not_seen_is_told_nothing(filters):
+    sync = core(**filters)
+    sync.announced(announced(), 0.0)
+    sync.fetched(fetch(sync, 0.1), state(), "", 0.2)
+    assert sync.publishers_for(CHATTER._replace(kind="subscriber"), R2, ["http://robot1:1/"]) == []

@@ -8,7 +8,21 @@ What is to be done accumulates in `Discovery.actions`, which the program takes a
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import (
+    Any,
+    Callable,
+    Deque,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    Union,
+)
 from urllib.parse import urlsplit
 
 from .heartbeat import Heartbeat, Kind, Malformed, Stamp, decode, encode
@@ -17,17 +31,25 @@ Key = Tuple[str, int, int]  # address and UDP port of the sender, port of its XM
 
 REPEAT_CHANGES = (0.0, 0.2, 1.0)  # seconds after a change: one lost datagram must not delay it
 REPEAT_REQUESTS = (0.0, 1.0, 5.0)  # seconds after the start
-ANSWER_PAUSE = 0.2  # seconds between two answers to one address
-SCAN = 1.0  # seconds between two looks at who is silent
-ASLEEP = 3.0  # seconds between two ticks after which this computer was asleep, and the others were not silent
-UNANSWERED = 5  # requests after which a silent master is offline
+ANSWER_PAUSE = 0.1  # seconds between two answers to one address
+SCAN = 1.0  # seconds between two ticks, at most
+ASLEEP = 1.5  # seconds between two ticks after which this computer was asleep, and the others were not silent
+MARGIN = 0.5  # of ~offline_after: the time that master_sync has to withdraw what a lost master had
+ASK_PAUSE = 0.2  # seconds between two requests to a master that missed its beat
+SLOW_PAUSE, SLOW_PATIENCE = 1.0, 5.5  # seconds: the same for a master that promises few beats, and how long it is asked
+CONTACT_LIMIT, STRANGER_LIMIT, LEAVE_LIMIT = 3.0, 1.5, 1.0  # seconds for an answer over TCP
 CONTACT_RETRY = 5.0  # seconds
 CONTACT_RETRY_NO_STATE = 1.0  # seconds: it answered that it has no state yet
 CONTACT_PAUSE = 5.0  # seconds between two contacts that nothing but requests of the other side ask for
 LEAVE_CHECKS = (0.2, 1.0, 3.0)  # seconds: who still answers after these has not left
-MAX_MASTERS = 1024  # more would be somebody's flood
+LEAVE_PAUSE = 1.0  # seconds between a contact and the first check of another LEAVE
+DEAD_AFTER, LEAVE_AFTER = 1.0, 5.0  # seconds without the own roscore: it is offline; the others are told to forget it
+MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be somebody's flood
+MAX_STRANGERS, MAX_ASKED = 1024, 32  # senders that have not said who they are; those that are asked at the same time
+MAX_ANSWERED = 4096  # addresses that are answered in a second
 MAX_NAME = 1024  # characters of a name or URI in an answer
-FORGET_UNKNOWN = 30.0  # seconds of silence after which an entry that never said who it is goes
+FORGET_STRANGER = 30.0  # seconds of silence
+NEVER = float("-inf")
 
 
 @dataclass(frozen=True)
@@ -35,13 +57,31 @@ class Settings:
     """The parameters that the core needs, with upstream's names and defaults (times in seconds)."""
 
     heartbeat_hz: float = 0.02
+    offline_after: float = 5.0
     active_request_after: float = 60.0
     remove_after: float = 300.0
     measurement_intervals: int = 5
-    timeout_factor: float = 10.0
     robot_hosts: Sequence[str] = ()
     send_mcast: bool = True
     listen_mcast: bool = True
+
+
+class Patience(NamedTuple):
+    """What silence of a master leads to, in seconds since its last sign of life."""
+
+    ask: float  # it is asked by datagrams,
+    pause: float  # so often,
+    contact: float  # and once over TCP
+    offline: float  # it is offline
+
+    @classmethod
+    def with_rate(cls, rate: float, settings: Settings) -> "Patience":
+        """Patience with a master that promises so many beats a second."""
+        if rate * settings.offline_after < 2:
+            ask = settings.active_request_after
+            return cls(ask, SLOW_PAUSE, ask + SLOW_PATIENCE / 2, ask + SLOW_PATIENCE)
+        limit = settings.offline_after - MARGIN
+        return cls(min(1.5 / rate, limit / 2), ASK_PAUSE, max(limit / 2, 1.25 / rate), limit)
 
 
 class Contact(NamedTuple):
@@ -60,8 +100,9 @@ class Contact(NamedTuple):
         stamp, (uri, name, discoverer) = float(answer[0]), answer[1:4]
         if not 0.0 <= stamp < 2**31:
             raise ValueError(f"its stamp is {answer[0][:40]}")
-        if max(len(uri), len(name), len(discoverer)) > MAX_NAME:
-            raise ValueError(f"a name of more than {MAX_NAME} characters")
+        for text in (uri, name, discoverer):
+            if len(text) > MAX_NAME or not text.isprintable():
+                raise ValueError(f"a name that is none: {ascii(text[:40])}")
         if not uri.startswith("http://") or not urlsplit(uri).hostname:
             raise ValueError(f"it calls its master {uri}")
         return cls(stamp, uri, name, discoverer)
@@ -124,6 +165,8 @@ class Ask(NamedTuple):
 
     key: Key
     monitor_uri: str
+    limit: float  # seconds for the whole answer
+    stranger: bool  # it has not said yet who it is: must not keep the others waiting
 
 
 class Event(NamedTuple):
@@ -150,21 +193,27 @@ class _Entry:
 
     key: Key
     since: float
-    heard: float
+    heard: float  # its last sign of life
     beat: Heartbeat
-    contact: Optional[Contact] = None
+    contact: Optional[Contact] = None  # none yet: a stranger
     online: bool = False
-    unanswered: int = 0
-    asked: float = 0.0
+    credit: int = 0  # datagrams since it was last asked in vain who it is,
+    failures: int = 0  # and how often it was
+    requested: float = NEVER  # when its state was asked for by a datagram
+    probed: float = NEVER  # when it was asked over TCP, since it was silent
     contact_due: Optional[float] = None
-    contacting: bool = False
-    contacted: float = 0.0
-    leaving: int = 0  # how many checks after a LEAVE were answered, plus one
+    asked: Optional[float] = None  # since when an answer over TCP is awaited
+    contacted: float = NEVER
+    leaving: int = 0  # how many checks after a LEAVE were made, plus one
     beats: Deque[float] = field(default_factory=lambda: deque(maxlen=512))
 
     @property
     def monitor_uri(self) -> str:
         return f"http://{self.key[0]}:{self.key[2]}"
+
+    @property
+    def overdue(self) -> bool:
+        return self.requested > self.heard
 
     def master(self) -> Optional[Master]:
         if self.contact is None:
@@ -172,6 +221,9 @@ class _Entry:
         stamp, local = self.beat.stamp.seconds, self.beat.local_stamp.seconds
         contact = self.contact
         return Master(contact.name, contact.uri, stamp, local, self.online, contact.discoverer, self.monitor_uri)
+
+
+Step = Tuple[float, Callable[[_Entry, float], None]]  # when, and what
 
 
 class Discovery:
@@ -187,7 +239,11 @@ class Discovery:
         self._own: Optional[Master] = None
         self._own_beats: Deque[float] = deque(maxlen=512)
         self._own_since = 0.0
+        self._left = False
         self._entries: Dict[Key, _Entry] = {}
+        self._strangers: Dict[Key, _Entry] = {}  # in the order in which they were last heard
+        self._asked: Set[Key] = set()  # strangers that are being asked who they are
+        self._turn = False
         self._public: Dict[str, Master] = {}
         self._announce: List[float] = []
         self._request: List[float] = []
@@ -200,27 +256,42 @@ class Discovery:
 
     def own_state(self, master: Master, now: float) -> None:
         """The roscore answers, and this is the state of the own master. A changed one is announced, several times."""
-        before, self._own = self._own, master
+        before, self._own, self._left = self._own, master, False
         if before is None:
             self._own_since = now
-            self._request = [now + after for after in REPEAT_REQUESTS]
-        if (
-            before is None
-            or not before.online
-            or (before.stamp, before.local_stamp) != (master.stamp, master.local_stamp)
-        ):
+        if before is None or not before.online:
+            self.greet(now)
+        elif (before.stamp, before.local_stamp) != (master.stamp, master.local_stamp):
             self._announce = [now + after for after in REPEAT_CHANGES]
         self._publish()
         self.tick(now)
 
-    def own_offline(self, leave: bool) -> None:
-        """The roscore does not answer: nothing is announced any more; with `leave` the others are told to forget it."""
-        if self._own and self._own.online:
+    def own_failed(self, since: float, now: float) -> bool:
+        """The roscore has not answered since then. True where that has lasted, so that it is offline."""
+        if now - since <= DEAD_AFTER:
+            return False
+        if self._own is not None and self._own.online:
             self._own = Master(**{**self._own.__dict__, "online": False})
             self._announce = []
             self._publish()
-        if leave:
-            self._to_all(self._record(Kind.LEAVE))
+        if self._own is not None and now - since >= LEAVE_AFTER and not self._left:
+            self._left = True
+            self._announce = [now + after for after in REPEAT_CHANGES]
+        self.tick(now)
+        return True
+
+    def own_moved(self, own_addresses: Iterable[str]) -> None:
+        """These are the addresses of this computer now: nobody there is another master."""
+        self.own_addresses = frozenset(own_addresses)
+        for table in (self._entries, self._strangers):
+            for key in [key for key in table if self._is_own(key[0]) and key[2] == self.rpc_port]:
+                del table[key]
+        self._publish()
+
+    def greet(self, now: float) -> None:
+        """This master, or its network, has just come: tell the others, and ask them."""
+        self._announce = [now + after for after in REPEAT_CHANGES]
+        self._request = [now + after for after in REPEAT_REQUESTS]
 
     def leave(self) -> None:
         """The node ends."""
@@ -243,7 +314,7 @@ class Discovery:
             self.malformed += 1
             self._say("warning", "malformed", f"a datagram from {source[0]}:{source[1]} is ignored: {problem}")
             return
-        if source[0] in self.own_addresses and beat.rpc_port == self.rpc_port:
+        if beat.rpc_port == self.rpc_port and self._is_own(source[0]):
             if beat.kind is Kind.STATE:
                 self._own_beats.append(now)
             return
@@ -251,88 +322,74 @@ class Discovery:
         entry = self._entries.get(key)
         if beat.kind is Kind.LEAVE:
             if entry is not None and not entry.leaving:
-                entry.leaving, entry.contact_due = 1, now + LEAVE_CHECKS[0]
+                entry.leaving = 1
+                entry.contact_due = max(now + LEAVE_CHECKS[0], entry.contacted + LEAVE_PAUSE)
             return
-        if entry is None:
-            entry = self._new_entry(key, beat, now)
-            if entry is None:
-                return
-        entry.heard, entry.unanswered = now, 0
         if beat.kind is Kind.REQUEST:
             self._answer(source[0], multicast, now)
-            if now - entry.contacted > CONTACT_PAUSE:  # who asks has perhaps just started, as somebody else
-                entry.contact_due = now if entry.contact_due is None else entry.contact_due
+        if entry is None:
+            self._stranger(key, beat, now)
         else:
-            entry.beats.append(now)
-            entry.leaving = 0
-            if not entry.online and entry.contact is not None:
-                entry.contact_due = now
-            entry.beat = beat
-        if entry.contact is not None and entry.beat.stamp != Stamp():
-            self._online(entry)
-        self._publish()
-        self._contacts(now)
+            self._heard(entry, beat, now)
 
-    def contacted(self, key: Key, contact: Optional[Contact], problem: str, now: float) -> None:
-        """The result of an Ask: the answer, or None and why."""
-        entry = self._entries.get(key)
+    def contacted(self, key: Key, contact: Optional[Contact], problem: str, now: float, *, gone: bool = False) -> None:
+        """The result of an Ask: the answer, or None and why. `gone`: it was answered, and there is no master."""
+        self._asked.discard(key)
+        entry = self._entries.get(key) or self._strangers.get(key)
         if entry is None:
             return
-        entry.contacting, entry.contacted, entry.contact_due = False, now, None
-        if contact is not None and contact.stamp <= 0.0:
+        asked, entry.asked, entry.contacted, entry.contact_due = entry.asked, None, now, None
+        starting = contact is not None and contact.stamp <= 0.0
+        if starting:
             contact, problem = None, "it has no state yet"
+        if contact is not None:
+            entry.heard = now
         if entry.leaving:
-            self._check_leaving(entry, contact, now)
-        elif contact is None:
-            no_state = problem == "it has no state yet"
-            entry.contact_due = now + (CONTACT_RETRY_NO_STATE if no_state else CONTACT_RETRY)
+            self._check_leaving(entry, contact, gone, now)
+        elif contact is not None:
+            self._identify(entry, contact, NEVER if asked is None else asked)
+        elif entry.contact is None or entry.online:
+            entry.contact_due = now + (CONTACT_RETRY_NO_STATE if starting else CONTACT_RETRY)
+            entry.credit, entry.failures = 0, entry.failures + 1
             if entry.contact is None:
                 self._say(
                     "warning",
-                    f"contact {key[0]}",
+                    f"contact {key[0]}" if len(self._strangers) <= MAX_PER_ADDRESS else "contacts",
                     f"{entry.monitor_uri} is heard, but does not say who it is: {problem}",
                 )
-        else:
-            self._identify(entry, contact, now)
         self._publish()
+        self._meet(now)
 
     def tick(self, now: float) -> None:
         """Do what is due; at least once a second."""
-        asleep = now - self._ticked if self._ticked is not None else 0.0
+        late = now - self._ticked if self._ticked is not None else 0.0
         self._ticked = now
-        if asleep > ASLEEP:
+        if late > ASLEEP:
             for entry in self._entries.values():
-                entry.heard = min(now, entry.heard + asleep)
-        online = self._own is not None and self._own.online
-        if online:
-            if any(due <= now for due in self._announce) or now >= self._next_beat:
-                self._announce = [due for due in self._announce if due > now]
-                self._next_beat = now + 1.0 / max(self.settings.heartbeat_hz, 0.02)
-                self._to_all(self._record(Kind.STATE))
-            if any(due <= now for due in self._request):
-                self._request = [due for due in self._request if due > now]
-                if self.settings.listen_mcast and self.settings.send_mcast:
-                    self._send(self._record(Kind.REQUEST), None)
-                for host in self.settings.robot_hosts:
-                    self._send(self._record(Kind.REQUEST), host)
-        self._contacts(now)
+                entry.heard = min(now, entry.heard + late - SCAN)
+        self._speak(now)
+        for entry in list(self._entries.values()):
+            for due, step in list(self._steps(entry)):
+                if due <= now:
+                    step(entry, now)
         if now >= self._next_scan:
             self._next_scan = now + SCAN
             self._answered = {host: at for host, at in self._answered.items() if now - at < ANSWER_PAUSE}
-            for entry in list(self._entries.values()):
-                self._scan(entry, now)
-            self._publish()
+            while self._strangers and now - next(iter(self._strangers.values())).heard > FORGET_STRANGER:
+                self._strangers.pop(next(iter(self._strangers)))
+        self._publish()
+        self._meet(now)
 
     def next_tick(self) -> float:
         """The time at which `tick` has something to do."""
-        due = [
-            entry.contact_due
-            for entry in self._entries.values()
-            if entry.contact_due is not None and not entry.contacting
-        ]
-        if self._own is not None and self._own.online:
-            due += self._announce + self._request + [self._next_beat]
-        return min([self._next_scan] + due)
+        due = [at for entry in self._entries.values() for at, _step in self._steps(entry)]
+        if len(self._asked) < MAX_ASKED:
+            due += [at for at, _entry in self._unmet()]
+        if self._own is not None:
+            due += self._announce
+        if self._online():
+            due += [*self._request, self._next_beat]
+        return min([self._next_scan, *due])
 
     # What the program asks
 
@@ -355,99 +412,184 @@ class Discovery:
                 found.append(Link(entry.contact.name, quality, now - entry.heard))
         return found
 
-    # Entries
+    # Strangers: senders that have not said who they are. Anybody can write any sender into a datagram, so there may be many.
 
-    def _new_entry(self, key: Key, beat: Heartbeat, now: float) -> Optional[_Entry]:
-        if len(self._entries) >= MAX_MASTERS:
-            self.refused += 1
-            self._say("warning", "full", f"{key[0]} is ignored: {MAX_MASTERS} masters are known already")
-            return None
-        entry = self._entries[key] = _Entry(key, now, now, beat, contact_due=now)
-        return entry
-
-    def _identify(self, entry: _Entry, contact: Contact, now: float) -> None:
-        known, entry.contact = entry.contact, contact
-        if entry.beat.stamp == Stamp():  # only a request was heard so far
-            entry.beat = entry.beat._replace(stamp=Stamp.at(contact.stamp), local_stamp=Stamp.at(contact.stamp))
-        if known is None or known.uri != contact.uri:
-            if contact.uri == self._own_uri():
-                text = (
-                    f"{entry.monitor_uri} calls its master {contact.uri}, as this computer calls its own: nothing is"
-                    " exchanged with it; set ROS_HOSTNAME or ROS_IP before roscore starts, on both"
+    def _stranger(self, key: Key, beat: Heartbeat, now: float) -> None:
+        entry = self._strangers.pop(key, None)
+        if entry is None:
+            entry = _Entry(key, now, now, beat, contact_due=now)
+            if len(self._strangers) >= MAX_STRANGERS:
+                self.refused += 1
+                self._say(
+                    "warning", "full", f"{MAX_STRANGERS} senders do not say who they are: the first are forgotten"
                 )
-                self._say("error", f"same {entry.key[0]}", text)
-            for other in self._public.values():
-                if other.name == contact.name and other.uri != contact.uri:
-                    text = (
-                        f"two masters are called {contact.name}: {other.uri} and {contact.uri}; give one another name"
-                    )
-                    self._say("warning", f"name {contact.name}", text)
-        self._online(entry)
+                del self._strangers[next(first for first in self._strangers if first not in self._asked)]
+        self._strangers[key] = entry
+        entry.heard, entry.credit = now, entry.credit + 1
+        if beat.kind is Kind.STATE:
+            entry.beat = beat
+            entry.beats.append(now)
+        self._meet(now)
 
-    def _online(self, entry: _Entry) -> None:
-        entry.online = True
+    def _meet(self, now: float) -> None:
+        """Ask strangers who they are, not too many at a time.
 
-    def _check_leaving(self, entry: _Entry, contact: Optional[Contact], now: float) -> None:
+        A flood may have ever other senders: so first comes who is heard most. It may have the same ones again and again:
+        so every second time, first comes who was not asked yet.
+        """
+        while len(self._asked) < MAX_ASKED:
+            waiting = [entry for due, entry in self._unmet() if due <= now]
+            if not waiting:
+                return
+            self._turn = not self._turn
+            entry = max(waiting, key=lambda entry: (-entry.failures if self._turn else 0, entry.credit))
+            self._asked.add(entry.key)
+            self._ask(entry, now, STRANGER_LIMIT)
+
+    def _unmet(self) -> Iterator[Tuple[float, _Entry]]:
+        for entry in self._strangers.values():
+            if entry.contact_due is not None and entry.asked is None:
+                yield entry.contact_due, entry
+
+    def _identify(self, entry: _Entry, contact: Contact, asked: float) -> None:
+        """It says who it is."""
+        known = entry.contact
+        if known is None and not self._admit(entry):
+            return
+        entry.contact, entry.online = contact, True
+        stamp = Stamp.at(contact.stamp)
+        if stamp != entry.beat.stamp and not (entry.beats and entry.beats[-1] >= asked):  # a beat was lost
+            entry.beat = entry.beat._replace(stamp=stamp, local_stamp=stamp)
+        if known is None or known.uri != contact.uri:
+            self._report_twins(entry, contact)
+
+    def _admit(self, entry: _Entry) -> bool:
+        """A stranger has said who it is. Of too many of one address, that goes which sent nothing for the longest time."""
+        same = [other for other in self._entries.values() if other.key[0] == entry.key[0]]
+        if len(same) >= MAX_PER_ADDRESS:
+            del self._entries[min(same, key=lambda other: other.beats[-1] if other.beats else other.since).key]
+        elif len(self._entries) >= MAX_MASTERS:
+            self.refused += 1
+            self._say("warning", "masters", f"{entry.monitor_uri} is ignored: {MAX_MASTERS} masters are known already")
+            entry.contact_due = entry.contacted + FORGET_STRANGER
+            return False
+        self._entries[entry.key] = self._strangers.pop(entry.key)
+        return True
+
+    def _report_twins(self, entry: _Entry, contact: Contact) -> None:
+        if contact.uri == self._own_uri():
+            text = (
+                f"{entry.monitor_uri} calls its master {contact.uri}, as this computer calls its own: nothing is"
+                " exchanged with it; set ROS_HOSTNAME or ROS_IP before roscore starts, on both"
+            )
+            self._say("error", f"same {entry.key[0]}", text)
+        for other in self._public.values():
+            if other.name == contact.name and other.uri != contact.uri:
+                text = f"two masters are called {contact.name}: {other.uri} and {contact.uri}; give one another name"
+                self._say("warning", f"name {contact.name}", text)
+
+    # Masters: senders that have said who they are
+
+    def _heard(self, entry: _Entry, beat: Heartbeat, now: float) -> None:
+        entry.heard, entry.leaving = now, 0
+        if beat.kind is Kind.REQUEST:
+            if now - entry.contacted > CONTACT_PAUSE:  # who asks has perhaps just started, as somebody else
+                entry.contact_due = now if entry.contact_due is None else entry.contact_due
+        else:
+            entry.beats.append(now)
+            entry.beat = beat
+            if not entry.online:
+                entry.contact_due = now
+        if entry.beat.stamp != Stamp():
+            entry.online = True
+        self._publish()
+
+    def _steps(self, entry: _Entry) -> Iterator[Step]:
+        """What is to be done about a master that stays silent, and when."""
+        heard, patience = entry.heard, Patience.with_rate(entry.beat.rate, self.settings)
+        if self._online():
+            pause = patience.pause if entry.online else max(self.settings.active_request_after, patience.ask)
+            pause = max(pause, SLOW_PAUSE) if self._crowded(entry) else pause
+            yield max(heard + patience.ask, entry.requested + pause), self._request_state
+        if entry.online and entry.probed < heard:
+            yield heard + patience.contact, self._probe
+        if entry.online:
+            yield heard + patience.offline, self._lose
+        if entry.contact_due is not None and entry.asked is None:
+            yield entry.contact_due, self._ask
+        if self.settings.remove_after > 0:
+            yield heard + self.settings.remove_after, self._drop
+
+    def _request_state(self, entry: _Entry, now: float) -> None:
+        entry.requested = now
+        to_group = self._crowded(entry) and self.settings.send_mcast
+        self._send(self._record(Kind.REQUEST), None if to_group else entry.key[0])
+
+    def _crowded(self, entry: _Entry) -> bool:
+        """Whether several masters share its address, so that unicast reaches only one of them."""
+        return any(key[0] == entry.key[0] and key[2] != entry.key[2] for key in self._entries)
+
+    def _probe(self, entry: _Entry, now: float) -> None:
+        entry.probed = now
+        patience = Patience.with_rate(entry.beat.rate, self.settings)
+        self._ask(entry, now, entry.heard + patience.offline - now)
+
+    def _ask(self, entry: _Entry, now: float, limit: float = CONTACT_LIMIT) -> None:
+        if entry.asked is None:
+            entry.asked = now
+            limit = LEAVE_LIMIT if entry.leaving else limit
+            self.actions.append(Ask(entry.key, entry.monitor_uri, limit, entry.contact is None))
+
+    def _lose(self, entry: _Entry, _now: float) -> None:
+        entry.online = False
+
+    def _drop(self, entry: _Entry, _now: float) -> None:
+        self._entries.pop(entry.key, None)
+
+    def _check_leaving(self, entry: _Entry, contact: Optional[Contact], gone: bool, now: float) -> None:
         """After a LEAVE: whoever still answers has not left, whatever a datagram says."""
-        if contact is None:
-            self._drop(entry)
-        elif entry.leaving < len(LEAVE_CHECKS):
-            entry.contact_due = now + LEAVE_CHECKS[entry.leaving]
+        last = entry.leaving == len(LEAVE_CHECKS)
+        if contact is None and (gone or last):
+            self._drop(entry, now)
+        elif not last:
+            entry.contact_due = now + LEAVE_CHECKS[entry.leaving if contact else 0]
             entry.leaving += 1
+            self._send(self._record(Kind.REQUEST), entry.key[0])
         else:
             entry.leaving = 0
             self._say(
                 "warning",
                 f"leave {entry.key[0]}",
-                f"{contact.name} was said to leave, but answers at {entry.monitor_uri}: kept",
+                f"{entry.master().name} was said to leave, but answers at {entry.monitor_uri}: kept",
             )
-
-    def _drop(self, entry: _Entry) -> None:
-        self._entries.pop(entry.key, None)
-
-    def _scan(self, entry: _Entry, now: float) -> None:
-        silent, settings = now - entry.heard, self.settings
-        if 0 < settings.remove_after < silent or (entry.contact is None and silent > FORGET_UNKNOWN):
-            self._drop(entry)
-            return
-        rate = entry.beat.rate
-        if entry.online and rate >= 0.3 and silent > self._interval(rate) * settings.timeout_factor:
-            entry.online = False
-        if silent > settings.active_request_after:
-            if entry.unanswered >= UNANSWERED:
-                entry.online = False
-            if entry.unanswered < UNANSWERED or now - entry.asked >= settings.active_request_after:
-                entry.unanswered, entry.asked = entry.unanswered + 1, now
-                crowded = sum(1 for other in self._entries if other[0] == entry.key[0]) > 1
-                self._send(self._record(Kind.REQUEST), None if crowded and settings.send_mcast else entry.key[0])
-
-    def _contacts(self, now: float) -> None:
-        for entry in self._entries.values():
-            if entry.contact_due is not None and entry.contact_due <= now and not entry.contacting:
-                entry.contacting = True
-                self.actions.append(Ask(entry.key, entry.monitor_uri))
 
     # What others see
 
     def _publish(self) -> None:
         """Compare what is known with what was told, and tell the difference.
 
-        Masters are known by their URI here: one that is heard from two addresses is there while one of them is.
+        Masters are known by their URI here: one that is heard from two addresses is there while one of them is, and is
+        shown at the same one for as long as it answers there.
         """
-        best: Dict[str, Master] = {}
+        best: Dict[str, Tuple[Tuple[bool, bool, bool], Master]] = {}
         for entry in self._entries.values():
             master = entry.master()
-            if master is not None and (master.uri not in best or (master.online and not best[master.uri].online)):
-                best[master.uri] = master
+            if master is None:
+                continue
+            shown = self._public.get(master.uri)
+            rank = (master.online, not entry.overdue, shown is not None and shown.monitor_uri == master.monitor_uri)
+            if master.uri not in best or rank > best[master.uri][0]:
+                best[master.uri] = (rank, master)
+        public = {uri: master for uri, (_rank, master) in best.items()}
         if self._own is not None:
-            best[self._own.uri] = self._own
-        if best == self._public:
+            public[self._own.uri] = self._own
+        if public == self._public:
             return
-        before, self._public = self._public, best
+        before, self._public = self._public, public
         for uri, master in before.items():
-            if uri not in best:
+            if uri not in public:
                 self.actions.append(Event("removed", Master(**{**master.__dict__, "online": False})))
-        for uri, master in best.items():
+        for uri, master in public.items():
             if uri not in before:
                 self.actions.append(Event("new", master))
             elif master != before[uri]:
@@ -456,13 +598,17 @@ class Discovery:
     def _own_uri(self) -> Optional[str]:
         return self._own.uri if self._own else None
 
-    def _interval(self, rate: float) -> float:
-        return self.settings.measurement_intervals / min(rate, 1.0)
+    def _online(self) -> bool:
+        """Whether there is an own state to tell of."""
+        return self._own is not None and self._own.online
+
+    def _is_own(self, address: str) -> bool:
+        return address in self.own_addresses or address.startswith("127.")
 
     def _quality(self, beats: Deque[float], rate: float, since: float, now: float) -> float:
         if rate < 0.1:
             return -1.0
-        window = min(self._interval(rate), max(now - since, 1.0 / rate))
+        window = min(self.settings.measurement_intervals / min(rate, 1.0), max(now - since, 1.0 / rate))
         received = sum(1 for at in beats if now - at <= window)
         return min(100.0, 100.0 * received / (rate * window))
 
@@ -474,12 +620,28 @@ class Discovery:
         stamp, local = Stamp.at(self._own.stamp), Stamp.at(self._own.local_stamp)
         return encode(Heartbeat(kind, self.rpc_port, self.settings.heartbeat_hz, stamp, local))
 
+    def _speak(self, now: float) -> None:
+        """Tell the others what is due: the state, that it has gone, or a request for theirs."""
+        announce = self._own is not None and any(due <= now for due in self._announce)
+        self._announce = [due for due in self._announce if due > now]
+        if self._online() and (announce or now >= self._next_beat):
+            self._next_beat = now + 1.0 / max(self.settings.heartbeat_hz, 0.02)
+            self._to_all(self._record(Kind.STATE))
+        elif announce:
+            self._to_all(self._record(Kind.LEAVE))
+        if self._online() and any(due <= now for due in self._request):
+            self._request = [due for due in self._request if due > now]
+            if self.settings.listen_mcast and self.settings.send_mcast:
+                self._send(self._record(Kind.REQUEST), None)
+            for host in self.settings.robot_hosts:
+                self._send(self._record(Kind.REQUEST), host)
+
     def _answer(self, host: str, multicast: bool, now: float) -> None:
-        if self._own is None or not self._own.online:
+        if not self._online() or len(self._answered) > MAX_ANSWERED:
             return
         group: Tuple[Optional[str], ...] = (None,) if multicast and self.settings.send_mcast else ()
         for target in group + (host,):
-            if now - self._answered.get(target, now - 1.0) >= ANSWER_PAUSE:
+            if now - self._answered.get(target, NEVER) >= ANSWER_PAUSE:
                 self._answered[target] = now
                 self._send(self._record(Kind.STATE), target)
 
@@ -493,7 +655,7 @@ class Discovery:
             self._send(datagram, host)
 
     def _send(self, datagram: bytes, host: Optional[str]) -> None:
-        if host is None or host not in self.own_addresses:
+        if host is None or not self._is_own(host):
             self.actions.append(Send(datagram, host))
 
     def _say(self, level: str, topic: str, text: str) -> None:

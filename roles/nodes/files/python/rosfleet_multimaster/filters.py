@@ -1,24 +1,38 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is exchanged: patterns of nodes, topics, services, types and hosts, with upstream's semantics.
+"""What is exchanged: patterns of nodes, topics, services, types and hosts.
 
 In a pattern `*` stands for any characters and everything else is a Python regular expression, matched as a whole and
 without regard to case: `/tf` is only /tf, `/tf*` also /tf_static. (`.*` therefore means "at least one character".)
+
+`Rules` have upstream's semantics, since the other robot may apply them: what travels as the argument of
+masterInfoFiltered means the same to both implementations. Upstream's traps end before that, in `Filters`.
 """
 
 import re
+import reprlib
+import warnings
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from math import comb
 from typing import Any, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
 
 try:
-    from re import _parser as _sre  # type: ignore[attr-defined]  # Python 3.11 and later
+    from re import _compiler as _sre_compile  # type: ignore[attr-defined]  # Python 3.11 and later
+    from re import _parser as _sre
 except ImportError:
+    import sre_compile as _sre_compile  # type: ignore[no-redef]
     import sre_parse as _sre  # type: ignore[no-redef]
 
 MAX_TEXT = 65536  # characters of all patterns of a request
-MAX_OPEN = 6  # choices (repetitions, groups of alternatives) in one alternative: the cost grows exponentially with them
+MAX_NAME = 255  # characters of a name; longer ones are not exchanged
+MAX_COST = 5_000_000  # steps of one match of another computer's pattern: about 0.1 s, in which nothing else runs
+_CACHED = 4096  # characters of a text that is kept compiled
 _NODE = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]{0,255}\Z")
+
+# What Python says of questionable patterns would be repeated for each one that a stranger sends.
+warnings.filterwarnings("ignore", "Possible (nested set|set )", FutureWarning)
+warnings.filterwarnings("ignore", "Flags not at the start", DeprecationWarning)
 
 
 class InvalidPattern(ValueError):
@@ -37,7 +51,7 @@ class Pattern:
         texts = []
         for item in items:
             if not isinstance(item, str):
-                raise InvalidPattern(f"{what}: {item!r} is no text")
+                raise InvalidPattern(f"{what}: {reprlib.repr(item)} is no text")
             if item.strip():
                 text = item.strip().replace("*", ".*")
                 _check(text, f"{what}: the pattern {item.strip()!r}")
@@ -51,7 +65,7 @@ class Pattern:
     def from_wire(cls, text: Any) -> "Pattern":
         """The pattern that another computer sent. Raises InvalidPattern also where it would be too costly."""
         if not isinstance(text, str):
-            raise InvalidPattern(f"{text!r} is no text")
+            raise InvalidPattern(f"{reprlib.repr(text)} is no text")
         _check(text, "the pattern", costly=False)
         return cls(text)
 
@@ -60,55 +74,82 @@ class Pattern:
 
     def matches(self, name: str) -> bool:
         """Whether the whole name is matched."""
-        return bool(self.text) and _matches(self.text, name)
+        if not self.text or len(name) > MAX_NAME:
+            return False
+        if len(self.text) > _CACHED:
+            return self._compiled.match(name) is not None
+        return _matches(self.text, name)
+
+    @cached_property
+    def _compiled(self) -> "re.Pattern[str]":
+        return _compile(self.text)
 
 
-@lru_cache(maxsize=256)
-def _compiled(text: str) -> "re.Pattern[str]":
-    return re.compile(text, re.IGNORECASE)
+def _compile(text: str) -> "re.Pattern[str]":
+    return _sre_compile.compile(text, re.IGNORECASE)  # not by re, which keeps hundreds, of whatever size
+
+
+_compiled_once = lru_cache(maxsize=64)(_compile)
 
 
 @lru_cache(maxsize=65536)
 def _matches(text: str, name: str) -> bool:
-    return _compiled(text).match(name) is not None
+    return _compiled_once(text).match(name) is not None
 
 
 def _check(text: str, what: str, costly: bool = True) -> None:
     if len(text) > MAX_TEXT:
         raise InvalidPattern(f"{what} is longer than {MAX_TEXT} characters")
     try:
-        tree = _sre.parse(text, re.IGNORECASE)
-        re.compile(text, re.IGNORECASE)
+        if not costly and _cost(_sre.parse(text, re.IGNORECASE)) > MAX_COST:
+            raise InvalidPattern(f"{what} would be too costly: it has too many repetitions, or one in another")
+        _compile(text)
+    except InvalidPattern:
+        raise
     except (re.error, ValueError, RecursionError, OverflowError) as problem:
         raise InvalidPattern(f"{what} is no regular expression: {problem}") from None
-    if not costly and _openness(tree, alternatives=True) > MAX_OPEN:
-        raise InvalidPattern(f"{what} would be too costly: more than {MAX_OPEN} repetitions, or one in another")
 
 
-def _openness(tree: Any, alternatives: bool = False) -> int:
-    """How many choices follow each other in a pattern; one that is repeated counts as often, or as too many.
+def _cost(tree: Any) -> int:
+    """The steps of the worst match: n choices after each other can divide a name in so many ways.
 
-    `alternatives`: the first alternation is that of whole patterns, which are tried one after the other.
+    The alternatives of the whole are tried one after the other, so their costs add up.
     """
+    parts = list(tree)
+    if parts and str(parts[-1][0]) == "BRANCH":  # what all alternatives begin with stands before them
+        return sum(_cost([*parts[:-1], *branch]) for branch in parts[-1][1][1])
+    choices = _choices(parts)
+    return comb(MAX_NAME + choices, choices) if choices < _MANY else MAX_COST + 1
+
+
+_MANY = 7  # choices that are too many in any case
+
+
+def _choices(tree: Any) -> int:
+    """How many choices follow each other in a pattern; one that is repeated counts as often, or as too many."""
     count = 0
     for operation, argument in tree:
         name = str(operation)
         if "REPEAT" in name:
             low, high, inner = argument
-            count += _openness(inner) * min(high, MAX_OPEN + 1) + (1 if low != high else 0)
+            count += _choices(inner) * min(high, _MANY) + (1 if low != high else 0)
         elif name == "BRANCH":
-            count += max(_openness(branch) for branch in argument[1])
-            count += 0 if alternatives else (len(argument[1]).bit_length() + 3) // 4
-            alternatives = False
+            count += max(_choices(branch) for branch in argument[1]) + (len(argument[1]).bit_length() + 3) // 4
         elif name == "SUBPATTERN":
-            count += _openness(argument[-1])
+            count += _choices(argument[-1])
         elif name == "ATOMIC_GROUP":
-            count += _openness(argument)
+            count += _choices(argument)
         elif name in ("ASSERT", "ASSERT_NOT"):
-            count += _openness(argument[1])
+            count += _choices(argument[1])
+        elif name == "IN":  # names are ASCII, and a wide range takes long to compile
+            count += _MANY * any(str(kind) == "RANGE" and value[1] > 0xFF for kind, value in argument)
         elif name in ("GROUPREF", "GROUPREF_EXISTS", "GROUPREF_IGNORE"):
-            count += MAX_OPEN + 1
+            count += _MANY
     return count
+
+
+# What no name is: a white list that admits nothing. An empty pattern would not do, since to upstream it means "no list".
+NOTHING = Pattern(r"\A(?!)\Z")
 
 
 # The rules of a master
@@ -127,6 +168,7 @@ NAMES = (
     "do_not_sync",
 )
 HOSTS = ("ignore_hosts", "sync_hosts")
+WHITE_LISTS = ("sync_nodes", "sync_topics", "sync_services")
 
 # Never exchanged: what belongs to the roscore and to the exchange itself.
 BUILT_IN: Mapping[str, Sequence[str]] = {
@@ -175,7 +217,7 @@ class Rules:
 
     def topic(self, node: str, topic: str, kind: str, publisher: bool) -> bool:
         """Whether this publisher (or subscriber) is wanted. An ignored node cannot be re-admitted by a sync list."""
-        if any(self.do_not_sync.matches(name) for name in (node, topic, kind)):
+        if any(len(name) > MAX_NAME or self.do_not_sync.matches(name) for name in (node, topic, kind)):
             return False
         if (self.ignore_publishers if publisher else self.ignore_subscribers).matches(topic):
             return False
@@ -186,8 +228,8 @@ class Rules:
         return not self.sync_nodes and not self.sync_topics
 
     def service(self, node: str, service: str) -> bool:
-        """Whether this service is wanted. A white list of topics does not restrict services."""
-        if self.do_not_sync.matches(node) or self.do_not_sync.matches(service):
+        """Whether this service is wanted; as upstream has it, `sync_topics` says nothing of services."""
+        if any(len(name) > MAX_NAME or self.do_not_sync.matches(name) for name in (node, service)):
             return False
         if self.ignore_nodes.matches(node) or self.ignore_services.matches(service):
             return False
@@ -229,22 +271,22 @@ class Filters:
             self.rules(host)
 
     def wants_host(self, host: str) -> bool:
-        """Whether a master of this name is synchronised with; ignored hosts are re-admitted by `sync_hosts`.
-
-        As upstream does it: beside `ignore_hosts`, `sync_hosts` restricts nothing. The white list that always works is
-        `ignore_hosts: ['*']` with `sync_hosts`.
-        """
-        ignored, wanted = self._pattern("ignore_hosts", host), self._pattern("sync_hosts", host)
-        if not ignored:
-            return not wanted or wanted.matches(host)
-        return not ignored.matches(host) or wanted.matches(host)
+        """Whether a master of this name is synchronised with: `sync_hosts` is a white list, also beside `ignore_hosts`."""
+        wanted = self._pattern("sync_hosts", host)
+        return wanted.matches(host) if wanted else not self._pattern("ignore_hosts", host).matches(host)
 
     def rules(self, host: str, also_ignore: Sequence[str] = ()) -> Rules:
-        """The rules for the master of this name; `also_ignore` are nodes that are never exchanged."""
+        """The rules for the master of this name; `also_ignore` are nodes that are never exchanged.
+
+        A white list of nodes, topics or services restricts topics and services: to upstream, one of topics alone admits
+        every service. So the empty one of the two becomes one that admits nothing.
+        """
         patterns = {name: self._pattern(name, host, BUILT_IN.get(name, ())) for name in NAMES}
         # What is no name of a node is somebody's nonsense, and must not become a pattern.
         nodes = [node for node in also_ignore if _NODE.match(node) and node not in BUILT_IN["ignore_nodes"]]
         patterns["ignore_nodes"] = self._pattern("ignore_nodes", host, (*BUILT_IN["ignore_nodes"], *nodes))
+        if any(patterns[name] for name in WHITE_LISTS):
+            patterns.update({name: patterns[name] or NOTHING for name in ("sync_topics", "sync_services")})
         return Rules(**patterns)
 
     def _pattern(self, name: str, host: str, always: Sequence[str] = ()) -> Pattern:

@@ -6,12 +6,16 @@ Locality is decided by origin. What a node of this robot registered is of this m
 it runs; what master_sync registered for another master carries that master's URI and is "remote".
 """
 
+import math
+import re
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
-from .filters import Rules
+from .filters import NOTHING, Pattern, Rules
 
 LOCAL, REMOTE = "local", "remote"
+END = 2**31 - 1  # seconds: what the record of a heartbeat can hold
+LONGEST = 1024  # characters of a name or URI
 Endpoints = Mapping[str, Tuple[str, ...]]  # topic or service -> nodes
 Origins = Mapping[Tuple[str, str], str]  # (node, URI of the node) -> URI of the master that it is of
 
@@ -115,12 +119,14 @@ def build(
 
 def stamped(state: State, before: Optional[State], wall: float) -> State:
     """The state with its stamps: `wall` (Unix time, seconds) where it changed, else those from before."""
+    wall = max(1.0, wall % END)
     if before is None:
         return replace(state, stamp=wall, local_stamp=wall)
     if replace(state, stamp=before.stamp, local_stamp=before.local_stamp) == before:
         return before
     stamp = _other(wall, before.stamp)
-    return replace(state, stamp=stamp, local_stamp=before.local_stamp if own(state) == own(before) else stamp)
+    same = own(replace(state, stamp=before.stamp, local_stamp=before.local_stamp)) == own(before)
+    return replace(state, stamp=stamp, local_stamp=before.local_stamp if same else stamp)
 
 
 def _other(wall: float, before: float) -> float:
@@ -128,18 +134,89 @@ def _other(wall: float, before: float) -> float:
     return wall if abs(wall - before) > 1e-6 else wall + 1e-5
 
 
-def own(state: State) -> Tuple[Any, ...]:
+def own(state: State) -> State:
     """The part of a state that is of its own master."""
 
     def mine(endpoints: Endpoints) -> Dict[str, Tuple[str, ...]]:
-        left = {name: tuple(node for node in nodes if node in nodes_of) for name, nodes in endpoints.items()}
-        return {name: nodes for name, nodes in left.items() if nodes}
+        left = {name: tuple(node for node in users if node in nodes) for name, users in endpoints.items()}
+        return {name: users for name, users in left.items() if users}
 
-    nodes_of = {name: node for name, node in state.nodes.items() if node.origin == state.uri}
+    nodes = {name: node for name, node in state.nodes.items() if node.origin == state.uri}
     publishers, subscribers, services = mine(state.publishers), mine(state.subscribers), mine(state.services)
-    types = {topic: state.types.get(topic) for topic in {**publishers, **subscribers}}
-    providers = {service: state.providers.get(service) for service in services}
-    return publishers, subscribers, services, types, nodes_of, providers
+    return replace(
+        state,
+        publishers=publishers,
+        subscribers=subscribers,
+        services=services,
+        types=dict(_pick(state.types, {**publishers, **subscribers})),
+        nodes=nodes,
+        providers=dict(_pick(state.providers, services)),
+    )
+
+
+# What is told to whom
+
+
+@dataclass(frozen=True)
+class Policy:
+    """What this master keeps to itself, and what it gives to whom. This computer itself is told everything."""
+
+    hidden: Rules = Rules()
+    exports: Optional[Mapping[str, Rules]] = None  # by address, "*" for all others; None: everything to everybody
+
+    @classmethod
+    def of(cls, parameters: Mapping[str, Any]) -> "Policy":
+        """The policy in the parameters of master_discovery, which have been checked."""
+
+        def pattern(name: str) -> Pattern:
+            value = parameters.get(name) or []
+            return Pattern.of([value] if isinstance(value, str) else value, name)
+
+        hidden = Rules(
+            ignore_nodes=pattern("hide_nodes"),
+            ignore_topics=pattern("hide_topics"),
+            ignore_services=pattern("hide_services"),
+            ignore_subscribers=pattern("hide_subscribers"),
+            do_not_sync=pattern("do_not_sync"),
+        )
+        exports = parameters.get("exports")
+        return cls(hidden, None if exports is None else _exports(exports))
+
+    def view(self, state: State, caller: Optional[str], also: Iterable[Rules] = ()) -> Tuple[State, List[Rules]]:
+        """The state and the rules by which a caller (an address; None for this computer) is told of it."""
+        if caller is None:
+            return state, []
+        if self.exports is None:
+            return state, [self.hidden, *also]
+        return own(state), [self.hidden, self.exports.get(caller, self.exports["*"]), *also]
+
+
+def _exports(entries: Sequence[Mapping[str, Any]]) -> Dict[str, Rules]:
+    """What is given to each address that is named, and to all others."""
+    addresses = dict.fromkeys(["*", *(address for entry in entries for address in entry["to"])])
+    return {
+        address: _given([entry for entry in entries if "*" in entry["to"] or address in entry["to"]])
+        for address in addresses
+    }
+
+
+def _given(entries: Sequence[Mapping[str, Any]]) -> Rules:
+    topics, services = (
+        Pattern.of([item for entry in entries for item in entry.get(what, ())], what) for what in ("topics", "services")
+    )
+    return Rules(sync_topics=topics or NOTHING, sync_services=services or NOTHING)
+
+
+def own_types(state: State, rules: Iterable[Rules] = ()) -> Set[str]:
+    """The types that own nodes have named, of topics that the rules want.
+
+    The roscore keeps the type that the last publisher named. Where only imported publishers are, that is one of theirs.
+    """
+    mine = own(state)
+    _stamp, _local, _uri, _name, publishers, subscribers = document(mine, rules)[:6]
+    topics = {topic for topic, _nodes in publishers}
+    topics |= {topic for topic, _nodes in subscribers if topic in mine.publishers or topic not in state.publishers}
+    return {state.types[topic] for topic in topics if topic in state.types}
 
 
 # The document
@@ -201,8 +278,10 @@ def parse(value: Any) -> State:
         raise Malformed("not an array of ten elements")
     try:
         stamp, local_stamp = float(value[0]), float(value[1])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise Malformed("its stamps are no numbers") from None
+    if not (abs(stamp) < math.inf and abs(local_stamp) < math.inf):
+        raise Malformed("its stamps are no times")
     uri, name = _text(value[2], "the URI"), _text(value[3], "the name")
     return State(
         uri=uri,
@@ -212,23 +291,29 @@ def parse(value: Any) -> State:
         publishers=_endpoints(value[4], "publishers"),
         subscribers=_endpoints(value[5], "subscribers"),
         services=_endpoints(value[6], "services"),
-        types={_text(topic, "a topic"): _text(kind, "a type") for topic, kind in _rows(value[7], 2, "topic types")},
+        types={
+            topic: kind
+            for topic, kind in _named(_rows(value[7], 2, "topic types"), "a topic")
+            if _VISIBLE.match(_text(kind, "a type"))
+        },
         nodes={
-            _text(node, "a node"): Node(
-                _uri(where, "http://"), _text(origin, "an origin"), _text(locality, "a locality")
-            )
-            for node, where, origin, _pid, locality in _rows(value[8], 5, "nodes")
+            node: Node(_uri(where, "http://"), _text(origin, "an origin"), _text(locality, "a locality"))
+            for node, where, origin, _pid, locality in _named(_rows(value[8], 5, "nodes"), "a node")
         },
         providers={
-            _text(service, "a service"): Provider(
+            service: Provider(
                 _uri(where, "rosrpc://"),
                 _text(origin, "an origin"),
                 _text(locality, "a locality"),
                 _text(kind, "a type"),
             )
-            for service, where, origin, kind, locality in _rows(value[9], 5, "service providers")
+            for service, where, origin, kind, locality in _named(_rows(value[9], 5, "service providers"), "a service")
         },
     )
+
+
+_VISIBLE = re.compile(r"[!-~]{1,255}\Z")  # what types consist of, and URIs,
+_NAME = re.compile(r"/[!-~]{1,254}\Z")  # and names: others are left out, since one odd name must not stop an exchange
 
 
 def _rows(value: Any, width: int, what: str) -> List[Any]:
@@ -239,20 +324,24 @@ def _rows(value: Any, width: int, what: str) -> List[Any]:
     return list(value)
 
 
+def _named(rows: Iterable[Any], what: str) -> List[Any]:
+    return [row for row in rows if _NAME.match(_text(row[0], what))]
+
+
 def _text(value: Any, what: str) -> str:
-    if not isinstance(value, str):
-        raise Malformed(f"{what} is no text")
+    if not isinstance(value, str) or len(value) > LONGEST:
+        raise Malformed(f"{what} is no text of at most {LONGEST} characters")
     return value
 
 
 def _uri(value: Any, scheme: str) -> Optional[str]:
-    return value if isinstance(value, str) and value.startswith(scheme) else None
+    return value if isinstance(value, str) and value.startswith(scheme) and _VISIBLE.match(value) else None
 
 
 def _endpoints(value: Any, what: str) -> Dict[str, Tuple[str, ...]]:
     found = {}
-    for name, nodes in _rows(value, 2, what):
+    for name, nodes in _named(_rows(value, 2, what), what):
         if not isinstance(nodes, (list, tuple)):
             raise Malformed(f"the nodes of {what} are no array")
-        found[_text(name, what)] = tuple(_text(node, "a node") for node in nodes)
+        found[name] = tuple(node for node in nodes if _NAME.match(_text(node, "a node")))
     return found

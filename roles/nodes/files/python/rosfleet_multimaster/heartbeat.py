@@ -15,6 +15,7 @@ _MARK = b"R"
 _VERSION = 2
 _VERSION_WITH_REQUESTS = 3
 _GONE = -1
+_END = 2**31  # seconds: what a signed number of four bytes holds ends in 2038
 MAX_RATE = 25.5  # Hz: one byte, in tenths
 
 
@@ -30,9 +31,9 @@ class Stamp(NamedTuple):
 
     @classmethod
     def at(cls, seconds: float) -> "Stamp":
-        """The stamp of a Unix time in seconds."""
-        whole = int(seconds)
-        return cls(whole, int((seconds - whole) * 1e9))
+        """The stamp of a Unix time in seconds; a time that the record cannot hold begins again at 0."""
+        whole = int(seconds // 1)
+        return cls(whole % _END, int((seconds - whole) * 1e9))
 
     @property
     def seconds(self) -> float:
@@ -79,6 +80,8 @@ def decode(datagram: bytes) -> Heartbeat:
         raise Malformed(f"{len(datagram)} bytes instead of {SIZE}")
     _mark, version, rate, secs, nsecs, rpc_port, local_secs, local_nsecs = _RECORD.unpack(datagram)
     stamp, local_stamp = Stamp(secs, nsecs), Stamp(local_secs, local_nsecs)
+    if not rpc_port:
+        raise Malformed("no port")
     kind = Kind.STATE
     if _GONE in (secs, local_secs):
         kind = Kind.LEAVE

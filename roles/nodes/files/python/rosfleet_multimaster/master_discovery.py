@@ -13,14 +13,29 @@ import os
 import socket
 import threading
 import urllib.parse
+import xmlrpc.client
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 from . import parameters, program, ros
-from .discovery_core import Ask, Contact, Discovery, Event, Key, Master, Say, Send, Settings, misnamed
+from .discovery_core import (
+    CONTACT_LIMIT,
+    MAX_ASKED,
+    Ask,
+    Contact,
+    Discovery,
+    Event,
+    Key,
+    Master,
+    Say,
+    Send,
+    Settings,
+    misnamed,
+)
 from .filters import InvalidPattern, Pattern, Rules
-from .graph import Graph, State, build, document, graph_of, stamp_text, stamped
+from .graph import Graph, Policy, State, build, document, graph_of, own_types, stamp_text, stamped
 from .sockets import (
     Loop,
+    PerCaller,
     Refused,
     Roscore,
     Rpc,
@@ -34,13 +49,12 @@ from .sockets import (
     wall_clock,
 )
 
-CONTACT_TIMEOUT = 3.0  # seconds
-AWAY = 5.0  # seconds without a roscore after which the others are told to forget it
-REOPEN = 3.0  # seconds between two attempts to open the sockets
+CONTACT_SIZE = 1 << 16  # bytes of an answer that says who somebody is
+RETRY = 0.1  # seconds until a roscore that does not answer is asked again
+REOPEN = 0.5  # seconds between two attempts to open the sockets: a link that comes back is used at once
 RESOLVE = 60.0  # seconds between two looks at the addresses of ~robot_hosts
 LOOKUPS, REST = 100, 4  # known nodes (and services) looked up again, in every fourth poll
-SYNC_INFO_TIMEOUT = 1.0  # seconds for get_sync_info of another implementation of master_sync;
-POSTPONE = 5.0  # a state waits so long for it,
+POSTPONE = 5.0  # seconds that a state waits for get_sync_info of another implementation of master_sync,
 GIVE_UP = 60.0  # and after that it is asked again only now and then
 SHARE, SLOWEST = 10, 5.0  # a poll takes at most one part in so many of the time, but there is one every so many seconds
 
@@ -112,7 +126,11 @@ class Poller:
             silent = monotonic() - self._silent.setdefault(provider, monotonic())
             if POSTPONE < silent < GIVE_UP:
                 continue
-            found = _within(SYNC_INFO_TIMEOUT, lambda service=service: ros.sync_info(service))
+            try:
+                found: Optional[Dict[Tuple[str, str], str]] = ros.sync_info(service)
+            except Exception as problem:  # rospy raises many
+                logging.getLogger("rosfleet").debug("%s: %s", service, problem)
+                found = None
             if found is not None:
                 self._origins.update({key: master for key, master in found.items() if master != self._uri})
             unsure = unsure or (found is None and silent <= POSTPONE)
@@ -149,22 +167,6 @@ def _record(text: Any) -> Dict[str, Any]:
         return {}
 
 
-def _within(seconds: float, job: Any) -> Any:
-    """The result of a job of rospy, which knows no time limit; None where it fails or takes longer."""
-    found: List[Any] = []
-
-    def work() -> None:
-        try:
-            found.append(job())
-        except Exception as problem:  # rospy raises many
-            logging.getLogger("rosfleet").debug("get_sync_info: %s", problem)
-
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
-    thread.join(seconds)
-    return found[0] if found else None
-
-
 class MasterDiscovery:
     """The program."""
 
@@ -172,17 +174,21 @@ class MasterDiscovery:
         self.log = program.logger()
         self.limited = program.Limited(self.log)
         self.loop = Loop()
-        self.workers = Workers(self.loop, 8)
+        self.workers = Workers(self.loop, 16)  # masters that may have gone: nothing else must keep them waiting
+        self.strangers = Workers(self.loop, MAX_ASKED)
+        self.resolvers = Workers(self.loop, 2)
         self.errors: Dict[str, str] = {}
         self.state: Optional[State] = None
-        self.away_since: Optional[float] = None
-        self.away = "its roscore has not been read yet"
-        self.left = False
+        self.away = "its roscore has not been read yet"  # why there is no state; "" where there is one
         self.node: Optional[ros.DiscoveryNode] = None
         self.udp: Optional[Udp] = None
         self.udp_due = 0.0
         self.second = 0.0
         self.resolve_due = 0.0
+        self.place = ("", 0)  # the own address that the others hear, and the index of its interface
+        self.own_addresses: Set[str] = set()
+        self.comparing: Set[str] = set()
+        self.filtering = threading.Lock()  # patterns of others take time, of which one may have some at once
         self.hosts: Dict[str, str] = {}
         self.masters: Tuple[Master, ...] = ()
         self.told: Dict[str, Master] = {}
@@ -210,12 +216,7 @@ class MasterDiscovery:
         self.interface_name = self._interface_name()
         self.identity = program.Identity()
         self.roscore.ask(("setParam", "/mastername", self.master_name))
-        self.hidden = Rules(
-            ignore_nodes=Pattern.of(_listed(self.values["hide_nodes"])),
-            ignore_topics=Pattern.of(_listed(self.values["hide_topics"])),
-            ignore_services=Pattern.of(_listed(self.values["hide_services"])),
-            do_not_sync=Pattern.of(_listed(self.values["do_not_sync"])),
-        )
+        self.policy = Policy.of(self.values)
         self._open_until_it_works()
         self.core = Discovery(self._settings(), self.own_addresses, self.rpc_port)
         self.server = self._serve()
@@ -236,30 +237,35 @@ class MasterDiscovery:
             self._open(now)
         if now >= self.resolve_due and self.values["robot_hosts"]:
             self.resolve_due = now + RESOLVE
-            self.workers.submit(lambda: _resolve_all(self.values["robot_hosts"]), self._resolved)
+            self.resolvers.submit(lambda: _resolve_all(self.values["robot_hosts"]), self._resolved)
         self.core.tick(now)
         self._carry_out()
         if now >= self.second:
             self.second = now + 1.0
+            self._look_at_addresses()
             if self.node is not None:
                 self.node.links(self.master_name, self.core.links(now), wall_clock())
-        return min(self.core.next_tick(), self.second)
+        due = [self.core.next_tick(), self.second]
+        return min(due if self.udp is not None else [*due, self.udp_due])
 
     def _carry_out(self) -> None:
+        events = False
         while self.core.actions:
             action = self.core.actions.popleft()
             if isinstance(action, Send):
                 self._send(action)
             elif isinstance(action, Ask):
-                self.workers.submit(
-                    lambda uri=action.monitor_uri: _contact(uri),
+                (self.strangers if action.stranger else self.workers).submit(
+                    lambda action=action: _contact(action.monitor_uri, action.limit),
                     lambda contact, problem, key=action.key: self._contacted(key, contact, problem),
                 )
             elif isinstance(action, Event):
+                events = True
                 self._event(action)
             elif isinstance(action, Say):
                 self.limited.say(action.level, action.topic, action.text)
-        self.masters = tuple(self.core.masters())
+        if events:
+            self.masters = tuple(self.core.masters())
 
     def _event(self, event: Event) -> None:
         master, before = event.master, self.told.get(event.master.uri)
@@ -294,17 +300,22 @@ class MasterDiscovery:
     # Other masters
 
     def _contacted(self, key: Key, contact: Optional[Contact], problem: Optional[Exception]) -> None:
-        self.core.contacted(key, contact, str(problem or ""), monotonic())
+        if contact is not None and contact.uri == self.uri:  # perhaps this node itself, at a new address
+            self._look_at_addresses()
+        gone = isinstance(problem, (ConnectionRefusedError, xmlrpc.client.Fault))
+        self.core.contacted(key, contact, str(problem or ""), monotonic(), gone=gone)
         self._carry_out()
-        if contact is not None:
+        if contact is not None and contact.host not in self.comparing:
+            self.comparing.add(contact.host)
             heard, _port, rpc_port = key
-            self.workers.submit(
+            self.resolvers.submit(
                 lambda: _who_has(contact.host, heard, rpc_port),
                 lambda found, _problem: self._compare(contact, heard, *(found or ("", None))),
             )
 
     def _compare(self, contact: Contact, heard: str, address: str, there: Optional[Contact]) -> None:
         """Nodes of a master whose host is not where its name leads cannot be reached either."""
+        self.comparing.discard(contact.host)
         problem = misnamed(contact, heard, address, there)
         if problem:
             self.errors[contact.uri] = problem
@@ -340,9 +351,9 @@ class MasterDiscovery:
         group, port = self.values["mcast_group"].partition("@")[0], self.values["mcast_port"]
         multicast = self.values["send_mcast"] or self.values["listen_mcast"]
         try:
-            address = resolve(self.interface_name) if self.interface_name else ""
-            self.udp = Udp(group, port, address, multicast and self.values["listen_mcast"])
-            self.own_addresses: Set[str] = {own for own, _index in addresses()} | {"localhost"}
+            self.pinned = resolve(self.interface_name) if self.interface_name else ""
+            self.udp = Udp(group, port, self.pinned, multicast and self.values["listen_mcast"])
+            self.own_addresses, self.place = self._addresses()
         except OSError as problem:
             self.udp_due = now + REOPEN
             self.status_udp = (
@@ -350,13 +361,35 @@ class MasterDiscovery:
             )
             self.limited.say("error", "open", self.status_udp)
             return
-        self.own_address = address or _source(group, port, self.own_addresses)
-        if hasattr(self, "core"):
-            self.core.own_addresses = frozenset(self.own_addresses)
-            self._show_own(monotonic())
         for opened in self.udp.sockets:
             self.loop.watch(opened, lambda opened=opened: self._receive(opened))
-        self.log.info("discovery by %s on %s, port %d", group if multicast else "unicast", self.own_address, port)
+        self.limited.say(
+            "info", "opened", f"discovery by {group if multicast else 'unicast'} on {self.place[0]}, port {port}"
+        )
+        if hasattr(self, "core"):
+            self.core.own_moved(self.own_addresses)
+            self.core.greet(now)
+            self._show_own(now)
+
+    def _addresses(self) -> Tuple[Set[str], Tuple[str, int]]:
+        """The own addresses, and the one that the others hear, with its interface."""
+        found = dict(addresses())
+        own = {*found, "localhost"}
+        heard = self.pinned or _source(self.values["mcast_group"].partition("@")[0], self.values["mcast_port"], own)
+        return own, (heard, found.get(heard, 0))
+
+    def _look_at_addresses(self) -> None:
+        """They may change while this runs: nobody at an own one is another master, and sockets belong to one."""
+        try:
+            own, place = self._addresses()
+        except OSError:  # the kernel is busy: in a second again
+            return
+        if own != self.own_addresses:
+            self.own_addresses = own
+            self.core.own_moved(own)
+            self._carry_out()
+        if place != self.place:
+            self._reopen()
 
     def _receive(self, readable: socket.socket) -> None:
         if self.udp is not None:
@@ -381,15 +414,17 @@ class MasterDiscovery:
         except BlockingIOError:
             pass
         except OSError as problem:
-            self.limited.say("error", f"send {host}", f"nothing can be sent to {host or self.udp.group}: {problem}")
-            self.errors[f"send {host}"] = f"nothing can be sent to {host or self.udp.group}: {problem}"
+            text = f"nothing can be sent to {host or self.udp.group}: {problem}"
+            self.limited.say("error", "send" if host is None else "send to a host", text)
+            if host is None or action.host in self.values["robot_hosts"]:  # others may be anybody's invention
+                self.errors[f"send {host}"] = text
             if host is None:
                 self._reopen()
         else:
             self.errors.pop(f"send {host}", None)
 
     def _reopen(self) -> None:
-        """The network has changed: new sockets, in a while."""
+        """The network has changed: new sockets, in a moment."""
         if self.udp is not None:
             for opened in self.udp.sockets:
                 self.loop.forget(opened)
@@ -410,29 +445,29 @@ class MasterDiscovery:
 
     def _poll(self) -> None:
         """The thread of the poller."""
-        period = 1.0 / self.values["rosmaster_hz"]
+        period, failing = 1.0 / self.values["rosmaster_hz"], None
         while not self.ended.is_set():
             started = monotonic()
             try:
                 state = self.poller.poll()
                 self.loop.post(self._polled, state)
+                failing = None
             except program.Fatal as problem:
                 self.loop.post(self._give_up, str(problem))
                 return
-            except program.FAILURES as problem:
-                self.loop.post(self._no_roscore, str(problem))
-            except Exception as problem:  # a roscore that answers nonsense
-                self.log.exception("the roscore's state cannot be read")
-                self.loop.post(self._no_roscore, str(problem))
+            except Exception as problem:  # a roscore that does not answer, or answers nonsense
+                if not isinstance(problem, program.FAILURES):
+                    self.log.debug("the roscore's state cannot be read", exc_info=True)
+                failing = started if failing is None else failing
+                self.loop.post(self._no_roscore, str(problem) or type(problem).__name__, failing)
             took = monotonic() - started
-            self.ended.wait(max(period, min(took * SHARE, SLOWEST)) - took)
+            self.ended.wait(RETRY if failing is not None else max(period, min(took * SHARE, SLOWEST)) - took)
 
     def _polled(self, state: State) -> None:
-        now = monotonic()
-        if self.away_since is not None:
+        if self.away and self.state is not None:
             self.log.info("the roscore answers again")
-        self.state, self.away, self.away_since, self.left = state, "", None, False
-        self._show_own(now)
+        self.state, self.away = state, ""
+        self._show_own(monotonic())
         if self.node is None:
             self.node = ros.DiscoveryNode(lambda: self.masters, lambda: self.loop.post(self._refresh))
             self.identity.service = self.node.service_uri()
@@ -441,25 +476,21 @@ class MasterDiscovery:
 
     def _show_own(self, now: float) -> None:
         if self.state is not None and not self.away:
-            monitor = f"http://{self.own_address}:{self.rpc_port}"
+            monitor = f"http://{self.place[0]}:{self.rpc_port}"
             own = Master(
                 self.master_name, self.uri, self.state.stamp, self.state.local_stamp, True, self.node_name, monitor
             )
             self.core.own_state(own, now)
             self._carry_out()
 
-    def _no_roscore(self, problem: str) -> None:
-        """Nothing of a dead roscore is announced or served."""
-        now = monotonic()
-        if self.away_since is None:
-            self.away_since = now
-            self.log.error("the roscore at %s does not answer: %s", self.roscore.rpc.uri, problem)
-            notify(f"STATUS=the roscore at {self.roscore.rpc.uri} does not answer")
-            self.status = ""
-        self.away = f"its roscore does not answer: {problem}"
-        leave = not self.left and now - self.away_since >= AWAY
-        self.left = self.left or leave
-        self.core.own_offline(leave)
+    def _no_roscore(self, problem: str, since: float) -> None:
+        """Nothing of a dead roscore is announced or served; but one that fails once is not dead."""
+        if self.core.own_failed(since, monotonic()):
+            if not self.away:
+                self.log.error("the roscore at %s does not answer: %s", self.roscore.rpc.uri, problem)
+                notify(f"STATUS=the roscore at {self.roscore.rpc.uri} does not answer")
+                self.status = ""
+            self.away = f"its roscore does not answer: {problem}"
         self._carry_out()
 
     def _refresh(self) -> None:
@@ -471,17 +502,11 @@ class MasterDiscovery:
     def _serve(self) -> RpcServer:
         methods = {
             "masterContacts": self._master_contacts,
-            "masterInfo": self._master_info,
-            "masterInfoFiltered": self._master_info_filtered,
+            "masterInfo": PerCaller(self._master_info),
+            "masterInfoFiltered": PerCaller(self._master_info_filtered),
             "masterErrors": lambda: [self.uri, list(self.errors.values())],
             "getCurrentTime": lambda: [self.uri, wall_clock()],
-            "setTime": lambda _time: [
-                self.uri,
-                False,
-                wall_clock(),
-                "this node sets no clock: synchronise clocks with NTP",
-            ],
-            "getTopicsMd5sum": self._md5sums,
+            "getTopicsMd5sum": PerCaller(self._md5sums),
             "getUser": lambda: [self.uri, _user()],
         }
         wake, said = threading.Event(), False
@@ -512,25 +537,34 @@ class MasterDiscovery:
             f"http://{ros.hostname()}:{self.rpc_port}/",
         ]
 
-    def _master_info(self) -> List[Any]:
-        """The state of this master."""
-        return document(self._current())
+    def _view(self, caller: str) -> Tuple[State, List[Rules]]:
+        """The state, and by which rules a caller is told of it."""
+        own = caller.startswith("127.") or caller in self.own_addresses
+        try:
+            secret = Rules(do_not_sync=Pattern.of(_listed(self.poller.do_not_sync), "/do_not_sync"))
+        except InvalidPattern as problem:  # what is secret is not known, so everything is
+            raise Refused(str(problem)) from None
+        return self.policy.view(self._current(), None if own else caller, [secret])
 
-    def _master_info_filtered(self, filters: Any) -> List[Any]:
-        """The state of this master, without what the caller, or this master, does not want exchanged."""
-        state = self._current()
+    def _master_info(self, caller: str) -> List[Any]:
+        """The state of this master, as far as the caller may see it."""
+        return document(*self._view(caller))
+
+    def _master_info_filtered(self, caller: str, filters: Any) -> List[Any]:
+        """The same without what the caller does not want."""
+        state, rules = self._view(caller)
         try:
             wanted = Rules.from_wire(filters)
-            secret = Rules(do_not_sync=Pattern.of(_listed(self.poller.do_not_sync)))
+            with self.filtering:
+                return document(state, [*rules, wanted])
         except InvalidPattern as problem:
             raise Refused(f"the filter is not usable: {problem}") from None
-        return document(state, (wanted, self.hidden, secret))
 
-    def _md5sums(self, types: Any) -> List[List[str]]:
-        """The md5 sums of message types of topics of this master."""
-        known = set(self._current().types.values())
+    def _md5sums(self, caller: str, types: Any) -> List[List[str]]:
+        """The md5 sums of message types of topics that this master's own nodes have, and the caller may see."""
         if not isinstance(types, list):
             raise Refused("getTopicsMd5sum takes a list of types")
+        known = own_types(*self._view(caller))
         found = ((name, ros.md5sum(name)) for name in types if isinstance(name, str) and name in known)
         return [[name, md5sum] for name, md5sum in found if md5sum]
 
@@ -612,8 +646,8 @@ def _who_has(host: str, heard: str, rpc_port: int) -> Tuple[str, Optional[Contac
         return address, None
 
 
-def _contact(monitor_uri: str) -> Contact:
-    return Contact.of(Rpc(monitor_uri, CONTACT_TIMEOUT).call("masterContacts"))
+def _contact(monitor_uri: str, limit: float = CONTACT_LIMIT) -> Contact:
+    return Contact.of(Rpc(monitor_uri, limit, CONTACT_SIZE).call("masterContacts"))
 
 
 if __name__ == "__main__":

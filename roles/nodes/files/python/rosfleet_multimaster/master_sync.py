@@ -11,20 +11,32 @@ from typing import Any, Dict, List, Optional, Set, Tuple
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
-from . import parameters, program, ros
+from . import connections, parameters, program, ros
 from .filters import Filters
 from .graph import Malformed, State, parse
+from .losses import Connection, Ending, Look, Losses, connections_of
+from .message_types import Question, TypeGuard
 from .sockets import Loop, Roscore, Rpc, Workers, monotonic, notify, wall_clock
 from .sync_core import Announced, Claims, Fetch, Plan, Refusal, Registration, Sync, View, Wanted, calls, plan
 
-FETCH_TIMEOUT = 20.0  # seconds
+FETCH_TIMEOUT, MAX_STATE = 10.0, 16 << 20  # seconds, bytes: 5,000 topics are 3 MB
 UPDATE_TIMEOUT = 3.0  # seconds
 LIST_FIRST, LIST = 0.5, 10.0  # seconds between two looks at list_masters, until the first answer and then
-HEALTH = 1.0  # seconds between two looks at whether the roscore is still the one
+HEALTH, AWAY_HEALTH = 0.5, 0.1  # seconds between two looks at whether the roscore is still the one; while it is away
 ROUND = 30.0  # seconds between two comparisons of what is wanted with what the roscore holds, if nothing happens
-AGAIN = 1.0  # seconds after a failed round
+AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
+QUESTION_TIMEOUT = 2.0  # seconds for what an own node is asked, or another master about its types
+SWEEP = 1.0  # seconds between two looks for connections to lost masters
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 LINES = 50  # log lines of one round
+
+# What is said of a refusal: where the other one is, where the own one is, and what to do.
+SENTENCES = {
+    "node": "at %s is refused: here it is %s. Give one of them another name, or ignore it",
+    "service": "at %s is refused: here it is %s. Give one of them another name, or ignore it",
+    "type": "is refused: there it is %s, here %s. Use one definition on both robots, another topic, or ignore_topics",
+}
+NOUNS = {"node": "node", "service": "service", "type": "topic"}
 
 
 class Reading:
@@ -43,7 +55,9 @@ class MasterSync:
         self.loop = Loop()
         self.fetchers = Workers(self.loop, 8)
         self.updaters = Workers(self.loop, 8)
-        self.services = Workers(self.loop, 2)  # calls of rospy, which know no time limit
+        self.askers = Workers(self.loop, 4)
+        self.enders = Workers(self.loop, 1)  # of connections: never behind what may hang
+        self.services = Workers(self.loop, 2)  # calls of rospy
         self.master = Workers(self.loop, 1)  # everything that is asked of the own roscore, one after the other
         self.claims: Claims = {}
         self.held: Dict[Registration, str] = {}
@@ -54,7 +68,10 @@ class MasterSync:
         self.list_due = self.health_due = self.find_due = 0.0
         self.ready = False
         self.listed_once = False
-        self.away = False
+        self.unanswered = self.failed_rounds = 0
+        self.guard = TypeGuard()
+        self.losses: Optional[Losses] = None
+        self.sweep_due, self.sweeping = 0.0, False
         self.status = ""
         self.ending = False
         self.farewell = ""
@@ -90,6 +107,8 @@ class MasterSync:
             values["sync_topics_on_demand"],
             keep,
         )
+        if values["end_lost_connections"]:
+            self._prepare_for_losses()
         self.node = ros.SyncNode(lambda: self.held)
         self.identity.service = self.node.service_uri()
         self.started = monotonic()
@@ -122,14 +141,21 @@ class MasterSync:
                 lambda fetch=fetch: _fetch(fetch, self.core.sync_remote_nodes),
                 lambda *result, fetch=fetch: self._fetched(fetch, *result),
             )
+        sweep = self.losses is not None and bool(self.losses.endpoints())
+        if sweep and not self.sweeping and now >= self.sweep_due:
+            self._sweep(now)
         gone = self.core.next_gone(now)
         if self.round_due is not None and now >= self.round_due and not self.working:
             self.round_due, self.working = None, True
             wanted = self.core.wanted(now)
             claims = dict(self.claims)
             self.master.submit(lambda: self._read(wanted, claims), self._read_done)
-        due = [self.health_due, self.find_due, now + ROUND]
+        # Of what is under way, the end wakes the loop.
+        due = [now + ROUND]
+        due += [self.health_due] if not self.checking else []
+        due += [self.find_due] if not self.finding else []
         due += [time for time in (self.core.next_due(), gone) if time is not None]
+        due += [self.sweep_due] if sweep and not self.sweeping else []
         due += [self.list_due] if self.list_service and not self.listing else []
         due += [self.round_due] if self.round_due is not None and not self.working else []
         if gone is not None:
@@ -144,13 +170,16 @@ class MasterSync:
         self.checking = False
         if isinstance(problem, program.Fatal):
             self._give_up(str(problem))
-        elif problem is not None and not self.away:
-            self.away = True
-            self.log.error("the roscore at %s does not answer: %s", self.roscore.rpc.uri, problem)
-        elif problem is None and self.away:
-            self.away = False
-            self.log.info("the roscore answers again")
-            self._round(monotonic())
+        elif problem is not None:
+            self.unanswered += 1
+            self.health_due = monotonic() + AWAY_HEALTH  # the next one may be another roscore already
+            if self.unanswered == 2:
+                self.log.error("the roscore at %s does not answer: %s", self.roscore.rpc.uri, problem)
+        else:
+            if self.unanswered > 1:
+                self.log.info("the roscore answers again")
+                self._round(monotonic())
+            self.unanswered = 0
 
     # Discovery
 
@@ -171,6 +200,8 @@ class MasterSync:
         topic, service = found or ("", "")
         if topic:
             self.node.subscribe(topic, lambda change, master: self.loop.post(self._announced, change, master))
+        if problem is not None:
+            self.find_due = monotonic() + LIST_FIRST
         if service and service != self.list_service:
             self.list_due = 0.0
         if service:
@@ -190,6 +221,7 @@ class MasterSync:
             return
         now, before = monotonic(), len(self.core.remotes)
         self.core.listed(masters, now)
+        self._look_for_losses(now)
         if not self.listed_once or len(self.core.remotes) != before:
             self._round(now)
         self.listed_once = True
@@ -203,6 +235,7 @@ class MasterSync:
             self._round(now)
         else:
             self.core.announced(master, now)
+            self._look_for_losses(now)
             own_changed = master.uri == self.uri and master.local_stamp != self.own_local_stamp
             if own_changed or not master.online:
                 self._round(now)
@@ -233,8 +266,12 @@ class MasterSync:
         nodes = sorted({item.registration.node for item in wanted} | claimed)
         asked = {item.registration.name for item in wanted if item.registration.kind == "service"}
         names = sorted(name for name, users in services.items() if name in asked or claimed.intersection(users))
-        # A node that provides a wanted service here matters too: is it one of ours?
-        nodes = sorted({*nodes, *(user for name in names for user in services[name])})
+        # A node that provides a wanted service here, or has a wanted topic, matters too: is it one of ours?
+        users = {user for name in names for user in services[name]}
+        topics = {item.registration.name for item in wanted if item.registration.kind != "service"}
+        for table in (publishers, subscribers):
+            users.update(user for topic in topics.intersection(table) for user in table[topic])
+        nodes = sorted({*nodes, *users})
         answers = self.roscore.ask(
             *[("lookupNode", node) for node in nodes], *[("lookupService", name) for name in names]
         )
@@ -247,16 +284,23 @@ class MasterSync:
             self._round_over(problem)
             return
         now, view = monotonic(), reading.view
-        wanted = [] if self.ending else self.core.wanted(now, view.own_topics(reading.claims))
+        wanted = [] if self.ending else self.core.wanted(now, view.own_nodes(reading.claims))
         if not self.ending and (now - self.started < LEFTOVERS or not self.listed_once):
             wanted += self._leftovers(reading)
-        todo = plan(wanted, view, reading.claims)
+        verdict = self.guard.judge(wanted, view, reading.claims, self.core.stamps(), now)
+        for question in verdict.questions:
+            self._ask(question)
+        todo = plan(verdict.wanted, view, reading.claims)
+        todo.refused += verdict.refused
+        if self.losses is not None:
+            self.losses.registered(todo.held, view, reading.claims)
+            for host in self.losses.to_resolve(now):
+                self._resolve(host)
         before = view.registrations(reading.claims)
         # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
         self.held = {**{item: reading.claims[item.of] for item in before}, **todo.held}
-        types = {**self.core.types(), **{topic: kind for topic, kind in view.types.items() if kind != "*"}}
         self.master.submit(
-            lambda: self._write(todo, types, reading.claims),
+            lambda: self._write(todo, reading.claims),
             lambda results, why: self._written(todo, reading.claims, results, why),
         )
 
@@ -265,13 +309,12 @@ class MasterSync:
         keep = {key: uri for key, uri in reading.claims.items() if uri not in self.met}
         return [Wanted(item, keep[item.of], keep[item.of]) for item in sorted(reading.view.registrations(keep))]
 
-    def _write(self, todo: Plan, types: Dict[str, str], claims: Claims) -> List[Any]:
+    def _write(self, todo: Plan, claims: Claims) -> List[Any]:
         """In the thread of the roscore: one request, the claims first."""
         record: List[Tuple[Any, ...]] = []
         if todo.claims != claims:
             record = [("setParam", program.IMPORTS, self._record(todo.claims))]
-        made = [(call[0], *call[1:]) for call in calls(todo, types)]
-        results = self.roscore.rpc.multicall([(call[0], self.node_name, *call[1:]) for call in record] + made)
+        results = self.roscore.rpc.multicall([(call[0], self.node_name, *call[1:]) for call in record] + calls(todo))
         return results[len(record) :]
 
     def _record(self, claims: Claims) -> str:
@@ -310,12 +353,9 @@ class MasterSync:
         return remote.announced.name if remote is not None else urlsplit(master).hostname or master
 
     def _tell_publishers(self, item: Registration, master: str, publishers: List[str]) -> None:
-        """A roscore tells only the caller who publishes; the subscriber itself is on another robot.
-
-        It keeps the publishers of its own robot: roscpp closes the connections to those that are not in the list.
-        """
-        uris = list(dict.fromkeys([*publishers, *self.core.publishers_of(item.name, master)]))
-        if publishers:
+        """A roscore tells only the caller who publishes; the subscriber itself is on another robot."""
+        uris = self.core.publishers_for(item, master, publishers)
+        if uris:
             self.updaters.submit(
                 lambda: Rpc(item.node_uri, UPDATE_TIMEOUT).call("publisherUpdate", "/master", item.name, uris),
                 lambda _result, problem: (
@@ -336,13 +376,88 @@ class MasterSync:
             return
         if problem is not None:
             self.limited.say("error", "round", f"nothing can be registered at {self.roscore.rpc.uri}: {problem}")
-        self._round(
-            now + (AGAIN if problem is not None or self.claims.keys() - {item.of for item in self.held} else ROUND)
-        )
+        self.failed_rounds = self.failed_rounds + 1 if problem is not None else 0
+        if self.failed_rounds:
+            self._round(now + AGAIN[min(self.failed_rounds, len(AGAIN)) - 1])
+        else:
+            left = self.claims.keys() - {item.of for item in self.held}
+            self._round(now + (AGAIN[-1] if left else ROUND))
         if problem is None and self.listed_once and not self.ready:
             self.ready = True
             notify("READY=1")
         self._say_status()
+
+    # The types of shared topics
+
+    def _ask(self, question: Question) -> None:
+        if question.node is not None:
+            node = question.node
+            self.askers.submit(lambda: _types_of(node[1]), lambda types, _problem: self._told_by_node(node, types))
+            return
+        remote, types = self.core.remotes.get(question.master), sorted(question.types)
+        monitor = remote.announced.monitor_uri if remote is not None else ""
+        self.askers.submit(
+            lambda: _md5sums(monitor, types), lambda sums, _problem: self._told_by_master(question.master, sums)
+        )
+
+    def _told_by_node(self, node: Tuple[str, str], types: Optional[Dict[str, str]]) -> None:
+        self.guard.told_by_node(node, types, monotonic())
+        self._round(monotonic())
+
+    def _told_by_master(self, master: str, sums: Optional[Tuple[Dict[str, str], Dict[str, str]]]) -> None:
+        there, here = sums or (None, {})
+        self.guard.told_by_master(master, there, here, monotonic())
+        self._round(monotonic())
+
+    # Lost masters
+
+    def _prepare_for_losses(self) -> None:
+        try:
+            connections.check()
+        except OSError as problem:
+            text = (
+                "connections with lost robots are left to TCP, since this service cannot end them (CAP_NET_ADMIN): %s"
+            )
+            self.log.info(text, problem)
+            return
+        self.losses = Losses()
+
+    def _resolve(self, host: str) -> None:
+        self.askers.submit(
+            lambda: connections.addresses_of(host),
+            lambda found, _problem: self.losses and found and self.losses.resolved(host, found, monotonic()),
+        )
+
+    def _look_for_losses(self, now: float) -> None:
+        if self.losses is None:
+            return
+        looks, endings = self.losses.seen({uri: it.announced.online for uri, it in self.core.remotes.items()}, now)
+        for look in looks:
+            self.sweep_due = now
+            for _name, uri in look.nodes:
+                self.updaters.submit(
+                    lambda look=look, uri=uri: _connections_with(look, uri),
+                    lambda found, _problem, look=look: self.losses and self.losses.noted(look.master, found or set()),
+                )
+        for ending in endings:
+            self.enders.submit(lambda ending=ending: _end(ending), self._ended_connections)
+
+    def _sweep(self, now: float) -> None:
+        """Nothing of this computer is to wait for the nodes of a lost master."""
+        self.sweep_due, self.sweeping = now + SWEEP, True
+        endpoints = self.losses.endpoints() if self.losses else set()
+
+        def done(ended: Optional[List[connections.Tcp]], problem: Optional[Exception]) -> None:
+            self.sweeping = False
+            self._ended_connections(ended, problem)
+
+        self.enders.submit(lambda: connections.end_all(lambda found: found.remote in endpoints), done)
+
+    def _ended_connections(self, ended: Optional[List[connections.Tcp]], problem: Optional[Exception]) -> None:
+        for found in (ended or [])[:LINES]:
+            self.log.info("the connection from port %d to %s:%d is ended", found.local[1], *found.remote)
+        if problem is not None:
+            self.limited.say("warning", "end", f"connections with lost robots cannot be ended: {problem}")
 
     # What people see
 
@@ -350,17 +465,30 @@ class MasterSync:
         now_refused = set(refused)
         for item in refused:
             if item not in self.refused:
-                text = "%s: the %s %s at %s is refused: here it is %s. Give one of them another name, or ignore it"
-                self.log.warning(text, item.master, item.kind, item.name, item.uri, item.holder)
+                text = SENTENCES[item.kind] % (item.uri, item.holder)
+                self.log.warning("%s: the %s %s %s", item.master, NOUNS[item.kind], item.name, text)
         for item in self.refused - now_refused:
-            self.log.info("%s: the %s %s is no longer refused", item.master, item.kind, item.name)
+            self.log.info("%s: the %s %s is no longer refused", item.master, NOUNS[item.kind], item.name)
         if now_refused != self.refused:
-            texts = [
-                (f"{item.kind} {item.name}", f"{item.uri} of {item.master} is refused, here it is {item.holder}")
-                for item in refused
-            ]
-            self.node.diagnose(texts, self.node_name, wall_clock())
+            names = [item for item in refused if item.kind != "type"]
+            types = [item for item in refused if item.kind == "type"]
+            self.node.diagnose(
+                [
+                    self._diagnosis("names", "refused, since the name is taken here", names),
+                    self._diagnosis("types", "refused, since the topic has another type here", types),
+                ],
+                wall_clock(),
+            )
         self.refused = now_refused
+
+    def _diagnosis(self, what: str, why: str, refused: List[Refusal]) -> ros.Diagnosis:
+        values = [
+            (f"{NOUNS[item.kind]} {item.name}", f"{item.uri} of {item.master} is refused, here it is {item.holder}")
+            for item in refused
+        ]
+        return ros.Diagnosis(
+            f"{self.node_name.lstrip('/')}: {what}", f"{why}: {len(refused)}" if refused else "OK", values
+        )
 
     def _say_status(self) -> None:
         if not self.listed_once:
@@ -431,7 +559,7 @@ def _claims(text: Any) -> Claims:
 
 def _fetch(fetch: Fetch, sync_remote_nodes: bool) -> State:
     """The state of a master, filtered there where it can be."""
-    rpc = Rpc(fetch.monitor_uri, FETCH_TIMEOUT)
+    rpc = Rpc(fetch.monitor_uri, FETCH_TIMEOUT, MAX_STATE)
     try:
         try:
             return parse(rpc.call("masterInfoFiltered", fetch.rules.to_wire(sync_remote_nodes)))
@@ -443,6 +571,41 @@ def _fetch(fetch: Fetch, sync_remote_nodes: bool) -> State:
         raise ValueError(f"it sends no state of a master: {problem}") from None
     finally:
         rpc.close()
+
+
+def _types_of(node_uri: str) -> Dict[str, str]:
+    """Topic -> type, as a node of this robot has them."""
+    rpc, found = Rpc(node_uri, QUESTION_TIMEOUT), {}
+    try:
+        for method in ("getPublications", "getSubscriptions"):
+            answer = rpc.call(method, "/rosfleet")
+            rows = answer[2] if isinstance(answer, list) and len(answer) == 3 and isinstance(answer[2], list) else []
+            found.update({row[0]: row[1] for row in rows if _texts(row, 2)})
+    finally:
+        rpc.close()
+    return found
+
+
+def _md5sums(monitor_uri: str, types: List[str]) -> Tuple[Dict[str, str], Dict[str, str]]:
+    """The md5 sums of types at another master, and here. Only types that an own node has named are imported."""
+    rows = Rpc(monitor_uri, QUESTION_TIMEOUT).call("getTopicsMd5sum", types)
+    there = {row[0]: row[1] for row in rows if _texts(row, 2)} if isinstance(rows, list) else {}
+    here = {name: ros.md5sum(name) for name in types if name in there}
+    return there, {name: md5sum for name, md5sum in here.items() if md5sum}
+
+
+def _texts(row: Any, width: int) -> bool:
+    return isinstance(row, list) and len(row) == width and all(isinstance(text, str) for text in row)
+
+
+def _connections_with(look: Look, node_uri: str) -> Set[Connection]:
+    """The connections of an own node with the nodes of a master."""
+    answer = Rpc(node_uri, QUESTION_TIMEOUT).call("getBusInfo", "/rosfleet")
+    return connections_of(answer[2] if isinstance(answer, list) and len(answer) == 3 else [], look.others)
+
+
+def _end(ending: Ending) -> List[connections.Tcp]:
+    return connections.end_all(lambda found: ending.wants(found.local[1], found.remote, found.silent))
 
 
 if __name__ == "__main__":

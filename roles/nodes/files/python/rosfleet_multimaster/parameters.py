@@ -6,7 +6,9 @@ import difflib
 import ipaddress
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
 
-from .filters import HOSTS, NAMES, Filters, InvalidPattern
+from .filters import HOSTS, NAMES, Filters, InvalidPattern, Pattern
+
+SHORTEST = 2.0  # seconds of ~offline_after: less leaves no time to ask
 
 
 class ParameterError(ValueError):
@@ -36,6 +38,10 @@ def _patterns(value: Any) -> bool:
     return isinstance(value, (str, list, dict))
 
 
+def _entries(value: Any) -> bool:
+    return value is None or (isinstance(value, list) and all(isinstance(entry, dict) for entry in value))
+
+
 KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
     "text": ("a text", lambda value: isinstance(value, str)),
     "flag": ("true or false", lambda value: isinstance(value, bool)),
@@ -46,6 +52,7 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
     "texts": ("a list of texts", _texts),
     "names": ("a pattern, or a list of patterns", lambda value: isinstance(value, str) or _texts(value)),
     "patterns": ("a list of patterns, or a mapping from a master's name to one", _patterns),
+    "exports": ("nothing at all, or a list of entries such as {to: [192.168.1.2], topics: [/pose]}", _entries),
     "level": ("DEBUG, INFO, WARN, ERROR or FATAL", lambda value: value in ("DEBUG", "INFO", "WARN", "ERROR", "FATAL")),
 }
 
@@ -59,7 +66,7 @@ DISCOVERY: Mapping[str, Parameter] = {
     "rosmaster_hz": Parameter(2.0, "rate"),
     "heartbeat_hz": Parameter(0.02, "rate"),
     "measurement_intervals": Parameter(5, "count"),
-    "timeout_factor": Parameter(10.0, "rate"),
+    "offline_after": Parameter(5.0, "seconds"),
     "remove_after": Parameter(300.0, "seconds"),
     "active_request_after": Parameter(60.0, "seconds"),
     "robot_hosts": Parameter([], "texts"),
@@ -68,6 +75,8 @@ DISCOVERY: Mapping[str, Parameter] = {
     "hide_nodes": Parameter([], "names"),
     "hide_topics": Parameter([], "names"),
     "hide_services": Parameter([], "names"),
+    "hide_subscribers": Parameter([], "names"),
+    "exports": Parameter(None, "exports"),
     "do_not_sync": Parameter([], "names"),
     "log_level": Parameter("INFO", "level"),
 }
@@ -78,6 +87,7 @@ SYNC: Mapping[str, Parameter] = {
     "sync_remote_nodes": Parameter(False, "flag"),
     "resync_on_reconnect": Parameter(True, "flag"),
     "resync_on_reconnect_timeout": Parameter(0.0, "seconds"),
+    "end_lost_connections": Parameter(True, "flag"),
     "log_level": Parameter("INFO", "level"),
 }
 
@@ -86,6 +96,7 @@ WITHOUT_EFFECT: Mapping[str, str] = {
     "change_notification_count": "a change is always announced three times",
     "check_host": "what belongs to this master is known by its origin",
     "interface_url": "filters are parameters here: give the lists themselves",
+    "timeout_factor": "~offline_after says after which silence a master is offline",
 }
 
 
@@ -115,17 +126,53 @@ def overlay(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> Tuple[D
 def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
     try:
         Filters(values).check()
-        for name in ("hide_nodes", "hide_topics", "hide_services"):
-            Filters({"ignore_nodes": values.get(name)}).check()
+        for name in ("hide_nodes", "hide_topics", "hide_services", "hide_subscribers"):
+            value = values.get(name) or []
+            Pattern.of([value] if isinstance(value, str) else value, name)
     except InvalidPattern as problem:
         raise ParameterError(f"~{problem}") from None
     if table is DISCOVERY:
-        group = values["mcast_group"].partition("@")[0]
-        try:
-            multicast = ipaddress.IPv4Address(group).is_multicast
-        except ValueError:
-            multicast = False
-        if not multicast:
+        _check_group(values["mcast_group"])
+        for number, entry in enumerate(values["exports"] or [], 1):
+            _check_export(f"entry {number} of ~exports", entry)
+        if not (values["offline_after"] <= 0 or values["offline_after"] >= SHORTEST):
             raise ParameterError(
-                f"~mcast_group is {values['mcast_group']!r}, but an IPv4 multicast group is expected, such as 226.0.0.0"
+                f"~offline_after is {values['offline_after']}, but at least {SHORTEST:g} seconds are expected, or 0 for"
+                " ~active_request_after alone"
             )
+
+
+def _check_group(value: str) -> None:
+    group = value.partition("@")[0]
+    try:
+        multicast = ipaddress.IPv4Address(group).is_multicast
+    except ValueError:
+        multicast = False
+    if not multicast:
+        raise ParameterError(f"~mcast_group is {value!r}, but an IPv4 multicast group is expected, such as 226.0.0.0")
+
+
+def _check_export(what: str, entry: Mapping[str, Any]) -> None:
+    unknown = sorted(str(key) for key in entry if key not in ("to", "topics", "services"))
+    if unknown:
+        raise ParameterError(f"{what} has {unknown[0]!r}, but only to, topics and services are expected")
+    for key, value in entry.items():
+        if not _texts(value):
+            raise ParameterError(f"{what} has {value!r} as its {key}, but a list of texts is expected")
+    if not entry.get("to"):
+        raise ParameterError(f"{what} says not to whom: addresses are expected as its to, or '*' for everybody")
+    for address in entry["to"]:
+        if address != "*" and not _is_address(address):
+            raise ParameterError(f"{what} is for {address!r}, but an IPv4 address or '*' is expected")
+    for key in ("topics", "services"):
+        try:
+            Pattern.of(entry.get(key, []), f"{what}, {key}")
+        except InvalidPattern as problem:
+            raise ParameterError(str(problem)) from None
+
+
+def _is_address(text: str) -> bool:
+    try:
+        return str(ipaddress.IPv4Address(text)) == text
+    except ValueError:
+        return False

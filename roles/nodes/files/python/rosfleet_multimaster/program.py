@@ -8,6 +8,7 @@ import logging
 import os
 import signal
 import sys
+import threading
 import time
 import xmlrpc.client
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
@@ -23,6 +24,7 @@ IMPORTS = (
 _PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 _LEVELS = {"WARN": "WARNING", "FATAL": "CRITICAL"}
 _EVERY = 60.0  # seconds between two lines about one thing
+_LINES = 60  # limited lines in that time, whatever they are about
 
 
 class Fatal(Exception):
@@ -52,23 +54,66 @@ def logger(level: str = "INFO") -> logging.Logger:
 
 
 class Limited:
-    """A log that says one thing once a minute, and then how often it has not said it."""
+    """A log that says one thing once a minute, and then how often it has not said it; and not too many things at all."""
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
         self._said: Dict[str, Tuple[Optional[float], int]] = {}
+        self._minute, self._lines, self._dropped = -_EVERY, 0, 0
 
     def say(self, level: str, topic: str, text: str) -> None:
-        """Log a line, unless one of this topic was logged a short while ago."""
+        """Log a line, unless one of this topic was logged a short while ago, or very many of other ones."""
         now = monotonic()
         at, silent = self._said.get(topic, (None, 0))
         if at is not None and now - at < _EVERY:
             self._said[topic] = (at, silent + 1)
             return
+        if now - self._minute >= _EVERY:
+            if self._dropped:
+                self._log.warning("%d more lines were not logged", self._dropped)
+            self._minute, self._lines, self._dropped = now, 0, 0
+        if self._lines >= _LINES:
+            self._dropped += 1
+            return
         if len(self._said) > 1000:
             self._said.clear()
         self._said[topic] = (now, 0)
+        self._lines += 1
         self._log.log(getattr(logging, level.upper()), "%s%s", text, f" ({silent} more since)" if silent else "")
+
+
+# Time limits
+
+_HANGING = 4  # jobs that may hang at once
+_hanging: List[threading.Thread] = []
+
+
+def within(seconds: float, job: Callable[[], Any]) -> Any:
+    """The result of a job that knows no time limit, such as a call of rospy.
+
+    Raises TimeoutError, at once too where several earlier jobs still hang; and what the job raises.
+    """
+    _hanging[:] = [thread for thread in _hanging if thread.is_alive()]
+    if len(_hanging) >= _HANGING:
+        raise TimeoutError(f"{_HANGING} earlier calls have not come back yet")
+    results: List[Any] = []
+    problems: List[Exception] = []
+
+    def work() -> None:
+        try:
+            results.append(job())
+        except Exception as problem:  # rospy raises many
+            problems.append(problem)
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if results:
+        return results[0]
+    if not problems:
+        _hanging.append(thread)
+        raise TimeoutError(f"no answer within {seconds:g} s")
+    raise problems[0]
 
 
 # Arguments and parameters
@@ -133,9 +178,9 @@ def wait_for_roscore(uri: str, timeout: Optional[float] = None) -> str:
     started, said = monotonic(), False
     while True:
         try:
-            code, _text, answer = Rpc(uri, 2.0).call("getUri", "/rosfleet")
-            if code == 1 and isinstance(answer, str):
-                return answer
+            answer = Rpc(uri, 2.0).call("getUri", "/rosfleet")
+            if isinstance(answer, list) and len(answer) == 3 and answer[0] == 1 and isinstance(answer[2], str):
+                return answer[2]
             raise ValueError("no URI")
         except FAILURES as problem:
             if timeout is not None and monotonic() - started > timeout:
@@ -208,6 +253,9 @@ def run(main: Callable[[], int]) -> None:
         status = 1
     except KeyboardInterrupt:
         status = 0
+    except FAILURES as problem:  # while it started
+        logger().error("starting again: %s", problem)
+        status = 1
     except Exception as problem:  # ROS's threads would keep a broken program alive
         logger().exception("the program cannot go on: %s", problem)
         status = 1

@@ -4,9 +4,10 @@
 
 import logging
 import os
+import socket
 import sys
 import urllib.parse
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 # rospy would write log files: its configuration is replaced before it is imported.
 os.environ["ROS_PYTHON_LOG_CONFIG_FILE"] = os.path.join(os.path.dirname(os.path.abspath(__file__)), "logging.conf")
@@ -23,6 +24,7 @@ import std_srvs.srv  # noqa: E402
 from fkie_multimaster_msgs import msg, srv  # noqa: E402
 
 from .discovery_core import Link, Master  # noqa: E402
+from .program import within  # noqa: E402
 from .sync_core import Announced, Registration  # noqa: E402
 
 try:
@@ -145,16 +147,42 @@ class DiscoveryNode:
         self._links.publish(message)
 
 
+SYNC_INFO_TIMEOUT, LIST_TIMEOUT = 1.0, 5.0  # seconds
+
+
+def _call(service: str, kind: Any, seconds: float) -> Any:
+    """The answer of a service. rospy waits for ever: after the time limit its connection is cut. May raise anything."""
+    proxy = rospy.ServiceProxy(service, kind, persistent=True)  # persistent: only then its connection is known
+    try:
+        return within(seconds, proxy)
+    finally:
+        connection = getattr(proxy.transport, "socket", None)
+        if connection is not None:
+            try:
+                connection.shutdown(socket.SHUT_RDWR)
+            except OSError:  # it has ended
+                pass
+        proxy.close()
+
+
 def sync_info(service: str) -> Dict[Tuple[str, str], str]:
     """(node, URI) -> URI of its master: what another implementation of master_sync has registered. Blocks; may raise."""
     found = {}
-    for host in rospy.ServiceProxy(service, srv.GetSyncInfo)().hosts:
+    for host in _call(service, srv.GetSyncInfo, SYNC_INFO_TIMEOUT).hosts:
         for entry in [*host.publisher, *host.subscriber, *host.services]:
             found[(entry.node, entry.nodeuri)] = host.masteruri
     return found
 
 
 # master_sync
+
+
+class Diagnosis(NamedTuple):
+    """An entry of /diagnostics: fine without values."""
+
+    name: str
+    message: str
+    values: List[Tuple[str, str]]
 
 
 class SyncNode:
@@ -186,25 +214,30 @@ class SyncNode:
             )
             self._subscribed = topic
 
-    def diagnose(self, texts: Sequence[Tuple[str, str]], name: str, now: float) -> None:
-        """Say on /diagnostics what is wrong: (what, who has it); nothing is a message too."""
+    def diagnose(self, parts: Sequence[Diagnosis], now: float) -> None:
+        """Say on /diagnostics what is wrong, and what is not."""
         if not self._diagnostics:
             return
-        status = diagnostics.DiagnosticStatus(
-            level=diagnostics.DiagnosticStatus.WARN if texts else diagnostics.DiagnosticStatus.OK,
-            name=f"{name.lstrip('/')}: names",
-            message=f"refused, since the name is taken here: {len(texts)}" if texts else "OK",
-            hardware_id=hostname(),
-            values=[diagnostics.KeyValue(key, value) for key, value in texts],
+        kind = diagnostics.DiagnosticStatus
+        message = diagnostics.DiagnosticArray(
+            status=[
+                kind(
+                    level=kind.WARN if part.values else kind.OK,
+                    name=part.name,
+                    message=part.message,
+                    hardware_id=hostname(),
+                    values=[diagnostics.KeyValue(key, value) for key, value in part.values],
+                )
+                for part in parts
+            ]
         )
-        message = diagnostics.DiagnosticArray(status=[status])
         message.header.stamp = _time(now)
         self._diagnostics.publish(message)
 
 
 def list_masters(service: str) -> List[Announced]:
     """The list of a discovery node. Blocks; may raise."""
-    return [_announced(master) for master in rospy.ServiceProxy(service, srv.DiscoverMasters)().masters]
+    return [_announced(master) for master in _call(service, srv.DiscoverMasters, LIST_TIMEOUT).masters]
 
 
 def _sync_info(held: Mapping[Registration, str]) -> Any:

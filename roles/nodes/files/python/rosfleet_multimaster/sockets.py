@@ -12,6 +12,7 @@ import io
 import logging
 import os
 import queue
+import re
 import selectors
 import socket
 import socketserver
@@ -20,6 +21,7 @@ import threading
 import time
 import urllib.parse
 import xmlrpc.client
+import zlib
 from http.server import BaseHTTPRequestHandler
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
@@ -29,6 +31,8 @@ _log = logging.getLogger("rosfleet.sockets")
 
 
 # The loop and its workers
+
+_MAX_POSTED = 4096  # calls that wait for the loop
 
 
 class Loop:
@@ -41,10 +45,17 @@ class Loop:
         self._waker.setblocking(False)
         self._wakee.setblocking(False)
         self._selector.register(self._wakee, selectors.EVENT_READ, lambda: None)
+        self._thread: Optional[int] = None
         self._running = True
 
     def post(self, function: Callable[..., Any], *arguments: Any) -> None:
-        """Have a function called in the loop; from any thread, and from a signal handler."""
+        """Have a function called in the loop; from any thread, and from a signal handler.
+
+        Other threads wait while the loop is behind, so that they cannot fill the memory.
+        """
+        others = self._thread not in (None, threading.get_ident())  # the loop must not wait for itself
+        while others and self._running and self._posted.qsize() >= _MAX_POSTED:
+            time.sleep(0.01)
         self._posted.put(lambda: function(*arguments))
         self.wake()
 
@@ -70,6 +81,7 @@ class Loop:
 
     def run(self, tick: Callable[[float], float]) -> None:
         """Call `tick` with the time until `stop`; it returns the time at which it wants to be called again."""
+        self._thread = threading.get_ident()
         while self._running:
             due = tick(monotonic())
             for key, _events in self._selector.select(max(0.0, due - monotonic())):
@@ -246,13 +258,22 @@ class Udp:
 
 MAX_REQUEST = 1 << 20  # bytes
 MAX_ANSWER = 64 << 20  # bytes, also unpacked
-_MAX_CONNECTIONS = 32
+_MAX_CONNECTIONS, _MAX_PER_ADDRESS = 64, 8
 _MAX_SECONDS = 15.0
 _COMPRESS = 1400  # bytes
 
 
 class Refused(Exception):
     """A method's way to answer with a fault: the text is the fault's sentence."""
+
+
+class PerCaller(NamedTuple):
+    """A method whose answer depends on who calls: its first argument is the caller's address."""
+
+    method: Callable[..., Any]
+
+    def __call__(self, caller: str, *arguments: Any) -> Any:
+        return self.method(caller, *arguments)
 
 
 class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
@@ -269,24 +290,26 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         """`malformed(host, why)` is told of every request that is none. Raises OSError where the port is taken."""
         self.methods = dict(methods)
         self.methods["system.listMethods"] = lambda: sorted(self.methods)
-        self.methods["system.methodHelp"] = lambda name: (getattr(self.methods.get(name), "__doc__", "") or "").strip()
+        self.methods["system.methodHelp"] = lambda name: _help(self.methods.get(name))
         self.methods["system.methodSignature"] = lambda name: "signatures not supported"
         self.malformed = malformed
-        self._open: Dict[socket.socket, float] = {}
+        self._open: Dict[socket.socket, Tuple[str, float]] = {}  # whose, and since when
         super().__init__((address, port), _Handler)
         threading.Thread(target=self.serve_forever, name="xml-rpc", kwargs={"poll_interval": 1.0}, daemon=True).start()
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Refuse what is too much at once."""
-        if len(self._open) >= _MAX_CONNECTIONS:
-            self.malformed(client_address[0], f"more than {_MAX_CONNECTIONS} connections at once")
+        address = client_address[0]
+        same = sum(1 for other, _since in list(self._open.values()) if other == address)
+        if len(self._open) >= _MAX_CONNECTIONS or same >= _MAX_PER_ADDRESS:
+            self.malformed(address, "too many connections at once")
             return False
-        self._open[request] = monotonic()
+        self._open[request] = (address, monotonic())
         return True
 
     def service_actions(self) -> None:
         """End the connections that take too long."""
-        for request, since in list(self._open.items()):
+        for request, (_address, since) in list(self._open.items()):
             if monotonic() - since > _MAX_SECONDS:
                 try:
                     request.shutdown(socket.SHUT_RDWR)
@@ -307,6 +330,10 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self.socket.shutdown(socket.SHUT_RDWR)  # wakes the thread that waits for connections
         self.shutdown()
         self.server_close()
+
+
+def _help(method: Any) -> str:
+    return (getattr(getattr(method, "method", method), "__doc__", "") or "").strip()
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -330,8 +357,10 @@ class _Handler(BaseHTTPRequestHandler):
         except Refused as refusal:
             body = xmlrpc.client.dumps(xmlrpc.client.Fault(1, str(refusal)), methodresponse=True)
         except Exception as problem:
-            _log.exception("%s failed", name)
-            body = xmlrpc.client.dumps(xmlrpc.client.Fault(1, f"{name} failed: {problem}"), methodresponse=True)
+            _log.debug("%s failed", name, exc_info=True)
+            text = f"{name[:100]} failed: {type(problem).__name__}: {problem}"[:500]
+            self.server.malformed(self.client_address[0], text)
+            body = xmlrpc.client.dumps(xmlrpc.client.Fault(1, text), methodresponse=True)
         self._answer(body.encode("utf-8", "replace"))
 
     def _request(self) -> Tuple[str, Tuple[Any, ...]]:
@@ -350,10 +379,12 @@ class _Handler(BaseHTTPRequestHandler):
         method = self.server.methods.get(name)
         if method is None:
             raise Refused(f"there is no method {name[:100]}")
+        if isinstance(method, PerCaller):
+            arguments = (self.client_address[0], *arguments)
         try:
             return method(*arguments)
         except TypeError as problem:
-            raise Refused(f"{name}: {problem}") from None
+            raise Refused(f"{name}: {problem}"[:500]) from None
 
     def _answer(self, body: bytes) -> None:
         self.send_response(200)
@@ -371,11 +402,17 @@ class _Handler(BaseHTTPRequestHandler):
 
 def unpack(body: bytes, most: int) -> bytes:
     """Unpack gzip, but not without a bound. Raises OSError or ValueError."""
-    with gzip.GzipFile(fileobj=io.BytesIO(body)) as packed:
-        unpacked = packed.read(most + 1)
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(body)) as packed:
+            unpacked = packed.read(most + 1)
+    except (EOFError, zlib.error) as problem:
+        raise ValueError(str(problem)) from None
     if len(unpacked) > most:
         raise ValueError(f"more than {most} bytes")
     return unpacked
+
+
+_ENDLESS = re.compile(rb"[0-9]{401}")
 
 
 def loads(body: bytes) -> Tuple[Tuple[Any, ...], Optional[str]]:
@@ -384,6 +421,8 @@ def loads(body: bytes) -> Tuple[Tuple[Any, ...], Optional[str]]:
         raise ValueError("a document type in an XML-RPC document")
     if b"\0" in body:  # UTF-16, in which they would not be found
         raise ValueError("an XML-RPC document that is not in UTF-8")
+    if _ENDLESS.search(body):  # Python before 3.11 takes seconds for such a number, and everything waits
+        raise ValueError("a number of more than 400 digits")
     return xmlrpc.client.loads(body, use_builtin_types=True)
 
 
@@ -393,32 +432,22 @@ def loads(body: bytes) -> Tuple[Tuple[Any, ...], Optional[str]]:
 class Rpc:
     """Calls at one URI, for one thread at a time. The connection is kept while the other side keeps it."""
 
-    def __init__(self, uri: str, timeout: float) -> None:
-        """`timeout`: seconds for connecting, and for the whole answer."""
-        parsed = urllib.parse.urlsplit(uri)
-        if parsed.scheme != "http" or not parsed.hostname:
-            raise OSError(f"{uri} is no address of an XML-RPC server")
-        self.uri, self._timeout = uri, timeout
-        self._host, self._port, self._path = parsed.hostname, parsed.port or 80, parsed.path or "/"
+    def __init__(self, uri: str, timeout: float, most: int = MAX_ANSWER) -> None:
+        """`timeout`: seconds for connecting, and for the whole answer, of at most so many bytes. Raises OSError."""
+        try:
+            parsed = urllib.parse.urlsplit(uri)
+            host, port = parsed.hostname, 80 if parsed.port is None else parsed.port
+        except ValueError:
+            host = port = None
+        if not host or not port or parsed.scheme != "http":
+            raise OSError(f"{uri[:200]!r} is no address of an XML-RPC server")
+        self.uri, self._timeout, self._most = uri, timeout, most
+        self._host, self._port, self._path = host, port, parsed.path or "/"
         self._connection: Optional[http.client.HTTPConnection] = None
 
     def call(self, method: str, *arguments: Any) -> Any:
         """The result of a method. Raises OSError (no answer), xmlrpc.client.Fault, or ValueError (no XML-RPC)."""
-        body = xmlrpc.client.dumps(arguments, method, allow_none=True).encode()
-        kept = self._connection is not None
-        try:
-            answer = self._post(body)
-        except (http.client.HTTPException, ConnectionError) as problem:
-            self.close()
-            if kept:  # the other side had closed the kept connection
-                answer = self._post(body)
-            elif isinstance(problem, OSError):
-                raise
-            else:
-                raise OSError(f"{self.uri} does not answer as an XML-RPC server") from None
-        except OSError:
-            self.close()
-            raise
+        answer = self._post(xmlrpc.client.dumps(arguments, method, allow_none=True).encode())
         try:
             values, _method = loads(answer)
         except xmlrpc.client.Fault:
@@ -443,6 +472,18 @@ class Rpc:
             self._connection = None
 
     def _post(self, body: bytes) -> bytes:
+        kept = self._connection is not None
+        try:
+            return self._timed(body)
+        except Exception as problem:
+            self.close()
+            if kept and isinstance(problem, (http.client.HTTPException, ConnectionError)):
+                return self._post(body)  # the other side had closed the kept connection
+            if isinstance(problem, http.client.HTTPException) and not isinstance(problem, OSError):
+                raise OSError(f"{self.uri} does not answer as an XML-RPC server") from None
+            raise
+
+    def _timed(self, body: bytes) -> bytes:
         if self._connection is None:
             self._connection = http.client.HTTPConnection(self._host, self._port, timeout=self._timeout)
             self._connection.connect()
@@ -468,16 +509,16 @@ class Rpc:
                 break
             chunks.append(chunk)
             size += len(chunk)
-            if size > MAX_ANSWER:
+            if size > self._most:
                 break
-        if size > MAX_ANSWER or monotonic() > deadline:
+        if size > self._most or monotonic() > deadline:
             raise OSError(f"{self.uri} answers too much or too slowly")
         if answer.status != 200:
             raise OSError(f"{self.uri} answers {answer.status} {answer.reason}")
         if answer.will_close:
             self.close()
         content = b"".join(chunks)
-        return unpack(content, MAX_ANSWER) if answer.headers.get("Content-Encoding") == "gzip" else content
+        return unpack(content, self._most) if answer.headers.get("Content-Encoding") == "gzip" else content
 
 
 def _cut(connection: socket.socket) -> None:

@@ -70,23 +70,26 @@ class View:
                         found.add(Registration(kind, name, node, claimed[node], service_uri))
         return found
 
-    def own_topics(self, claims: Mapping[NodeKey, str]) -> Set[str]:
-        """The topics that nodes have which are not claimed."""
+    def own_nodes(self, claims: Iterable[NodeKey]) -> Dict[str, List[str]]:
+        """Topic -> the nodes on it that are not claimed: this robot's own."""
         claimed = {node for node, uri in claims if self.node_uris.get(node) == uri}
-        tables = (self.publishers, self.subscribers)
-        return {
-            topic for table in tables for topic, nodes in table.items() if any(node not in claimed for node in nodes)
-        }
+        found: Dict[str, Dict[str, None]] = {}
+        for table in (self.publishers, self.subscribers):
+            for topic, nodes in table.items():
+                for node in nodes:
+                    if node not in claimed:
+                        found.setdefault(topic, {})[node] = None
+        return {topic: list(nodes) for topic, nodes in found.items()}
 
 
 class Refusal(NamedTuple):
-    """A registration that is not made, since another node or service has the name."""
+    """What is not registered: another node or service has the name here, or own nodes the topic with another type."""
 
-    kind: str  # node, service
-    name: str
+    kind: str  # node, service, type
+    name: str  # of the node, the service, the topic
     master: str  # name of the master that it is of
-    uri: str
-    holder: str  # URI of who has the name here
+    uri: str  # who has it there; for a type, which it is
+    holder: str  # the same here
 
 
 @dataclass
@@ -98,6 +101,7 @@ class Plan:
     register: List[Registration]
     held: Dict[Registration, str]  # what will be held after it -> URI of its master
     refused: List[Refusal]
+    types: Dict[Registration, str]  # of what will be held
 
 
 class Wanted(NamedTuple):
@@ -106,6 +110,7 @@ class Wanted(NamedTuple):
     registration: Registration
     master_uri: str
     master: str
+    type: str = "*"  # of the topic; "*" where the master knows none
 
 
 def plan(wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str]) -> Plan:
@@ -123,6 +128,7 @@ def plan(wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str]) ->
         refused,
     )
     held: Dict[Registration, str] = {}
+    types: Dict[Registration, str] = {}
     for item in wanted:
         registration = item.registration
         if owner.get(registration.node) != registration.node_uri:
@@ -130,6 +136,7 @@ def plan(wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str]) ->
         if registration.kind == "service" and provider.get(registration.name) != registration.service_uri:
             continue
         held.setdefault(registration, item.master_uri)
+        types.setdefault(registration, item.type)
     ours = view.registrations(claims)
     after = {registration.of: master for registration, master in held.items()}
     return Plan(
@@ -138,6 +145,7 @@ def plan(wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str]) ->
         register=sorted(set(held) - ours),
         held=held,
         refused=list(refused),
+        types=types,
     )
 
 
@@ -184,21 +192,21 @@ def _providers(
     return provider
 
 
-def calls(todo: Plan, types: Mapping[str, str]) -> List[Tuple[Any, ...]]:
+def calls(todo: Plan) -> List[Tuple[Any, ...]]:
     """The calls to the own roscore, (method, argument, ...), in the order of `unregister` and `register`."""
-    return [_call("unregister", item, types) for item in todo.unregister] + [
-        _call("register", item, types) for item in todo.register
+    return [_call("unregister", item) for item in todo.unregister] + [
+        _call("register", item, todo.types[item]) for item in todo.register
     ]
 
 
-def _call(verb: str, item: Registration, types: Mapping[str, str]) -> Tuple[Any, ...]:
+def _call(verb: str, item: Registration, kind: str = "*") -> Tuple[Any, ...]:
     method = verb + item.kind.capitalize()
     if item.kind == "service":
         head = (method, item.node, item.name, item.service_uri)
         return head if verb == "unregister" else head + (item.node_uri,)
     if verb == "unregister":
         return method, item.node, item.name, item.node_uri
-    return method, item.node, item.name, types.get(item.name) or "*", item.node_uri
+    return method, item.node, item.name, kind, item.node_uri
 
 
 def select(state: State, rules: Rules, own_uri: str, sync_remote_nodes: bool) -> List[Registration]:
@@ -391,25 +399,28 @@ class Sync:
                     if not remote.given.sync_topics.matches(item.name):
                         if not remote.given.sync_nodes.matches(item.node):
                             continue
-                found.append(Wanted(item, uri, remote.announced.name))
+                kind = remote.state.types.get(item.name, "")
+                found.append(Wanted(item, uri, remote.announced.name, "*" if kind in UNKNOWN_TYPES else kind))
         return found
 
-    def types(self) -> Dict[str, str]:
-        """Topic -> type, of all masters."""
-        return {
-            topic: kind
-            for remote in self.remotes.values()
-            if remote.state
-            for topic, kind in remote.state.types.items()
-            if kind not in UNKNOWN_TYPES
-        }
+    def stamps(self) -> Dict[str, float]:
+        """Master -> stamp of the state that is had of it."""
+        return {uri: remote.state.local_stamp for uri, remote in self.remotes.items() if remote.state}
 
-    def publishers_of(self, topic: str, master_uri: str) -> List[str]:
-        """The URIs of a master's own publishers of a topic: its subscribers must not lose them."""
+    def publishers_for(self, item: Registration, master_uri: str, here: Sequence[str]) -> List[str]:
+        """The URIs that an imported subscriber is told: the publishers here and those of its own robot.
+
+        roscpp closes the connections to those that are missing. So it is told nothing where a filter hides what its
+        own robot has on the topic; nor where nobody publishes here.
+        """
         remote = self.remotes.get(master_uri)
         state = remote.state if remote else None
-        nodes = (state.nodes.get(node) for node in state.publishers.get(topic, ())) if state else ()
-        return [node.uri for node in nodes if node is not None and node.uri]
+        if remote is None or state is None or not here:
+            return []
+        if not remote.rules.topic(item.node, item.name, state.types.get(item.name, ""), True):
+            return []
+        nodes = (state.nodes.get(node) for node in state.publishers.get(item.name, ()))
+        return list(dict.fromkeys([*here, *(node.uri for node in nodes if node is not None and node.uri)]))
 
     def next_gone(self, now: float) -> Optional[float]:
         """The time at which the registrations of an offline master are to go."""

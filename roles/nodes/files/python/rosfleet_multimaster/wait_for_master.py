@@ -1,21 +1,80 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Wait until the roscore of ROS_MASTER_URI answers: `python3 -m rosfleet_multimaster.wait_for_master --timeout 60`."""
+"""Wait until the roscore of ROS_MASTER_URI answers: `python3 -m rosfleet_multimaster.wait_for_master --timeout 60`.
+
+Units of nodes that are not the bundled ones also set their parameters by it, and wait until they provide a service.
+It needs Python 3.6 and no ROS, so it runs on every computer of the fleet.
+"""
 
 import argparse
+import json
 import os
+import sys
+import time
+import xmlrpc.client
 
-from . import program
+CALLER = "/rosfleet_multimaster"
+PAUSE = 0.2  # seconds between two looks
 
 
-def main() -> int:
-    """Wait; raises program.Fatal."""
+class NotYet(Exception):
+    """What is waited for is not there."""
+
+
+class Transport(xmlrpc.client.Transport):
+    """A roscore that takes a connection and says nothing must not stop the waiting."""
+
+    def make_connection(self, host):
+        connection = super().make_connection(host)
+        connection.timeout = 2.0  # seconds
+        return connection
+
+
+def ask(uri, method, *arguments):
+    """The value that a roscore answers with. Raises NotYet where it gives none."""
+    try:
+        code, text, value = getattr(xmlrpc.client.ServerProxy(uri, Transport()), method)(CALLER, *arguments)
+    except Exception as problem:  # the network's, HTTP's and XML's own: whatever it is, not a roscore's answer
+        raise NotYet("the roscore at %s does not answer: %s" % (uri, problem)) from None
+    if code != 1:
+        raise NotYet("the roscore at %s says: %s" % (uri, text))
+    return value
+
+
+def until(end, look, *arguments):
+    """What `look` returns, as soon as it does. Raises NotYet when the time is over."""
+    while True:
+        try:
+            return look(*arguments)
+        except NotYet:
+            if time.monotonic() > end:
+                raise
+            time.sleep(PAUSE)
+
+
+def main():
+    """Wait, and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--timeout", type=float, default=60.0, metavar="SECONDS")
-    timeout = parser.parse_args().timeout
-    program.wait_for_roscore(os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), timeout)
+    parser.add_argument(
+        "--set", nargs=2, metavar=("NAMESPACE", "FILE"), help="what is there then: the parameters of FILE alone"
+    )
+    parser.add_argument("--service", metavar="NAME", help="wait for this service too")
+    options = parser.parse_args()
+    uri, end = os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), time.monotonic() + options.timeout
+    try:
+        until(end, ask, uri, "getUri")
+        if options.set:
+            namespace, path = options.set
+            with open(path, encoding="utf-8") as stream:
+                until(end, ask, uri, "setParam", namespace, json.load(stream))
+        if options.service:
+            until(end, ask, uri, "lookupService", options.service)
+    except NotYet as problem:
+        print("%s (after %g s)" % (problem, options.timeout), file=sys.stderr)
+        return 1
     return 0
 
 
 if __name__ == "__main__":
-    program.run(main)
+    sys.exit(main())

@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+# Private to this collection: may change at any time.
+
+"""What of multimaster_fkie is on a machine: executables of ROS packages, and Debian packages. Everything is only read."""
+
+import json
+import os
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import run
+
+# The Debian packages that the collection installed, a name on each line; the role nodes writes it.
+INSTALLED = "/etc/rosfleet-multimaster/packages"
+_LOOKING = 60.0  # seconds; a workspace on a small computer, cold
+_APT = 20.0  # seconds; 0.1 on a PC
+
+# Runs as the user nobody, under the Python of ROS (2.7 or 3): looks as rosrun does, then imports.
+_LOOK = """
+import importlib, json, os, sys
+
+def paths(name):
+    return [item for item in os.environ.get(name, "").split(":") if os.path.isabs(item)]
+
+def executable(package, name):
+    for prefix in paths("CMAKE_PREFIX_PATH") + ["/usr"]:
+        path = os.path.join(prefix, "lib", package, name)
+        if os.path.isfile(path):
+            return path
+    for root in paths("ROS_PACKAGE_PATH"):
+        for folder, folders, files in os.walk(root):
+            if os.path.basename(folder) == package and "package.xml" in files:
+                for part in ("nodes", "scripts"):
+                    path = os.path.join(folder, part, name)
+                    if os.path.isfile(path):
+                        return path
+            ends = "package.xml" in files or "CATKIN_IGNORE" in files
+            folders[:] = [] if ends else sorted(entry for entry in folders if not entry.startswith("."))
+    return ""
+
+def problem(modules):
+    for name in modules:
+        try:
+            importlib.import_module(name)
+        except BaseException as error:
+            return "%s cannot be imported: %s: %s" % (name, type(error).__name__, error)
+    return ""
+
+found = []
+for node in json.loads(sys.argv[1]):
+    path = executable(node["package"], node["executable"])
+    if path and not os.access(path, os.R_OK):
+        why = "%s is closed to other users" % path
+    else:
+        why = problem(node["modules"]) if path else ""
+    found.append({"package": node["package"], "executable": node["executable"], "path": path, "problem": why})
+print("")
+print(json.dumps(found))
+"""
+
+
+def nodes(wanted, python, environment):
+    # type: (typing.List[typing.Dict[str, typing.Any]], str, typing.Dict[str, str]) -> typing.List[typing.Dict[str, str]]
+    """Each wanted executable of a ROS package: its path, empty where it is not there, and why it would not run.
+
+    `environment` is the whole one that the services have.
+    """
+    if not wanted:
+        return []
+    answer = run([python, "-c", _LOOK, json.dumps(wanted)], environment, _LOOKING, unprivileged=True)
+    try:
+        return json.loads(answer.output.decode("utf-8").splitlines()[-1])
+    except (ValueError, IndexError):
+        why = (answer.error.splitlines() or ["no answer"])[-1]
+        return [
+            {"package": node["package"], "executable": node["executable"], "path": "", "problem": why}
+            for node in wanted
+        ]
+
+
+def packages(wanted, record=INSTALLED):
+    # type: (typing.List[str], str) -> typing.List[typing.Dict[str, typing.Any]]
+    """The wanted Debian packages and those that the collection installed: the versions that are there and to be had."""
+    ours = _recorded(record)
+    names = wanted + [name for name in ours if name not in wanted]
+    known = {}  # type: typing.Dict[str, typing.Dict[str, str]]
+    if names:
+        # As nobody, so that not even apt's cache is written.
+        known = policy(
+            run(["apt-cache", "policy"] + names, limit=_APT, unprivileged=True).output.decode("utf-8", "replace")
+        )
+    nothing = {"installed": "", "candidate": ""}
+    return [dict(known.get(name, nothing), name=name, ours=name in ours) for name in names]
+
+
+def policy(output):
+    # type: (str) -> typing.Dict[str, typing.Dict[str, str]]
+    """{package: versions} out of what apt-cache policy prints; a package that apt does not know is left out."""
+    known = {}  # type: typing.Dict[str, typing.Dict[str, str]]
+    name = ""
+    for line in output.splitlines():
+        word, colon, value = line.strip().partition(":")
+        if line and not line[0].isspace():
+            name = word
+            known[name] = {"installed": "", "candidate": ""}
+        elif name and colon and word.lower() in known[name] and value.strip() != "(none)":
+            known[name][word.lower()] = value.strip()
+    return known
+
+
+def _recorded(path):
+    # type: (str) -> typing.List[str]
+    if not os.path.isfile(path):
+        return []
+    with open(path, encoding="utf-8") as stream:
+        return [line.strip() for line in stream if line.strip() and not line.startswith("#")]

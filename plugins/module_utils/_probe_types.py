@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+# Private to this collection: may change at any time.
+
+"""What only the Python of ROS can tell: the md5 sums of message types, and what upstream's master_sync has registered.
+
+Runs as a program of its own under the Python of this computer's ROS, which may be 2.7 (kinetic, melodic); it is handed
+over as text, so nothing here may import another part of the collection.
+"""
+
+import json
+import os
+import sys
+
+
+def md5sums(types):
+    """{type: md5 sum} of the types whose classes are there."""
+    import roslib.message  # noqa: PLC0415 only where it runs as a program
+
+    found = {}
+    for name in types:
+        try:
+            found[name] = roslib.message.get_message_class(name)._md5sum
+        except Exception:  # whatever the import of somebody's package raises
+            continue
+    return found
+
+
+def registered(service):
+    """{URI of a master: {node: URI of the node}} by a get_sync_info, whichever package its type is of."""
+    import rosservice  # noqa: PLC0415 only where it runs as a program
+
+    found = {}
+    for host in rosservice.call_service(service, [])[1].hosts:
+        nodes = found.setdefault(host.masteruri, {})
+        for entry in list(host.publisher) + list(host.subscriber) + list(host.services):
+            nodes[entry.node] = entry.nodeuri
+    return found
+
+
+def main(path):
+    """Answer the questions of a file, one line each, so that a service that never answers keeps nothing else back."""
+    with open(path) as stream:
+        questions = json.load(stream)
+    for name, answer in (("types", md5sums), ("service", registered)):
+        if questions[name]:
+            sys.stdout.write(json.dumps({name: answer(questions[name])}) + "\n")
+            sys.stdout.flush()
+    os._exit(0)  # a thread of rospy is not waited for
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

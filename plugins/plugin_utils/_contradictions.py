@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# Private to this collection: may change at any time.
+
+"""What declarations of data flow and filters say against each other.
+
+Pure: what each robot declares and filters in, one sentence for each contradiction out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _flows
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exports import (
+    FROM_CLIENT,
+    FROM_SERVER,
+    KINDS,
+    NEVER,
+    Export,
+    matches,
+    topics_of,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._values import nearest
+
+
+@dataclass(frozen=True)
+class Party:
+    """A robot as far as the declarations concern it."""
+
+    name: str
+    host: str  # that a sentence about it names
+    master: str  # the name of its master; empty: not known
+    declared: Sequence[Export] | None = None
+    filters: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    @property
+    def exports(self) -> Sequence[Export]:
+        """The entries of its declaration."""
+        return self.declared or ()
+
+    def receivers(self, entry: Export, robots: Iterable[str]) -> list[str]:
+        """The robots that an entry of its declaration is for."""
+        return [robot for robot in robots if robot != self.name and (not entry.to or robot in entry.to)]
+
+
+def problems(parties: Sequence[Party], robots: Mapping[str, Sequence[str]]) -> list[str]:
+    """One sentence for each contradiction. `robots` has the computers of every robot, also of those that are no party."""
+    found: list[str] = []
+    for party in parties:
+        found += _wrong_receivers(party, robots) + _never_exchanged(party)
+    return found + _collisions(parties, list(robots)) + _second_white_lists(parties) + _left_out(parties)
+
+
+def _wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> list[str]:
+    computers = {host: robot for robot, hosts in robots.items() for host in hosts}
+    found = []
+    for name in dict.fromkeys(robot for entry in party.exports for robot in entry.to):
+        if name == party.name:
+            what, do = "the robot itself", "remove it"
+        elif name in robots:
+            continue
+        elif name in computers:
+            what, do = f"a computer of the robot {computers[name]}", "name the robot"
+        else:
+            what, do = f"no robot{nearest(name, robots)}", "correct it"
+        found.append(
+            f"{party.host}: multimaster_exports is for '{name}', which is {what}; expected other robots, groups below 'robots': "
+            f"{do} in group_vars/{party.name}.yml."
+        )
+    return found
+
+
+def _never_exchanged(party: Party) -> list[str]:
+    return [
+        f"{party.host}: multimaster_exports has the {KINDS[key]} {name}, which is never exchanged, since it belongs to the "
+        f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in group_vars/{party.name}.yml."
+        for key, name in dict.fromkeys(named for entry in party.exports for named in entry.names())
+        if any(matches(never, name) for never in NEVER.get(key, ()))
+    ]
+
+
+_ONE = {
+    "services": "since a roscore keeps one provider of a service",
+    "actions": "since each goal would reach both",
+}
+
+
+def _collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
+    """Two robots that give the same service or action to a third: names against names and against patterns."""
+    found = []
+    for key, why in _ONE.items():
+        givers: dict[str, dict[str, list[Export]]] = defaultdict(lambda: defaultdict(list))
+        for party in parties:
+            for entry in party.exports:
+                for name in getattr(entry, key):
+                    givers[name][party.name].append(entry)
+        patterns = {name: re.compile(name.replace("*", ".*"), re.IGNORECASE) for name in givers if "*" in name}
+        by_name = {party.name: party for party in parties}
+        for name in givers.keys() - patterns.keys():
+            of_name = {robot: list(entries) for robot, entries in givers[name].items()}
+            for pattern, compiled in patterns.items():
+                if compiled.fullmatch(name):
+                    for robot, entries in givers[pattern].items():
+                        of_name.setdefault(robot, []).extend(entries)
+            for (first, second), receivers in _pairs(of_name, by_name, robots):
+                found.append(
+                    f"{by_name[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {_some(receivers)}, and so does "
+                    f"that of {second}; expected one of the two, {why}: rename it on one of them, or choose with 'to' who gets which."
+                )
+    return sorted(found)
+
+
+def _pairs(
+    givers: Mapping[str, Sequence[Export]], parties: Mapping[str, Party], robots: Sequence[str]
+) -> list[tuple[tuple[str, str], list[str]]]:
+    """Pairs of robots that give the same to a third, and to whom; every such third robot is in one of them."""
+    if len(givers) < 2:
+        return []
+    reached = {
+        giver: {robot for entry in entries for robot in parties[giver].receivers(entry, robots)}
+        for giver, entries in givers.items()
+    }
+    pairs: dict[tuple[str, str], list[str]] = {}
+    for robot in robots:
+        of_robot = [giver for giver in reached if robot in reached[giver]]
+        if len(of_robot) > 1 and not any(robot in others for others in pairs.values()):
+            both = reached[of_robot[0]] & reached[of_robot[1]]
+            pairs[of_robot[0], of_robot[1]] = [other for other in robots if other in both]
+    return list(pairs.items())
+
+
+# The filters that are white lists of names. sync_hosts is none of them: it leaves whole masters out.
+_WHITE_LISTS = ("sync_actions", "sync_nodes", "sync_services", "sync_topics")
+
+
+def _second_white_lists(parties: Sequence[Party]) -> list[str]:
+    """A declared flow is a white list for its master, and the nodes add lists up: a second one would widen it."""
+    flows = _flows.flows({party.name: party.declared for party in parties})
+    found = []
+    for party in parties:
+        lists = ", ".join(name for name in _WHITE_LISTS if party.filters.get(name))
+        givers = list(_flows.received(flows, party.name)) if lists else []
+        if givers:
+            found.append(
+                f"{party.host}: multimaster_filters has {lists}, but multimaster_exports of {_some(givers)} says already what "
+                f"{party.name} gets; expected filters named ignore_* or sync_hosts there: remove {lists}, and have "
+                "multimaster_exports of the others name what is wanted."
+            )
+    return found
+
+
+def _left_out(parties: Sequence[Party]) -> list[str]:
+    """What an entry gives by name to a robot that it names, and filters leave out: one of the two is a mistake."""
+    by_name = {party.name: party for party in parties}
+    found = []
+    for party in parties:
+        for entry in party.exports:
+            for receiver in (
+                by_name[name] for name in dict.fromkeys(entry.to) if name in by_name.keys() - {party.name}
+            ):
+                actions = [("actions", name) for name in entry.actions]
+                for taker, giver, names, parts, what in (
+                    (receiver, party, entry.names(), FROM_SERVER, ""),
+                    (party, receiver, actions, FROM_CLIENT, "the goals of "),
+                ):
+                    lost = [
+                        f"{what}the {KINDS[key]} {name}"
+                        for key, name in names
+                        if _host_ignored(taker.filters, giver.master) or _ignored(taker.filters, key, name, parts)
+                    ]
+                    if lost:
+                        found.append(
+                            f"{taker.host}: multimaster_filters leaves out {_some(lost)}, which multimaster_exports of {party.name} "
+                            f"has for {receiver.name}; expected filters that take it: correct them in group_vars/{taker.name}.yml, "
+                            f"or 'to' in group_vars/{party.name}.yml."
+                        )
+    return found
+
+
+def _ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts: Sequence[str]) -> bool:
+    """Whether filters surely ignore what this name stands for; of an action `parts` are taken."""
+    if "*" in name:
+        return False
+    if key == "services":
+        return any(matches(pattern, name) for pattern in filters.get("ignore_services", ()))
+    ignored = [
+        *filters.get("ignore_topics", ()),
+        *filters.get("ignore_publishers", ()),
+        *topics_of(filters.get("ignore_actions", ()), FROM_CLIENT + FROM_SERVER),
+    ]
+    topics = topics_of([name], parts) if key == "actions" else (name,)
+    return any(matches(pattern, topic) for pattern in ignored for topic in topics)
+
+
+def _host_ignored(filters: Mapping[str, Sequence[str]], master: str) -> bool:
+    wanted = filters.get("sync_hosts", ())
+    if not master:
+        return False
+    if wanted:
+        return not any(matches(pattern, master) for pattern in wanted)
+    return any(matches(pattern, master) for pattern in filters.get("ignore_hosts", ()))
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

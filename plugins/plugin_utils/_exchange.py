@@ -1,0 +1,360 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# Private to this collection: may change at any time.
+
+"""What robots are to get of each other, and what they have: the declared flows and the filters over what roscores hold.
+
+Pure: the plan of `fleet_plan` and the parts `exchange` of `multimaster_verify` in, facts out. Each robot's registrations
+are read once; pairs are looked at by their sets, and only names that two robots have are compared.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _exports
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._flows import VERIFICATION_TOPICS
+
+TEST_NODES = "/multimaster_verify_"  # how the verification's own nodes begin
+
+# What no implementation of master_sync exchanges.
+NEVER: Mapping[str, Sequence[str]] = {
+    "ignore_nodes": (
+        "/rosout",
+        "/master_discovery",
+        "/master_sync",
+        "/node_manager",
+        "/node_manager_daemon",
+        "/zeroconf",
+        "/param_sync",
+    ),
+    "ignore_topics": _exports.NEVER["topics"],
+    "ignore_services": _exports.NEVER["services"],
+    "ignore_type": (
+        "bond/Status",
+        "fkie_multimaster_msgs/SyncTopicInfo",
+        "fkie_multimaster_msgs/SyncServiceInfo",
+        "fkie_multimaster_msgs/SyncMasterInfo",
+        "fkie_multimaster_msgs/MasterState",
+    ),
+}
+UNKNOWN_TYPES = ("", "*", "None")
+
+
+class Item(NamedTuple):
+    """One registration of a node."""
+
+    kind: str  # publisher, subscriber or service
+    name: str
+    node: str
+
+    def __str__(self) -> str:
+        return f"the {self.kind} {self.name} of {self.node}" if self.kind != "service" else f"the service {self.name}"
+
+
+class Clash(NamedTuple):
+    """A node or service that two robots have: a roscore can hold only one of them."""
+
+    kind: str  # node or service
+    name: str
+    robots: tuple[str, str]
+
+
+class Conflict(NamedTuple):
+    """A topic that is something else on two robots; each of the two is (robot, type, md5 sum)."""
+
+    topic: str
+    one: tuple[str, str, str]
+    other: tuple[str, str, str]
+
+
+@lru_cache(maxsize=4096)
+def _compiled(patterns: tuple[str, ...]) -> re.Pattern[str]:
+    """Patterns as people write them: `*` is any text, the whole name is meant, case does not count."""
+    try:
+        return re.compile("|".join(rf"\A(?:{text.strip().replace('*', '.*')})\Z" for text in patterns), re.IGNORECASE)
+    except re.error:  # the node does not start with it, which is told elsewhere
+        return re.compile(r"\A(?!)\Z")
+
+
+def matches(patterns: tuple[str, ...], name: str) -> bool:
+    """Whether one of the patterns means the name; no pattern means none."""
+    return bool(patterns) and _compiled(patterns).match(name) is not None
+
+
+class Rules(NamedTuple):
+    """What passes from one robot to another: the filters of the receiving one, and the declared flow where there is one."""
+
+    ignore_nodes: tuple[str, ...] = ()
+    ignore_topics: tuple[str, ...] = ()
+    ignore_services: tuple[str, ...] = ()
+    ignore_type: tuple[str, ...] = ()
+    ignore_publishers: tuple[str, ...] = ()
+    ignore_subscribers: tuple[str, ...] = ()
+    do_not_sync: tuple[str, ...] = ()
+    sync_nodes: tuple[str, ...] = ()
+    sync_topics: tuple[str, ...] = ()
+    sync_services: tuple[str, ...] = ()
+    hide_subscribers: tuple[str, ...] = ()  # of the giving robot
+
+    def passes(self, item: Item, type_name: str) -> bool:
+        """Whether a registration is to be known to the receiving robot."""
+        service = item.kind == "service"
+        if matches(self.ignore_nodes, item.node) or any(
+            matches(self.do_not_sync, text) for text in (item.node, item.name, type_name)
+        ):
+            return False
+        if matches(self.ignore_services if service else self.ignore_topics, item.name):
+            return False
+        if not service and matches(self.ignore_type, type_name):
+            return False
+        if item.kind == "publisher" and matches(self.ignore_publishers, item.name):
+            return False
+        if item.kind == "subscriber" and (
+            matches(self.ignore_subscribers, item.name) or matches(self.hide_subscribers, item.name)
+        ):
+            return False
+        if not (self.sync_nodes or self.sync_topics or self.sync_services):
+            return True
+        return matches(self.sync_nodes, item.node) or matches(
+            self.sync_services if service else self.sync_topics, item.name
+        )
+
+
+NOTHING = Rules(ignore_nodes=("*",))
+
+
+class Flows:
+    """What is to pass between the robots of a fleet, out of its plan."""
+
+    def __init__(self, fleet: Mapping[str, Any]) -> None:
+        self._masters = {entry["robot"]: entry for entry in fleet["masters"]}
+        self._plans = {robot: fleet["computers"][entry["computer"]] for robot, entry in self._masters.items()}
+        self._given: dict[tuple[str, str], tuple[list[str], list[str]]] = defaultdict(lambda: ([], []))
+        for flow in fleet.get("flows", ()):
+            for source in flow["from"]:
+                for target in flow["to"]:
+                    if source != target:
+                        topics, services = self._given[source, target]
+                        topics += flow["topics"]
+                        services += flow["services"]
+        self._rules: dict[tuple[str, str], Rules] = {}
+
+    def rules(self, source: str, target: str) -> Rules:
+        """What passes from one robot to another."""
+        key = source, target
+        if key not in self._rules:
+            self._rules[key] = self._made(source, target)
+        return self._rules[key]
+
+    def declared_away(self, source: str, target: str) -> bool:
+        """Whether a robot that declares what it gives gives another one nothing."""
+        return bool(self._masters[source].get("declared")) and self.rules(source, target) == NOTHING
+
+    def _made(self, source: str, target: str) -> Rules:
+        """A declared flow stands in the place of the white lists that the plan makes of it: it is what they are to do."""
+        parameters, name = self._plans[target]["sync"], self._masters[source]["name"]
+        if not wants_host(parameters, name):
+            return NOTHING
+        values = {rule: patterns(parameters, rule, name) for rule in Rules._fields}
+        if self._masters[source].get("declared"):
+            topics, services = self._given.get((source, target), ((), ()))
+            if not topics and not services:
+                return NOTHING
+            values.update(sync_nodes=(), sync_topics=(*topics, VERIFICATION_TOPICS), sync_services=tuple(services))
+        hidden = self._plans[source]["discovery"].get("hide_subscribers", ())
+        return Rules(**{**values, "hide_subscribers": tuple(hidden)})
+
+
+def wants_host(parameters: Mapping[str, Any], name: str) -> bool:
+    """Whether a robot takes anything of the master of this name: `sync_hosts` is a white list, beside `ignore_hosts` too."""
+    wanted = patterns(parameters, "sync_hosts", name)
+    return matches(wanted, name) if wanted else not matches(patterns(parameters, "ignore_hosts", name), name)
+
+
+def patterns(parameters: Mapping[str, Any], rule: str, host: str) -> tuple[str, ...]:
+    """The patterns of a rule for the master `host`: for all masters, for this one, and those that always hold."""
+    found = list(NEVER.get(rule, ()))
+    sections = [
+        value for key, value in parameters.items() if key.lower() == host.lower() and isinstance(value, Mapping)
+    ]
+    for value in (parameters.get(rule, ()), *(section.get(rule, ()) for section in sections)):
+        for entry in [value] if isinstance(value, str | Mapping) else value:
+            if isinstance(entry, Mapping):
+                found += [text for of, texts in entry.items() if of.lower() == host.lower() for text in texts]
+            else:
+                found.append(entry)
+    return tuple(dict.fromkeys(found))
+
+
+class Has(NamedTuple):
+    """What a robot's roscore holds, indexed."""
+
+    own: Mapping[Item, str]  # registration of an own node -> type
+    sums: Mapping[str, tuple[str, str]]  # topic of own nodes -> type, md5 sum
+    imported: Mapping[str, Mapping[Item, str]]  # URI of the other master -> item -> type
+
+    @classmethod
+    def of(cls, exchange: Mapping[str, Any]) -> Has:
+        """Index an observation."""
+        return cls(
+            own=dict(_items(exchange)),
+            sums={topic["name"]: (topic["type"], topic["md5sum"]) for topic in exchange["topics"]},
+            imported={_plain(part["master"]): dict(_items(part)) for part in exchange["imports"]},
+        )
+
+    def names(self) -> dict[tuple[str, str], list[Item]]:
+        """(kind, name) of own nodes and services, without those that every robot has."""
+        found: dict[tuple[str, str], list[Item]] = defaultdict(list)
+        for item in self.own:
+            if matches(NEVER["ignore_nodes"], item.node) or item.node.startswith(TEST_NODES):
+                continue
+            found["node", item.node].append(item)
+            if item.kind == "service":
+                found["service", item.name].append(item)
+        return found
+
+
+def _items(part: Mapping[str, Any]) -> Iterator[tuple[Item, str]]:
+    for topic in part["topics"]:
+        for kind in ("publisher", "subscriber"):
+            for node in topic[kind + "s"]:
+                yield Item(kind, topic["name"], node), topic["type"]
+    for service in part["services"]:
+        yield Item("service", service["name"], service["node"]), ""
+
+
+class Exchanges:
+    """What all robots of a run have, beside what they are to have."""
+
+    def __init__(self, fleet: Mapping[str, Any], seen: Mapping[str, Mapping[str, Any]]) -> None:
+        """`seen` is the part `exchange` of each robot that gave one."""
+        self.flows = Flows(fleet)
+        self.robots = {robot: Has.of(exchange) for robot, exchange in seen.items()}
+        self._uris = {entry["robot"]: _plain(entry["uri"]) for entry in fleet["masters"]}
+        self._wanted: dict[tuple[str, Rules], frozenset[Item]] = {}
+        self._holders, self._shared = _held_twice({robot: has.names() for robot, has in self.robots.items()})
+        self._unlike = _unlike({robot: has.sums for robot, has in self.robots.items()})
+
+    def wanted(self, source: str, target: str) -> frozenset[Item]:
+        """What a robot is to get of another one that was looked at."""
+        rules = self.flows.rules(source, target)
+        if (source, rules) not in self._wanted:
+            self._wanted[source, rules] = frozenset(
+                item
+                for item, kind in self.robots[source].own.items()
+                if not item.node.startswith(TEST_NODES)
+                and not (item.kind == "publisher" and kind in UNKNOWN_TYPES)
+                and rules.passes(item, kind)
+            )
+        return self._wanted[source, rules]
+
+    def missing(self, source: str, target: str) -> list[Item]:
+        """What a robot is to get and has not, without what it refuses for a reason that another check tells."""
+        if source not in self.robots:
+            return []
+        absent = self.wanted(source, target) - self.imported(source, target).keys()
+        if not absent:
+            return []
+        clashes = {(clash.kind, clash.name) for clash in self.clashes(source, target)}
+        topics = {conflict.topic for conflict in self.conflicts(source, target)}
+        return sorted(
+            item
+            for item in absent
+            if ("node", item.node) not in clashes
+            and (item.name not in topics if item.kind != "service" else ("service", item.name) not in clashes)
+        )
+
+    def superfluous(self, source: str, target: str) -> list[Item]:
+        """What a robot has of another one and is not to get."""
+        has = self.imported(source, target)
+        known = self.wanted(source, target) if source in self.robots else frozenset()
+        rules = self.flows.rules(source, target)
+        return sorted(item for item in has.keys() - known if not rules.passes(item, has[item]))
+
+    def imported(self, source: str, target: str) -> Mapping[Item, str]:
+        """What a robot that was looked at has of another one."""
+        return self.robots[target].imported.get(self._uris[source], {})
+
+    def clashes(self, source: str, target: str) -> list[Clash]:
+        """The names that pass from `source` and that `target` has itself, or gets of a third robot."""
+        found: dict[tuple[str, str], Clash] = {}
+        for key in self._shared.get(source, ()):  # nodes come first
+            if key[0] == "service" and ("node", self._holders[key][source][0].node) in found:
+                continue  # with its node, that is told already
+            if self._passes(key, source, target) and (other := self._other(key, source, target)):
+                first, second = sorted((source, other))
+                found[key] = Clash(*key, robots=(first, second))
+        return list(found.values())
+
+    def _other(self, key: tuple[str, str], source: str, target: str) -> str | None:
+        holders = self._holders[key]
+        if target in holders:
+            return target
+        return next((robot for robot in holders if robot != source and self._passes(key, robot, target)), None)
+
+    def _passes(self, key: tuple[str, str], source: str, target: str) -> bool:
+        return not self.wanted(source, target).isdisjoint(self._holders[key][source])
+
+    def conflicts(self, source: str, target: str) -> list[Conflict]:
+        """The topics that pass from `source` and that own nodes of `target` have with another type or md5 sum."""
+        mine, theirs = self.robots[target].sums, self.robots[source].sums
+        topics = [
+            name for name in self._unlike if name in mine and name in theirs and _differ(mine[name], theirs[name])
+        ]
+        if not topics:
+            return []
+        passing = {item.name for item in self.wanted(source, target) if item.kind != "service"}
+        return [Conflict(name, (source, *theirs[name]), (target, *mine[name])) for name in topics if name in passing]
+
+    def crossing(self, links: Iterable[Mapping[str, str]], own: str, other: str) -> list[Mapping[str, str]]:
+        """The connections of a robot's nodes with another one's that nothing explains: their topic does not pass."""
+        types = self.robots[own].sums
+        found = []
+        for link in links:
+            inward = link["direction"] == "in"
+            rules = self.flows.rules(*((other, own) if inward else (own, other)))
+            item = Item("publisher", link["topic"], link["peer"] if inward else link["node"])
+            if link["robot"] == other and not rules.passes(item, types.get(item.name, ("", ""))[0]):
+                found.append(link)
+        return found
+
+
+def _plain(uri: str) -> str:
+    return uri.rstrip("/").lower()
+
+
+def _held_twice(
+    names: Mapping[str, Mapping[tuple[str, str], Sequence[Item]]],
+) -> tuple[dict[tuple[str, str], dict[str, Sequence[Item]]], dict[str, list[tuple[str, str]]]]:
+    """(kind, name) that several robots have -> robot -> its registrations; and each robot's such names."""
+    holders: dict[tuple[str, str], dict[str, Sequence[Item]]] = defaultdict(dict)
+    for robot, held in names.items():
+        for key, items in held.items():
+            holders[key][robot] = items
+    holders = {key: robots for key, robots in holders.items() if len(robots) > 1}
+    shared: dict[str, list[tuple[str, str]]] = defaultdict(list)
+    for key in sorted(holders):
+        for robot in holders[key]:
+            shared[robot].append(key)
+    return holders, shared
+
+
+def _unlike(sums: Mapping[str, Mapping[str, tuple[str, str]]]) -> list[str]:
+    """The topics that are not the same on all robots that have them."""
+    kinds: dict[str, set[tuple[str, str]]] = defaultdict(set)
+    for topics in sums.values():
+        for name, kind in topics.items():
+            kinds[name].add(kind)
+    return sorted(name for name, found in kinds.items() if len(found) > 1)
+
+
+def _differ(one: tuple[str, str], other: tuple[str, str]) -> bool:
+    """Whether two of (type, md5 sum) are known to be different."""
+    if one[0] in UNKNOWN_TYPES or other[0] in UNKNOWN_TYPES:
+        return False
+    return one[0] != other[0] or bool(one[1] and other[1] and one[1] != other[1])

@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# Private to this collection: may change at any time.
+
+"""Declared data flow: which topics, services and actions a robot gives to which others.
+
+Pure: values of `multimaster_exports` in, entries out. What follows from them is in _flows.py, what cannot be meant in
+_contradictions.py.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._values import Unexpected, nearest
+
+# What an entry names: its key, and one of it.
+KINDS = {"topics": "topic", "services": "service", "actions": "action"}
+
+# actionlib: the five topics of an action NAME (section 2 of the report), by who publishes them.
+FROM_CLIENT = ("goal", "cancel")
+FROM_SERVER = ("status", "feedback", "result")
+
+# The nodes' built-in lists (filters.py): what belongs to the roscore and to the exchange itself.
+NEVER = {
+    "topics": ("/rosout", "/rosout_agg", "/master_discovery/*", "/master_sync/*", "/zeroconf/*"),
+    "services": (
+        "/*get_loggers",
+        "/*set_logger_level",
+        "/master_discovery/*",
+        "/master_sync/*",
+        "/node_manager_daemon/*",
+        "/zeroconf/*",
+    ),
+}
+
+# The nodes refuse patterns that take too long to match or to read (filters.py): so many of each are fine, and more than
+# a robot has to give.
+MOST_STARS = 2  # in one name
+MOST_NAMES_WITH = {1: 500, 2: 40}  # stars -> names; an action is three
+MOST_TEXT = 32768  # characters of all names
+
+_NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
+
+
+@dataclass(frozen=True)
+class Export:
+    """One entry: names and patterns, and the robots that get them; no robot means every other one."""
+
+    topics: tuple[str, ...] = ()
+    services: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
+    to: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        shown = (f"{key}: [{', '.join(items)}]" for key, items in vars(self).items() if items)
+        return "{" + ", ".join(shown) + "}"
+
+    def names(self) -> Iterator[tuple[str, str]]:
+        """(key, name) of everything that is named."""
+        return ((key, name) for key in KINDS for name in getattr(self, key))
+
+
+def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:
+    """The topics of actions: those of `parts`."""
+    return tuple(f"{action.rstrip('/')}/{part}" for action in actions for part in parts)
+
+
+def matches(pattern: str, name: str) -> bool:
+    """Whether a pattern names this, as the nodes match: `*` is any text, the whole name counts, its case does not."""
+    return re.fullmatch(pattern.strip().replace("*", ".*"), name, re.IGNORECASE) is not None
+
+
+# Reading
+
+
+def read(value: Any) -> tuple[Export, ...]:
+    """The entries of `multimaster_exports`. Raises Unexpected."""
+    if not isinstance(value, (list, tuple)) or not all(isinstance(entry, Mapping) for entry in value):
+        raise Unexpected("a list of entries such as {topics: [/tibi/pose], to: [dabo]}")
+    entries = tuple(_entry(entry) for entry in value)
+    said: set[frozenset[tuple[str, str]]] = set()
+    for entry in entries:
+        content = frozenset([*entry.names(), *(("to", robot) for robot in entry.to)])
+        if content in said:
+            raise Unexpected(f"each entry once, but {entry} is there twice")
+        said.add(content)
+    _check_size([named for entry in entries for named in entry.names()])
+    return entries
+
+
+def _check_size(named: Sequence[tuple[str, str]]) -> None:
+    if sum(len(name) for _key, name in named) > MOST_TEXT:
+        raise Unexpected(f"names of at most {MOST_TEXT} characters together: '*' stands for any text")
+    for stars, most in MOST_NAMES_WITH.items():
+        count = sum(3 if key == "actions" else 1 for key, name in named if name.count("*") == stars)
+        if count > most:
+            raise Unexpected(
+                f"at most {most} names with {stars} times '*', an action counting three, but there are {count}"
+            )
+
+
+def _entry(entry: Mapping[Any, Any]) -> Export:
+    for key in entry:
+        if key not in (*KINDS, "to"):
+            raise Unexpected(
+                f"entries of {', '.join(KINDS)} and to, but there is '{key}'{nearest(str(key), (*KINDS, 'to'))}"
+            )
+    read_entry = Export(**{str(key): _texts(str(key), items) for key, items in entry.items()})
+    if not any(read_entry.names()):
+        raise Unexpected(f"at least one of {', '.join(KINDS)} in each entry; the list [] exports nothing")
+    if "to" in entry and not read_entry.to:
+        raise Unexpected("at least one robot in 'to'; without 'to' an entry is for every other robot")
+    for key, name in read_entry.names():
+        _check_name(key, name)
+    return read_entry
+
+
+def _texts(key: str, items: Any) -> tuple[str, ...]:
+    if not isinstance(items, (list, tuple)) or not all(isinstance(item, str) and item for item in items):
+        raise Unexpected(f"a list of {'robots' if key == 'to' else 'names'} at '{key}', such as " + _SUCH_AS[key])
+    return tuple(str(item) for item in items)
+
+
+_SUCH_AS = {"topics": "[/tibi/pose]", "services": "[/tibi/reset]", "actions": "[/tibi/dock]", "to": "[dabo]"}
+
+
+def _check_name(key: str, name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise Unexpected(
+            f"absolute names of letters, digits, '_', '/' and '*' for any text at '{key}', but there is '{name}'"
+        )
+    if "//" in name or name.endswith("/"):
+        raise Unexpected(f"names without an empty part at '{key}', such as /tibi or '/tibi/*', but there is '{name}'")
+    if name.count("*") > MOST_STARS:
+        raise Unexpected(f"names with at most {MOST_STARS} times '*' at '{key}', but there is '{name}'")

@@ -1,0 +1,20 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# Private to this collection: may change at any time.
+
+"""What the readers of values share."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any
+
+
+class Unexpected(ValueError):
+    """A value is not of its kind; the text says what was expected."""
+
+
+def nearest(name: str, known: Any) -> str:
+    """' (did you mean X?)' for a mistyped name, or an empty text."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f" (did you mean {close[0]}?)" if close else ""

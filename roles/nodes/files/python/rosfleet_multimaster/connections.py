@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The TCP connections of this computer, whichever process has them: seen, and ended (Linux's sock_diag by netlink).
+
+Ended means SOCK_DESTROY: the process gets ECONNABORTED, and the other side a reset. It needs CAP_NET_ADMIN and a kernel
+with CONFIG_INET_DIAG_DESTROY. IPv4 only, as ROS 1 is by default.
+"""
+
+import contextlib
+import errno
+import os
+import socket
+import struct
+from typing import Callable, FrozenSet, Iterator, List, NamedTuple, Tuple
+
+from .sockets import addresses
+
+_NETLINK_SOCK_DIAG, _SOCK_DIAG_BY_FAMILY, _SOCK_DESTROY = 4, 20, 21
+_REQUEST, _ACK, _DUMP = 0x1, 0x4, 0x300
+_NLMSG_ERROR, _NLMSG_DONE = 2, 3
+_LISTEN, _TIME_WAIT, _STATES = 10, 6, 12  # states of TCP, numbered from 1
+_INFO = 2  # the attribute with struct tcp_info; asked for by bit 1
+_INFO_LAST_DATA_RECEIVED = 52  # bytes into it: milliseconds since data came, and then since an acknowledgement came
+_MESSAGE = struct.Struct("=BBBB48s20x")  # struct inet_diag_msg
+
+
+class Tcp(NamedTuple):
+    """A TCP connection."""
+
+    state: int
+    local: Tuple[str, int]
+    remote: Tuple[str, int]
+    silent: float  # seconds since anything came from the other side
+    identity: bytes  # struct inet_diag_sockid
+
+
+def connections() -> List[Tcp]:
+    """The connections of this network namespace, half open ones too. Raises OSError."""
+    states = ((1 << _STATES) - 1) & ~(1 | 1 << _LISTEN | 1 << _TIME_WAIT)
+    body = struct.pack("=BBBBI48x", socket.AF_INET, socket.IPPROTO_TCP, 1 << (_INFO - 1), 0, states)
+    return [_tcp(message) for message in _ask(_SOCK_DIAG_BY_FAMILY, _REQUEST | _DUMP, body)]
+
+
+def end(connection: Tcp) -> bool:
+    """End a connection; False where it has ended already. Raises OSError, PermissionError without CAP_NET_ADMIN."""
+    body = struct.pack("=BBBBI48s", socket.AF_INET, socket.IPPROTO_TCP, 0, 0, 0xFFFFFFFF, connection.identity)
+    try:
+        list(_ask(_SOCK_DESTROY, _REQUEST | _ACK, body))
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def end_all(wanted: Callable[[Tcp], bool]) -> List[Tcp]:
+    """End all connections that are wanted to end; these. Raises OSError."""
+    return [connection for connection in connections() if wanted(connection) and end(connection)]
+
+
+def check() -> None:
+    """Raises OSError where connections cannot be ended here; tried with one of its own."""
+    with contextlib.ExitStack() as opened:
+        server = opened.enter_context(socket.socket())
+        server.bind(("127.0.0.1", 0))
+        server.listen(1)
+        client = opened.enter_context(socket.socket())
+        client.settimeout(1.0)
+        client.connect(server.getsockname())
+        port = client.getsockname()[1]
+        if not end_all(lambda connection: connection.local[1] == port and connection.remote == server.getsockname()):
+            raise OSError(errno.ENOENT, "the kernel does not list its connections")
+
+
+def addresses_of(host: str) -> FrozenSet[str]:
+    """The IPv4 addresses of another computer. Raises OSError; none of this computer's own is among them."""
+    found = frozenset(socket.gethostbyname_ex(host)[2]) - {address for address, _index in addresses()}
+    return frozenset(address for address in found if not address.startswith("127."))
+
+
+def _ask(kind: int, flags: int, body: bytes) -> Iterator[bytes]:
+    """The messages with which the kernel answers. Raises OSError."""
+    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, _NETLINK_SOCK_DIAG) as kernel:
+        kernel.settimeout(2.0)
+        kernel.send(struct.pack("=IHHII", 16 + len(body), kind, flags, 1, 0) + body)
+        while True:
+            data = kernel.recv(1 << 16)
+            while len(data) >= 16:
+                length, what = struct.unpack_from("=IH", data)
+                if what == _NLMSG_DONE:
+                    return
+                if what == _NLMSG_ERROR:
+                    (code,) = struct.unpack_from("=i", data, 16)
+                    if code:
+                        raise OSError(-code, os.strerror(-code))
+                    return
+                yield data[16:length]
+                data = data[(length + 3) & ~3 :]
+
+
+def _tcp(message: bytes) -> Tcp:
+    _family, state, _timer, _retransmits, identity = _MESSAGE.unpack_from(message)
+    sport, dport, source, destination = struct.unpack_from(">HH4s12x4s", identity)
+    silent = 0.0
+    at = _MESSAGE.size
+    while at + 4 <= len(message):
+        size, part = struct.unpack_from("=HH", message, at)
+        if part == _INFO and size >= 4 + _INFO_LAST_DATA_RECEIVED + 8:
+            silent = min(struct.unpack_from("=II", message, at + 4 + _INFO_LAST_DATA_RECEIVED)) / 1000.0
+        at += max((size + 3) & ~3, 4)
+    return Tcp(state, (socket.inet_ntoa(source), sport), (socket.inet_ntoa(destination), dport), silent, identity)

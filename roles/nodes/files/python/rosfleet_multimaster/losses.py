@@ -1,0 +1,167 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which TCP connections end when a master is lost and when it comes back: events in, what to note and to end out.
+
+TCP waits. A connect() to a robot without power takes two minutes to fail, and holds a thread of the roscore so long; a
+connection that was cut sends again at ever longer intervals, and rospy reads from it for ever. So, while a master is
+offline, what leads to the XML-RPC ports of its nodes is ended; and when it comes back, those of the connections between
+its nodes and own ones that are still there and still silent: the client libraries then connect anew at once.
+
+Free of sockets, threads and clocks.
+"""
+
+import re
+import urllib.parse
+from dataclasses import dataclass, field
+from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
+
+from .sync_core import NodeKey, Registration, View
+
+FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv4.tcp_retries2)
+RESOLVE = 300.0  # seconds between two looks at the address of a host
+
+# As rospy and roscpp describe a connection in getBusInfo; rospy does not know from which port it was called.
+_INFO = re.compile(r"TCPROS connection on port (\d+) to \[(?:.*):(\d+|None) on socket")
+
+
+class Connection(NamedTuple):
+    """A connection of an own node, by its ports; None where it is not known."""
+
+    local_port: int
+    remote_port: Optional[int]
+
+
+class Look(NamedTuple):
+    """Ask these own nodes for their connections with that master's, and hand them to `noted`."""
+
+    master: str
+    nodes: FrozenSet[NodeKey]  # own ones
+    others: FrozenSet[str]  # names and URIs of the master's
+
+
+class Ending(NamedTuple):
+    """End those of these connections to these addresses on which nothing was heard for so many seconds."""
+
+    addresses: FrozenSet[str]
+    connections: FrozenSet[Connection]
+    silent: float
+
+    def wants(self, local_port: int, remote: Tuple[str, int], silent: float) -> bool:
+        """Whether this connection is to be ended."""
+        if remote[0] not in self.addresses or silent < self.silent:
+            return False
+        return any(Connection(local_port, port) in self.connections for port in (remote[1], None))
+
+
+@dataclass
+class _Master:
+    nodes: FrozenSet[NodeKey] = frozenset()  # its nodes that are registered here
+    sharing: FrozenSet[NodeKey] = frozenset()  # own nodes with a topic of these
+    online: bool = True
+    lost: Optional[float] = None
+    noted: Set[Connection] = field(default_factory=set)
+
+
+class Losses:
+    """What is known of each master for the time when it is lost."""
+
+    def __init__(self) -> None:
+        self._masters: Dict[str, _Master] = {}
+        self._addresses: Dict[str, Tuple[float, FrozenSet[str]]] = {}  # host -> when, and its addresses
+
+    def registered(self, held: Mapping[Registration, str], view: View, claims: Mapping[NodeKey, str]) -> None:
+        """What is registered now, for whom; what was registered for a lost master is kept in mind."""
+        nodes: Dict[str, Set[NodeKey]] = {}
+        sharing: Dict[str, Set[NodeKey]] = {}
+        users = view.own_nodes(claims)
+        for item, uri in held.items():
+            nodes.setdefault(uri, set()).add(item.of)
+            own = users.get(item.name, ()) if item.kind != "service" else ()
+            sharing.setdefault(uri, set()).update(
+                (node, view.node_uris[node]) for node in own if node in view.node_uris
+            )
+        for uri in nodes.keys() | self._masters.keys():
+            master = self._masters.setdefault(uri, _Master())
+            if master.lost is None:
+                master.nodes, master.sharing = frozenset(nodes.get(uri, ())), frozenset(sharing.get(uri, ()))
+
+    def to_resolve(self, now: float) -> List[str]:
+        """The hosts of registered nodes whose address is to be looked up: now, since later it may not be possible."""
+        hosts = {
+            host
+            for master in self._masters.values()
+            if master.lost is None
+            for host in map(_host, master.nodes)
+            if host
+        }
+        due = [host for host in sorted(hosts) if now - self._addresses.get(host, (-RESOLVE, ()))[0] >= RESOLVE]
+        for host in due:
+            self._addresses[host] = now, self._addresses.get(host, (now, frozenset()))[1]
+        return due
+
+    def resolved(self, host: str, addresses: FrozenSet[str], now: float) -> None:
+        """The addresses of a host that are not this computer's own."""
+        self._addresses[host] = now, addresses
+
+    def seen(self, online: Mapping[str, bool], now: float) -> Tuple[List[Look], List[Ending]]:
+        """The masters that discovery knows, and whether they are online."""
+        looks, endings = [], []
+        for uri, master in list(self._masters.items()):
+            if master.lost is None and online.get(uri) is False:
+                master.lost = now
+                looks.append(Look(uri, master.sharing, frozenset(part for node in master.nodes for part in node)))
+            elif master.lost is not None and online.get(uri):
+                if master.noted:
+                    addresses = frozenset(address for address, _port in self._endpoints(master))
+                    endings.append(Ending(addresses, frozenset(master.noted), now - master.lost))
+                master.lost, master.noted = None, set()
+            elif master.lost is not None and now - master.lost >= FORGET:
+                del self._masters[uri]
+            elif master.lost is None and uri not in online and not master.nodes:  # it has left
+                del self._masters[uri]
+        return looks, endings
+
+    def noted(self, uri: str, connections: Set[Connection]) -> None:
+        """What a look has found."""
+        master = self._masters.get(uri)
+        if master is not None and master.lost is not None:
+            master.noted |= connections
+
+    def endpoints(self) -> Set[Tuple[str, int]]:
+        """The XML-RPC addresses of the nodes of lost masters: what leads there is ended."""
+        return {
+            found for master in self._masters.values() if master.lost is not None for found in self._endpoints(master)
+        }
+
+    def _endpoints(self, master: _Master) -> Set[Tuple[str, int]]:
+        found = set()
+        for node in master.nodes:
+            port = _port(node)
+            for address in self._addresses.get(_host(node), (0.0, frozenset()))[1] if port else ():
+                found.add((address, port))
+        return found
+
+
+def connections_of(bus_info: Any, others: FrozenSet[str]) -> Set[Connection]:
+    """The connections with these nodes (names or URIs) in a node's answer to getBusInfo."""
+    found = set()
+    for row in bus_info if isinstance(bus_info, list) else ():
+        if isinstance(row, list) and len(row) >= 7 and row[1] in others and isinstance(row[6], str):
+            text = _INFO.match(row[6])
+            if text:
+                found.add(Connection(int(text[1]), None if text[2] == "None" else int(text[2])))
+    return found
+
+
+def _host(node: NodeKey) -> str:
+    try:
+        return urllib.parse.urlsplit(node[1]).hostname or ""
+    except ValueError:
+        return ""
+
+
+def _port(node: NodeKey) -> int:
+    try:
+        return urllib.parse.urlsplit(node[1]).port or 0
+    except ValueError:
+        return 0

@@ -1,0 +1,221 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether a shared topic has the same type here and there: answers of nodes and masters in, questions and refusals out.
+
+The roscore cannot say it. It keeps one type per topic, that of the publisher who registered last (a subscriber that
+comes later changes nothing), and keeps it when all of them are gone. So the own nodes that share a topic with another
+master are asked what they take it for, and its discovery for the md5 sums of the types that an own node has named.
+
+Free of sockets, threads and clocks.
+"""
+
+import math
+from typing import (
+    Dict,
+    FrozenSet,
+    Generic,
+    Iterable,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    TypeVar,
+)
+
+from .sync_core import UNKNOWN_TYPES, NodeKey, Refusal, View, Wanted
+
+MOST = 500  # types of one question
+AGAIN = 60.0  # seconds after which whoever did not answer is asked again
+Key = TypeVar("Key")
+
+
+class Question(NamedTuple):
+    """To be asked: an own node for the types of its topics (`node`), or a master for md5 sums of types (`master`)."""
+
+    node: Optional[NodeKey]
+    master: str = ""
+    types: FrozenSet[str] = frozenset()
+
+
+class Verdict(NamedTuple):
+    """What of the wanted may be registered now, what is in conflict, and what is to be asked."""
+
+    wanted: List[Wanted]
+    refused: List[Refusal]
+    questions: List[Question]
+
+
+class _Book(Generic[Key]):
+    """Who was asked for what, and the answers. Nobody is asked twice for the same."""
+
+    def __init__(self) -> None:
+        self.answers: Dict[Key, Mapping[str, str]] = {}
+        self._asked: Dict[
+            Key, Tuple[FrozenSet[str], float, float]
+        ] = {}  # for what, at which stamp, until when it is enough
+        self._open: Set[Key] = set()
+
+    def to_ask(self, key: Key, names: FrozenSet[str], stamp: float, now: float) -> bool:
+        """Whether to ask for these names now: they are new, or the stamp is; then the question is open."""
+        asked, before, until = self._asked.get(key, (frozenset(), stamp, -math.inf))
+        if key in self._open or (names <= asked and stamp == before and now < until):
+            return False
+        self._asked[key] = names, stamp, math.inf
+        self._open.add(key)
+        return True
+
+    def waits(self, key: Key, name: str) -> bool:
+        """Whether an answer is still to come, and there is none from before."""
+        return key in self._open and name not in self.answers.get(key, ())
+
+    def answer(self, key: Key, answer: Optional[Mapping[str, str]], now: float) -> None:
+        """The answer, or None where there is none: then the earlier one counts, for a while."""
+        self._open.discard(key)
+        if answer is not None:
+            self.answers[key] = answer
+        elif key in self._asked:
+            self._asked[key] = (*self._asked[key][:2], now + AGAIN)
+
+    def keep(self, keys: Iterable[Key]) -> None:
+        """Forget all others."""
+        for key in (self.answers.keys() | self._asked.keys()) - set(keys):
+            self.answers.pop(key, None)
+            self._asked.pop(key, None)
+
+
+class TypeGuard:
+    """Refuses what another master has on a topic of own nodes with another type, or another md5 sum of it."""
+
+    def __init__(self) -> None:
+        self._nodes: _Book[NodeKey] = _Book()  # own node -> topic -> type
+        self._masters: _Book[str] = _Book()  # master -> type -> md5 sum there
+        self._own_md5: Dict[str, str] = {}
+
+    def judge(
+        self,
+        wanted: Sequence[Wanted],
+        view: View,
+        claims: Mapping[NodeKey, str],
+        stamps: Mapping[str, float],
+        now: float,
+    ) -> Verdict:
+        """`stamps`: of each master's state; another one means that its answers may be others.
+
+        What is new and shared waits for the answers to open questions; what is registered already stays meanwhile.
+        """
+        users = view.own_nodes(claims)
+        shared = [item for item in wanted if _type(item) and item.registration.name in users]
+        nodes = _by_node(shared, users, view)
+        questions = [
+            Question(node) for node, topics in nodes.items() if self._nodes.to_ask(node, frozenset(topics), 0.0, now)
+        ]
+        named = {topic: self._named(topic, users[topic], view) for topics in nodes.values() for topic in topics}
+        types = _by_master(shared, named)
+        questions += [
+            Question(None, master, asked)
+            for master, asked in types.items()
+            if self._masters.to_ask(master, asked, stamps.get(master, 0.0), now)
+        ]
+        self._nodes.keep(nodes)
+        self._masters.keep(types)
+        held, conflicts = view.registrations(claims), self._conflicts(shared, users, named, view)
+        left = []
+        for item in wanted:
+            topic = item.registration.name
+            if not _type(item) or topic not in users:
+                left.append(item)
+            elif (topic, item.master) not in conflicts:
+                if item.registration in held or not self._waits(item, users[topic], named.get(topic, {}), view):
+                    left.append(item)
+        refused = [Refusal("type", topic, master, *sides) for (topic, master), sides in conflicts.items()]
+        return Verdict(left, refused, questions)
+
+    def told_by_node(self, node: NodeKey, types: Optional[Mapping[str, str]], now: float) -> None:
+        """What an own node says of its topics: topic -> type; None where it does not answer."""
+        self._nodes.answer(node, types, now)
+
+    def told_by_master(
+        self, master: str, there: Optional[Mapping[str, str]], here: Mapping[str, str], now: float
+    ) -> None:
+        """The md5 sums of types there (None: no answer) and here."""
+        self._masters.answer(master, there, now)
+        self._own_md5.update(here)
+
+    def _named(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
+        """Type -> the own node that takes the topic for it."""
+        found: Dict[str, str] = {}
+        for node in users:
+            kind = self._nodes.answers.get((node, view.node_uris.get(node, "")), {}).get(topic, "")
+            if kind not in UNKNOWN_TYPES:
+                found.setdefault(kind, node)
+        return found
+
+    def _conflicts(
+        self,
+        shared: Sequence[Wanted],
+        users: Mapping[str, Sequence[str]],
+        named: Mapping[str, Dict[str, str]],
+        view: View,
+    ) -> Dict[Tuple[str, str], Tuple[str, str]]:
+        """(topic, master) -> what it is there and here."""
+        there: Dict[Tuple[str, str], List[Wanted]] = {}
+        for item in shared:
+            there.setdefault((item.registration.name, item.master), []).append(item)
+        found = {}
+        for (topic, master), items in there.items():
+            here = named.get(topic) or (
+                {} if self._silent(topic, users[topic], view) else _said(topic, users[topic], view)
+            )
+            if not here:
+                continue
+            kind, nodes = items[0].type, ", ".join(sorted({item.registration.node for item in items})[:3])
+            theirs, ours = self._masters.answers.get(items[0].master_uri, {}).get(kind), self._own_md5.get(kind)
+            if kind not in here:
+                own_kind, node = next(iter(here.items()))
+                found[topic, master] = f"{kind} (of {nodes})", f"{own_kind} (of {node})"
+            elif theirs and ours and theirs != ours and kind in named.get(topic, {}):
+                sides = f"{kind} with the md5 sum {theirs} (of {nodes})", f"{kind} with {ours} (of {here[kind]})"
+                found[topic, master] = sides
+        return found
+
+    def _waits(self, item: Wanted, users: Sequence[str], named: Mapping[str, str], view: View) -> bool:
+        if self._silent(item.registration.name, users, view):
+            return True
+        return item.type in named and self._masters.waits(item.master_uri, item.type)
+
+    def _silent(self, topic: str, users: Sequence[str], view: View) -> bool:
+        """Whether an own node is still to say what it takes the topic for."""
+        return any(self._nodes.waits((node, view.node_uris.get(node, "")), topic) for node in users)
+
+
+def _type(item: Wanted) -> str:
+    """The type of a wanted topic, "" where there is none to compare."""
+    return "" if item.registration.kind == "service" or item.type in UNKNOWN_TYPES else item.type
+
+
+def _by_node(shared: Sequence[Wanted], users: Mapping[str, Sequence[str]], view: View) -> Dict[NodeKey, Set[str]]:
+    """The own nodes that share topics -> these topics."""
+    found: Dict[NodeKey, Set[str]] = {}
+    for topic in {item.registration.name for item in shared}:
+        for node in users[topic]:
+            if node in view.node_uris:
+                found.setdefault((node, view.node_uris[node]), set()).add(topic)
+    return found
+
+
+def _by_master(shared: Sequence[Wanted], named: Mapping[str, Mapping[str, str]]) -> Dict[str, FrozenSet[str]]:
+    """The masters whose types an own node has named too -> these types; a type that only others name is never looked at."""
+    found: Dict[str, Set[str]] = {}
+    for item in shared:
+        if item.type in named.get(item.registration.name, {}):
+            found.setdefault(item.master_uri, set()).add(item.type)
+    return {master: frozenset(sorted(types)[:MOST]) for master, types in found.items()}
+
+
+def _said(topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
+    """What the roscore says, where no own node does."""
+    kind = view.types.get(topic, "")
+    return {} if kind in UNKNOWN_TYPES else {kind: users[0]}

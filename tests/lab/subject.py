@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A lab for tests: commands, programs and playbooks on its computers."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import containers
+from layout import hosts_of, read_inventory
+from podman import ROOT, podman
+
+NODES = Path(__file__).with_name("nodes")
+THREE_ROBOTS = ROOT / "tests" / "systems" / "three_robots"
+
+
+class Lab:
+    """The computers of the lab, and the playbooks against them."""
+
+    def __init__(self, name, inventory):
+        self.name = name
+        self.become(inventory)
+
+    def become(self, inventory):
+        """Bring the lab to the computers of an inventory: those that it has already stay as they are."""
+        hosts = hosts_of(read_inventory(inventory))
+        containers.up(self.name, hosts)
+        self.inventory, self.connection = inventory, containers.write_inventory(self.name, hosts)
+
+    def run(self, host, command, check=True, stdin=None):
+        """Run a shell command as root on a computer and return what it printed."""
+        done = subprocess.run(
+            ["podman", "exec", "-i", containers.container(self.name, host), "bash", "-lc", command],
+            input=stdin,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        assert not check or done.returncode == 0, f"{host}: {command}: {done.stdout}{done.stderr}"
+        return done.stdout
+
+    def start(self, host, unit, command, script=None):
+        """Start a program as a person would; `{script}` in its command is a copy of a file of tests/lab/nodes."""
+        path = f"/tmp/{script}"
+        text = (NODES / script).read_text() if script else ""
+        line = f"bash -lc 'exec {command.format(script=path)}'"
+        self.run(
+            host,
+            f"{f'cat > {path};' if script else ''} systemctl stop {unit} 2>/dev/null; "
+            f"systemd-run --quiet --collect --unit {unit} -p StandardOutput=truncate:/run/{unit}.out {line}",
+            stdin=text,
+        )
+
+    def stop(self, host, *units):
+        """End programs that `start` has started."""
+        self.run(host, f"systemctl stop {' '.join(units)}")
+
+    def output(self, host, unit):
+        """The lines of a program that begin with a time: (time, the rest)."""
+        lines = self.run(host, f"grep ^[0-9] /run/{unit}.out", check=False).splitlines()
+        return [(float(time), text) for time, _space, text in (line.partition(" ") for line in lines)]
+
+    def podman(self, *arguments):
+        """Run podman with a computer's container as the last argument."""
+        *words, host = arguments
+        podman(*words, containers.container(self.name, host))
+
+    def wait_until_up(self, host):
+        containers.wait(containers.container(self.name, host))
+
+    def play(self, name, *options, variables=None, programs=Path(sys.executable).parent):
+        """Run a playbook; returns its exit status and its output on one line."""
+        extra = ["-e", json.dumps(variables)] if variables else []
+        return self._ansible(programs / "ansible-playbook", name, *options, *extra)
+
+    def module(self, host, name, arguments):
+        """Run one module of the collection on a computer; returns exit status and output on one line."""
+        return self._ansible(
+            Path(sys.executable).with_name("ansible"),
+            host,
+            "-m",
+            f"rosfleet.multimaster.{name}",
+            "-a",
+            json.dumps(arguments),
+        )
+
+    def _ansible(self, program, *words):
+        done = subprocess.run(
+            [program, "-i", self.inventory, "-i", self.connection, *words],
+            cwd=ROOT,
+            env={**os.environ, "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"), "ANSIBLE_NOCOLOR": "1"},
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        return done.returncode, " ".join((done.stdout + done.stderr).split())
+
+
+@contextlib.contextmanager
+def lab_of(name, inventory):
+    """The computers of an inventory, until the end of the block."""
+    containers.down(name)
+    try:
+        yield Lab(name, inventory)
+    finally:
+        containers.down(name)
+
+
+@contextlib.contextmanager
+def three_robots(name):
+    """ana, bob and cid after site.yml, each of one computer; cid has a roscore of its own kind: three workers, no time limit."""
+    with lab_of(name, THREE_ROBOTS) as lab:
+        lab.run("cid-pc", "cp /usr/local/share/lab/foreign-roscore.service /etc/systemd/system")
+        lab.run("cid-pc", "systemctl enable --now foreign-roscore.service")
+        status, output = lab.play("site.yml")
+        assert status == 0, output
+        yield lab

@@ -1,0 +1,391 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bounds with real sockets and threads: queues, connections, sizes and times, on the side that is called and that calls."""
+
+import contextlib
+import gzip
+import logging
+import queue
+import socket
+import threading
+import time
+import xmlrpc.client
+
+import pytest
+from rosfleet_multimaster import sockets
+from rosfleet_multimaster.filters import InvalidPattern, Rules
+from rosfleet_multimaster.graph import Graph, build, document
+from rosfleet_multimaster.sockets import Loop, Refused, Rpc, RpcServer, Workers, loads, monotonic, unpack
+
+# Queues
+
+
+class Running:
+    """A loop in a thread of its own, which notes when it was ticked."""
+
+    def __init__(self, period=0.01):
+        self.loop, self.ticks = Loop(), []
+        self.thread = threading.Thread(target=self.loop.run, args=(lambda now: self.tick(now, period),))
+        self.thread.start()
+
+    def tick(self, now, period):
+        self.ticks.append(now)
+        return now + period
+
+    def longest_pause(self):
+        return max((late - early for early, late in zip(self.ticks, self.ticks[1:])), default=99.0)
+
+    def stop(self):
+        self.loop.stop()
+        self.thread.join(5)
+        assert not self.thread.is_alive()
+
+
+@pytest.fixture
+def running():
+    made = Running()
+    yield made
+    made.stop()
+
+
+def test_a_loop_that_is_behind_is_not_buried(running):
+    gate, done = threading.Event(), []
+    running.loop.post(gate.wait)
+    posting = [
+        threading.Thread(target=lambda: [running.loop.post(done.append, 1) for _count in range(2000)]) for _ in range(4)
+    ]
+    for thread in posting:
+        thread.start()
+    time.sleep(0.5)
+    assert running.loop._posted.qsize() <= sockets._MAX_POSTED + len(posting)
+    gate.set()
+    for thread in posting:
+        thread.join(10)
+    finished = threading.Event()
+    running.loop.post(finished.set)
+    assert finished.wait(10) and len(done) == 8000, "nothing is lost"
+
+
+def test_the_loop_never_waits_for_itself(running):
+    done = threading.Event()
+
+    def many():
+        for _count in range(2 * sockets._MAX_POSTED):
+            running.loop.post(int)
+        running.loop.post(done.set)
+
+    running.loop.post(many)
+    assert done.wait(5)
+
+
+def test_what_workers_have_to_do_is_bounded_and_everybody_gets_an_answer(running):
+    gate, answers = threading.Event(), queue.Queue()
+    workers = Workers(running.loop, 2, waiting=10)
+    for _count in range(100):
+        workers.submit(gate.wait, lambda result, problem: answers.put(problem))
+    refused = [answers.get(timeout=2) for _count in range(88)]
+    assert all(isinstance(problem, OSError) for problem in refused)
+    gate.set()
+    rest = [answers.get(timeout=2) for _count in range(12)]
+    assert rest.count(None) >= 10
+
+
+# The side that is called
+
+NODES = [f"/node_{number}" for number in range(40)] + ["/" + "a" * 250]
+GRAPH = Graph({node + "/out": (node,) for node in NODES}, {node + "/in": (node,) for node in NODES}, {}, {})
+STATE = build("http://own:11311/", "own", GRAPH, dict.fromkeys(NODES, "http://own:1/"), {}, {})
+
+
+class Server:
+    """A server as master_discovery has one, beside a loop."""
+
+    def __init__(self):
+        self.malformed, self.running = [], Running()
+        methods = {
+            "masterContacts": lambda: ["1.0", "http://own:11311/", "own", "/master_discovery"],
+            "masterInfoFiltered": self.filtered,
+            "big": lambda: ["x" * 1000] * 20000,
+        }
+        self.server = RpcServer("127.0.0.1", 0, methods, lambda host, why: self.malformed.append(why))
+        self.port = self.server.server_address[1]
+        self.uri = f"http://127.0.0.1:{self.port}"
+
+    def filtered(self, value):
+        try:
+            return document(STATE, (Rules.from_wire(value),))
+        except InvalidPattern as problem:
+            raise Refused(str(problem)) from None
+
+    def connect(self, source="127.0.0.1", wait=3.0):
+        return socket.create_connection(("127.0.0.1", self.port), wait, source_address=(source, 0))
+
+    def raw(self, data, wait=3.0):
+        with self.connect(wait=wait) as connection:
+            connection.sendall(data)
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_WR)
+            return read_all(connection)
+
+    def answers(self, seconds=3.0):
+        deadline = monotonic() + seconds
+        while True:
+            try:
+                return Rpc(self.uri, 1.0).call("masterContacts")[2] == "own"
+            except OSError:
+                if monotonic() > deadline:
+                    return False
+                time.sleep(0.05)
+
+
+def read_all(connection):
+    answer = b""
+    with contextlib.suppress(OSError):
+        while part := connection.recv(65536):
+            answer += part
+    return answer
+
+
+@pytest.fixture
+def server(caplog):
+    made = Server()
+    with caplog.at_level(logging.INFO, "rosfleet"):
+        logging.getLogger("rosfleet").propagate = True
+        yield made
+    made.server.stop()
+    made.running.stop()
+
+
+def post(body, head=""):
+    return f"POST /RPC2 HTTP/1.0\r\nContent-Length: {len(body)}\r\n{head}\r\n".encode() + body
+
+
+def call(arguments, method="masterInfoFiltered"):
+    return f"<methodCall><methodName>{method}</methodName><params>{arguments}</params></methodCall>".encode()
+
+
+CALL = call("", "masterContacts")
+DEEP = "<value><array><data>" * 10000 + "</data></array></value>" * 10000
+LAUGHS = '<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>'
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"POST /RPC2 HTTP/1.0\r\n\r\n" + CALL,
+        *(
+            f"POST /RPC2 HTTP/1.0\r\nContent-Length: {length}\r\n\r\n".encode() + CALL
+            for length in ("-1", "0", 1 << 40, "1e3", "")
+        ),
+        b"POST /RPC2 HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n5\r\nhello\r\n0\r\n\r\n",
+        post(LAUGHS.encode() + CALL),
+        post((LAUGHS + CALL.decode()).encode("utf-16")),
+        post(b'<?xml version="1.0" encoding="cp037"?>' + (LAUGHS + CALL.decode()).encode("cp037")),
+        post(b'<?xml version="1.0" encoding="utf-7"?>+ADwAIQ-DOCTYPE x+AD4-' + CALL),
+        post(gzip.compress(b"\0" * (8 << 20)), "Content-Encoding: gzip\r\n"),
+        post(gzip.compress(CALL)[:-9], "Content-Encoding: gzip\r\n"),
+        post(gzip.compress(CALL)[:10] + b"\xff" * 50, "Content-Encoding: gzip\r\n"),
+        post(call("<param><value><int>" + "9" * 1_000_000 + "</int></value></param>")),
+        post(call("<param><value><double>" + "9" * 1_000_000 + "</double></value></param>")),
+        post(CALL[:-1]),
+        post(b"<" * 1_000_000),
+    ],
+    ids=lambda data: repr(data[40:70]),
+)
+def test_a_hostile_request_is_a_bad_one_and_quickly(server, caplog, data):
+    started = monotonic()
+    assert server.raw(data).startswith((b"HTTP/1.0 400", b"HTTP/1.1 400"))
+    assert monotonic() - started < 2.0
+    assert server.answers() and len(server.malformed) == 1
+    assert caplog.text == ""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        f"<param>{DEEP}</param>",
+        "<param><value><array><data><value><boolean>0</boolean></value>"
+        + "<value></value>" * 6
+        + DEEP
+        + "</data></array></value></param>",
+        "<param><value>1</value></param>" * 30000,
+        "<param><value><array><data>" + "<value></value>" * 60000 + "</data></array></value></param>",
+    ],
+    ids=["deep", "deep in a filter", "many parameters", "long list"],
+)
+def test_a_hostile_argument_is_a_fault_in_few_words(server, caplog, arguments):
+    started = monotonic()
+    answer = server.raw(post(call(arguments)), wait=5.0)
+    assert b"<fault>" in answer and len(answer) < 2000
+    assert monotonic() - started < 3.0
+    assert caplog.text == "", "no traceback that anybody can ask for"
+    assert server.running.longest_pause() < 2.0
+
+
+def test_a_request_of_one_byte_a_second_is_ended_and_the_others_are_answered(server, monkeypatch):
+    monkeypatch.setattr(sockets, "_MAX_SECONDS", 2.0)
+    with server.connect(wait=10.0) as slow:
+        started, data = monotonic(), iter(post(CALL))
+        with contextlib.suppress(OSError):
+            while monotonic() - started < 8.0:
+                slow.sendall(bytes([next(data)]))
+                assert server.answers()
+                time.sleep(0.5)
+        assert monotonic() - started < 6.0
+
+
+def test_an_answer_that_nobody_reads_does_not_stay(server, monkeypatch):
+    monkeypatch.setattr(sockets, "_MAX_SECONDS", 1.0)
+    idle = [server.connect() for _count in range(4)]
+    for connection in idle:
+        connection.sendall(post(call("", "big")))
+    assert server.answers()
+    deadline = monotonic() + 6.0
+    while server.server._open and monotonic() < deadline:
+        time.sleep(0.1)
+    assert not server.server._open
+    for connection in idle:
+        connection.close()
+
+
+def test_idle_connections_are_bounded_and_one_address_cannot_take_all(server):
+    before = threading.active_count()
+    idle = [server.connect("127.0.0.9") for _count in range(100)]
+    with server.connect("127.0.0.10") as other:
+        other.sendall(post(CALL))
+        assert b"200 OK" in read_all(other)
+    assert threading.active_count() - before <= sockets._MAX_PER_ADDRESS + 1
+    assert len(server.malformed) == 100 - sockets._MAX_PER_ADDRESS
+    idle += [server.connect(f"127.0.1.{number}") for number in range(100)]
+    time.sleep(0.3)
+    assert threading.active_count() - before <= sockets._MAX_CONNECTIONS + 1
+    for connection in idle:
+        connection.close()
+    assert server.answers()
+
+
+def filters(text):
+    return [False, *[text] * 10]
+
+
+COSTLY = [r"\A.*.*.*x\Z", "|".join([r"\A.*.*x\Z"] * 150), "|".join([r"\A/a.*b\Z"] * 500)]
+
+
+def test_costly_filters_in_parallel_do_not_stop_the_loop(server):
+    """The loop, which sends the heartbeats, shares the interpreter's lock with whoever matches patterns."""
+    server.running.ticks.clear()
+    end, problems = monotonic() + 3.0, []
+
+    def ask(number):
+        rpc = Rpc(server.uri, 20.0)
+        while monotonic() < end:
+            try:
+                rpc.call("masterInfoFiltered", filters(COSTLY[number % len(COSTLY)] + f"|\\A/{number}.{end}\\Z"))
+            except xmlrpc.client.Fault as fault:
+                problems.append(fault.faultString)
+            except OSError:
+                time.sleep(0.05)
+
+    asking = [threading.Thread(target=ask, args=(number,)) for number in range(12)]
+    for thread in asking:
+        thread.start()
+    for thread in asking:
+        thread.join(30)
+    assert server.running.longest_pause() < 2.0
+    assert server.answers()
+
+
+# The side that calls
+
+
+@contextlib.contextmanager
+def answering(*parts, pause=0.0):
+    """A server that sends these bytes, whatever it is asked, as often as it is asked; the URI."""
+
+    def serve():
+        with contextlib.suppress(OSError):
+            while True:
+                connection, _address = listener.accept()
+                with connection, contextlib.suppress(OSError):
+                    connection.recv(65536)
+                    for part in parts:
+                        connection.sendall(part)
+                        time.sleep(pause)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=serve, daemon=True).start()
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+        listener.shutdown(socket.SHUT_RDWR)
+
+
+def ok(body, head=""):
+    return f"HTTP/1.0 200 OK\r\n{head}\r\n".encode() + body
+
+
+def response(value):
+    return f"<methodResponse><params><param>{value}</param></params></methodResponse>".encode()
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"",
+        b"\0" * 100,
+        b"HTTP/1.0 200 OK\r\n" + b"X: " + b"x" * 100_000,
+        b"HTTP/1.1 100 Continue\r\n\r\n" * 10000,
+        b"HTTP/1.0 500 No\r\n\r\n",
+        b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\nffffffffffffffff\r\nabc",
+        b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n-5\r\nabc\r\n",
+        ok(b"", "Content-Length: -5\r\n"),
+        ok(b"abc", "Content-Length: 99999999999\r\n"),
+        ok(gzip.compress(b"\0" * (1 << 22)), "Content-Encoding: gzip\r\n"),
+        ok(gzip.compress(b"abc")[:-4], "Content-Encoding: gzip\r\n"),
+        ok(gzip.compress(b"abc")[:10] + b"\xff" * 20, "Content-Encoding: gzip\r\n"),
+        ok(b"x" * 200_000),
+        ok(response("<value><int>x</int></value>")),
+        ok(response("<value><int>" + "9" * 5000 + "</int></value>")),
+        ok(b'<!DOCTYPE x [<!ENTITY a "b">]>' + response("<value>&a;</value>")),
+        ok(b"<methodResponse><fault><value>x</value></fault></methodResponse>"),
+    ],
+    ids=lambda answer: repr(answer[:40]),
+)
+def test_a_hostile_answer_is_a_failure_like_any_other(answer):
+    started = monotonic()
+    with answering(answer) as uri, pytest.raises((OSError, ValueError, xmlrpc.client.Fault)) as failure:
+        Rpc(uri, 1.0, most=100_000).call("masterContacts")
+    assert monotonic() - started < 2.5
+    assert len(str(failure.value)) < 500
+
+
+def test_an_answer_that_is_too_long_is_not_read_to_its_end():
+    with answering(ok(b""), *[b"x" * 65536] * 5000) as uri, pytest.raises(OSError, match="too much"):
+        Rpc(uri, 5.0, most=1_000_000).call("masterInfo")
+
+
+def test_a_kept_connection_that_the_other_side_has_closed_is_opened_again():
+    body = response("<value>a</value>")
+    kept = f"HTTP/1.1 200 OK\r\nContent-Length: {len(body)}\r\n\r\n".encode() + body
+    with answering(kept) as uri:
+        rpc = Rpc(uri, 1.0)
+        assert [rpc.call("x"), rpc.call("x"), rpc.call("x")] == ["a", "a", "a"]
+
+
+@pytest.mark.parametrize(
+    "uri", ["http://a:0/", "http://a:99999/", "http://[", "http://a:b/", "http:///x", "http://" + "x" * 9999 + ":0"]
+)
+def test_an_address_that_is_none_is_refused_in_few_words(uri):
+    with pytest.raises(OSError, match="no address") as problem:
+        Rpc(uri, 1.0)
+    assert len(str(problem.value)) < 300
+
+
+@pytest.mark.parametrize("body", [gzip.compress(b"abc")[:-4], gzip.compress(b"abc")[:10] + b"\xff" * 20, b"", b"x"])
+def test_what_cannot_be_unpacked_is_one_kind_of_failure(body):
+    with contextlib.suppress(OSError, ValueError):
+        assert unpack(body, 100) == b""
+
+
+def test_the_numbers_of_strangers_are_short():
+    with pytest.raises(ValueError, match="400 digits"):
+        loads(response("<value><int>" + "1" * 401 + "</int></value>"))
+    assert loads(response("<value><double>" + "1" * 300 + "</double></value>"))

@@ -1,0 +1,490 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The conformance checklist for an own master_discovery towards multimaster_fkie 1.3.2 (16.A, by number), and the defects
+of its original that this one does not have (15, by number)."""
+
+import gzip
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import urllib.request
+import xmlrpc.client
+
+import pytest
+from rosfleet_multimaster import program
+from rosfleet_multimaster.discovery_core import Ask, Contact, Discovery, Event, Master, Say, Send, Settings
+from rosfleet_multimaster.filters import NAMES, Filters, InvalidPattern, Rules
+from rosfleet_multimaster.graph import Policy, State, build, document, graph_of, own_types, stamp_text, stamped
+from rosfleet_multimaster.heartbeat import Heartbeat, Kind, Stamp, decode, encode
+from rosfleet_multimaster.parameters import DISCOVERY, ParameterError, overlay
+from rosfleet_multimaster.sockets import PerCaller, Refused, Rpc, RpcServer
+from virtual_time import Robot, World
+
+NODES = pathlib.Path(__file__).parents[3] / "roles/nodes/files/python"
+HERE, THERE = "192.168.1.229", "192.168.1.239"
+URI = "http://robot1:11311/"
+OWN = Master("robot1", URI, 1000.0, 1000.0, True, "/master_discovery", f"http://{HERE}:11611")
+PEER, KEY = (THERE, 11511), (THERE, 11511, 11611)
+CONTACT = Contact(2000.0, "http://robot2:11311/", "robot2", "/master_discovery")
+
+
+def core(**settings):
+    return Discovery(Settings(**settings), ["127.0.0.1", HERE], 11611)
+
+
+def running(**settings):
+    made = core(**settings)
+    made.own_state(OWN, 0.0)
+    made.tick(6.0)
+    made.actions.clear()
+    return made
+
+
+def met(**settings):
+    made = running(**settings)
+    made.datagram(beat(), PEER, True, 10.0)
+    made.contacted(KEY, CONTACT, "", 10.0)
+    made.actions.clear()
+    return made
+
+
+def beat(stamp=2000, rate=0.0, kind=Kind.STATE):
+    return encode(Heartbeat(kind, 11611, rate, Stamp(stamp), Stamp(stamp)))
+
+
+def take(made, kind):
+    found = [action for action in made.actions if isinstance(action, kind)]
+    made.actions.clear()
+    return found
+
+
+def sent(made):
+    return [(decode(action.datagram).kind, action.host) for action in take(made, Send)]
+
+
+SYSTEM = [
+    [["/chatter", ["/talker", "/far"]], ["/secret", ["/talker"]]],
+    [["/chatter", ["/listener"]], ["/theirs", ["/listener"]]],
+    [["/add", ["/adder"]], ["/far/add", ["/far"]]],
+]
+SYSTEM[0].append(["/theirs", ["/far"]])
+TYPES = [["/chatter", "std_msgs/String"], ["/secret", "own_msgs/Key"], ["/theirs", "evil_msgs/Import"]]
+URIS = {name: f"http://robot1:{at}/" for at, name in enumerate(["/talker", "/listener", "/adder"], 40000)}
+URIS["/far"] = "http://robot2:40000/"
+SERVICES = {"/add": "rosrpc://inner:5000", "/far/add": "rosrpc://robot2:5000"}
+ORIGINS = {("/far", URIS["/far"]): CONTACT.uri}
+
+
+def state(system=None, types=TYPES, uris=None, origins=None):
+    graph = graph_of(SYSTEM if system is None else system, types)
+    return build(
+        URI, "robot1", graph, URIS if uris is None else uris, SERVICES, ORIGINS if origins is None else origins
+    )
+
+
+STATE = stamped(state(), None, 1700000000.123456)
+
+
+def told(caller, **parameters):
+    values, _warnings = overlay(DISCOVERY, parameters)
+    return document(*Policy.of(values).view(STATE, caller))
+
+
+# 16.A
+
+ON_THE_WIRE = """
+import socket
+from rosfleet_multimaster.heartbeat import Heartbeat, Kind, Stamp, encode
+from rosfleet_multimaster.sockets import Udp
+udp = Udp("226.0.0.0", 11511, "192.168.1.1", True)
+second = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # upstream's options
+second.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+second.bind(("", 11511))
+second.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton("226.0.0.0") + socket.inet_aton("192.168.1.1"))
+second.setsockopt(socket.IPPROTO_IP, 12, 1)  # IP_RECVTTL
+second.settimeout(3.0)
+udp.send(encode(Heartbeat(Kind.STATE, 11611, 1.0, Stamp(0x01020304, 5), Stamp(6, 7))), None)
+data, ancillary, _flags, source = second.recvmsg(1024, 1024)
+assert data.hex() == "52020a00" "04030201" "05000000" "5b2d0000" "06000000" "07000000", data.hex()
+assert source == ("192.168.1.1", 11511), source
+assert [int.from_bytes(value[:4], "little") for _level, kind, value in ancillary if kind == socket.IP_TTL] == [20]
+"""
+
+
+@pytest.mark.skipif(
+    os.geteuid() != 0 or shutil.which("unshare") is None or shutil.which("ip") is None,
+    reason="needs root, unshare and ip",
+)
+def test_16_a1_24_bytes_from_the_port_of_the_protocol_beside_another_node_ttl_20_loop_on():
+    network = (
+        "ip link set lo up && ip link add name one type veth peer name end && ip address add 192.168.1.1/24 dev one"
+        " && ip link set one up && ip link set end up"
+    )
+    command = ["unshare", "--net", "sh", "-c", network + ' && exec "$@"', "sh", sys.executable, "-c", ON_THE_WIRE]
+    environment = {**os.environ, "PYTHONPATH": str(NODES)}
+    done = subprocess.run(command, env=environment, timeout=30, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_16_a2_no_packet_before_the_first_state():
+    made = core(robot_hosts=["third"], heartbeat_hz=1.0)
+    made.datagram(beat(kind=Kind.REQUEST), PEER, True, 1.0)
+    for now in range(2, 20):
+        made.tick(float(now))
+    assert sent(made) == []
+    made.own_state(OWN, 20.0)
+    assert (Kind.STATE, None) in sent(made)
+
+
+@pytest.mark.parametrize("wall", [0.0, -5.0, 0.3, 1700000000.0, 2.0**31, 4e9])
+def test_16_a2_the_announced_stamp_is_never_zero(wall):
+    made = stamped(state(), None, wall)
+    assert float(stamp_text(made.stamp)) >= 1.0
+    assert decode(encode(Heartbeat(Kind.STATE, 1, 1.0, Stamp.at(made.stamp), Stamp.at(made.stamp)))).kind is Kind.STATE
+
+
+@pytest.mark.parametrize(("multicast", "to"), [(True, [None, THERE]), (False, [THERE])])
+def test_16_a3_a_request_is_answered_to_the_requester_and_to_the_group_it_came_by(multicast, to):
+    made = running()
+    made.datagram(beat(kind=Kind.REQUEST), (THERE, 40000), multicast, 10.0)
+    assert sent(made) == [(Kind.STATE, host) for host in to], "no port: it goes to that of the protocol"
+
+
+def test_16_a4_leave_on_shutdown_and_of_others():
+    made = met()
+    made.leave()
+    assert sent(made) == [(Kind.LEAVE, None)]
+    made.datagram(beat(kind=Kind.LEAVE), PEER, True, 12.0)
+    made.tick(12.2)
+    made.contacted(KEY, None, "Connection refused", 12.2, gone=True)
+    assert [event.change for event in take(made, Event)] == ["removed"]
+
+
+def test_16_a4_versions_2_and_3_are_accepted_and_all_others_said_under_one_topic():
+    made = running()
+    for number, data in enumerate([beat(), beat()[:1] + b"\x03" + beat()[2:]]):
+        made.datagram(data, (f"10.0.0.{number}", 11511), True, 10.0)
+    assert len(take(made, Ask)) == 2
+    for data in (b"R\x01" + beat()[2:], b"R\x04" + beat()[2:], beat()[:21], b"x"):
+        made.datagram(data, PEER, True, 10.0)
+    lines = take(made, Say)
+    assert len(lines) == made.malformed == 4 and {line.topic for line in lines} == {"malformed"}
+
+
+def test_16_a5_the_own_master_is_listed_and_announced():
+    made = core()
+    made.own_state(OWN, 0.0)
+    assert made.masters() == [OWN]
+    assert take(made, Event) == [Event("new", OWN)]
+
+
+def test_16_a6_stamps_are_the_same_double_in_heartbeat_contacts_and_info():
+    made = core()
+    made.own_state(Master("robot1", URI, STATE.stamp, STATE.local_stamp, True, "/d", "http://x:1"), 0.0)
+    record = decode(take(made, Send)[0].datagram)
+    info = document(STATE)
+    assert record.stamp.seconds == float(info[0]) == float(stamp_text(STATE.stamp)) == STATE.stamp
+    assert record.local_stamp.seconds == float(info[1])
+
+
+def test_16_a6_imports_do_not_move_the_local_stamp():
+    less = [[row for row in part if row[0] != "/theirs"] for part in SYSTEM[:2]] + [[SYSTEM[2][0]]]
+    less[1] = SYSTEM[1]
+    after = stamped(state(less), STATE, 1800000000.0)
+    assert (after.stamp, after.local_stamp) == (1800000000.0, STATE.local_stamp)
+
+
+def test_16_a7_origins_are_the_text_of_geturi_and_flags_local_or_remote():
+    info = document(STATE)
+    assert {(name, origin, flag) for name, _uri, origin, _pid, flag in info[8] if name in ("/talker", "/far")} == {
+        ("/talker", URI, "local"),
+        ("/far", CONTACT.uri, "remote"),
+    }
+    assert [row[2:] for row in info[9]] == [[URI, "", "local"], [CONTACT.uri, "", "remote"]]
+
+
+@pytest.fixture
+def server():
+    def nothing():
+        raise Refused("robot1 has no state")
+
+    methods = {
+        "masterContacts": nothing,
+        "masterInfo": PerCaller(lambda caller: [caller, None, "x" * 5000]),
+        "masterInfoFiltered": PerCaller(lambda caller, filters: [caller, filters]),
+    }
+    made = RpcServer("127.0.0.1", 0, methods, lambda host, why: None)
+    yield f"http://127.0.0.1:{made.server_address[1]}"
+    made.stop()
+
+
+@pytest.mark.parametrize("path", ["", "/", "/RPC2"])
+def test_16_a8_nil_paths_and_lists_of_methods(server, path):
+    peer = xmlrpc.client.ServerProxy(server + path, allow_none=True)
+    assert peer.masterInfo() == ["127.0.0.1", None, "x" * 5000]
+    assert peer.masterInfoFiltered([True, None]) == ["127.0.0.1", [True, None]]
+    assert {"masterContacts", "masterInfo", "masterInfoFiltered"} <= set(peer.system.listMethods())
+
+
+@pytest.mark.parametrize("packed", [True, False])
+def test_16_a8_gzip_for_whom_takes_it(server, packed):
+    body = xmlrpc.client.dumps((), "masterInfo").encode()
+    request = urllib.request.Request(server, body, {"Accept-Encoding": "gzip"} if packed else {})
+    with urllib.request.urlopen(request, timeout=3) as answer:
+        content = answer.read()
+        assert answer.headers.get("Content-Encoding") == ("gzip" if packed else None)
+    assert b"xxx" in (gzip.decompress(content) if packed else content)
+
+
+def test_16_a8_a_fault_instead_of_an_empty_state(server):
+    with pytest.raises(xmlrpc.client.Fault, match="has no state"):
+        Rpc(server, 3.0).call("masterContacts")
+
+
+@pytest.mark.parametrize("length", [8, 9, 10, 11])
+def test_16_a9_filters_of_8_to_11_elements_without_regard_to_case(length):
+    rules = Rules.from_wire([False, "", "", r"\A/CHATTER\Z", *[""] * 7][:length])
+    topics = [topic for topic, _nodes in document(STATE, [rules])[4]]
+    assert topics == ["/secret", "/theirs"]
+
+
+@pytest.mark.parametrize("length", [0, 7, 12])
+def test_16_a9_other_filters_are_refused(length):
+    with pytest.raises(InvalidPattern):
+        Rules.from_wire([False, *[""] * 20][:length])
+
+
+def test_16_a9_a_costly_filter_is_refused():
+    with pytest.raises(InvalidPattern, match="costly"):
+        Rules.from_wire([False, "(a*)*" * 20 + "b", *[""] * 9])
+
+
+# 15
+
+
+def test_15_1_a_change_is_repeated():
+    made = running()
+    made.own_state(Master(**{**OWN.__dict__, "stamp": 1001.0}), 20.0)
+    for now in (20.0, 20.2, 20.5, 21.0, 22.0):
+        made.tick(now)
+    assert sent(made) == [(Kind.STATE, None)] * 3
+
+
+@pytest.mark.parametrize("answer", [CONTACT._replace(stamp=0.0), None])
+def test_15_2_who_had_no_state_or_did_not_answer_is_asked_again(answer):
+    made, now, asked = running(), 10.0, []
+    made.datagram(beat(), PEER, True, now)
+    while len(asked) < 3 and now < 30.0:
+        now = max(now, made.next_tick())
+        made.tick(now)
+        for action in take(made, Ask):
+            asked.append(now)
+            made.contacted(action.key, answer, "timed out", now)
+    made.tick(now + 6.0)
+    made.contacted(KEY, CONTACT, "", now + 6.0)
+    assert len(asked) == 3 and [event.change for event in take(made, Event)] == ["new"]
+
+
+@pytest.mark.parametrize("filters", [None, [], [False, "("], [False, "(", *[""] * 9]])
+def test_15_3_a_filter_that_is_none_is_an_error_and_no_empty_state(filters):
+    with pytest.raises(InvalidPattern):
+        Rules.from_wire(filters)
+
+
+def test_15_7_locality_does_not_depend_on_the_text_of_a_host():
+    uris = {**URIS, "/talker": "http://192.168.11.7:1/", "/listener": "http://inner.local:2/"}
+    flags = {name: node.locality for name, node in state(uris=uris).nodes.items()}
+    assert flags == {"/talker": "local", "/listener": "local", "/adder": "local", "/far": "remote"}
+
+
+def test_15_8_an_origin_is_of_one_node_and_not_of_its_name():
+    """A failed get_sync_info mislabels nothing: what was known of a registration stays known while it is there."""
+    again = {**URIS, "/far": "http://robot1:40999/"}
+    assert state().nodes["/far"].locality == "remote"
+    assert state(uris=again).nodes["/far"].locality == "local", "an own node with this name is another one"
+
+
+def test_15_9_a_leave_from_one_address_leaves_a_master_that_lives_at_another():
+    made = met()
+    second = ("10.0.0.2", 11511)
+    made.datagram(beat(), second, True, 10.0)
+    made.contacted((*second, 11611), CONTACT, "", 10.0)
+    made.datagram(beat(kind=Kind.LEAVE), PEER, True, 11.0)
+    made.tick(11.5)
+    made.contacted(KEY, None, "Connection refused", 11.5, gone=True)
+    assert [event.change for event in take(made, Event)] == ["changed"]
+    assert [master.monitor_uri for master in made.masters()] == [OWN.monitor_uri, "http://10.0.0.2:11611"]
+
+
+@pytest.mark.parametrize("step", [-10.0, 3600.0, 0.0])
+def test_15_10_a_clock_that_steps_ends_nothing_and_every_change_is_another_stamp(step):
+    first = stamped(state(), None, 1700000000.5)
+    second = stamped(state([[], SYSTEM[1], SYSTEM[2]]), first, 1700000000.5 + step)
+    third = stamped(state(), second, 1700000000.5 + step)
+    assert first.local_stamp != second.local_stamp != third.local_stamp
+    made = running()
+    for found in (first, second, third):
+        made.own_state(Master("robot1", URI, found.stamp, found.local_stamp, True, "/d", "http://x:1"), 20.0)
+        record = decode(take(made, Send)[0].datagram)
+        assert record.stamp.seconds == float(document(found)[0]) == float(stamp_text(found.stamp))
+        assert record.local_stamp.seconds == float(document(found)[1])
+
+
+def test_15_10_the_core_knows_no_wall_clock():
+    one, two = Robot("one", "10.0.0.1"), Robot("two", "10.0.0.2")
+    world = World([one, two])
+    world.run(20.0)
+    for two.stamp in (990.0, 4600.0):  # its clock stepped by -10 s, then by an hour
+        two.core.own_state(two.master(), world.now)
+        world.carry_out(two)
+        world.run(world.now + 10.0)
+        assert one.core.masters()[1].stamp == two.stamp and one.core.masters()[1].online
+    assert not [event for event in one.events if event[1] == "removed"]
+
+
+def test_15_11_one_silent_master_does_not_postpone_the_others():
+    made = running()
+    for number in range(1, 4):
+        address = f"10.0.0.{number}"
+        made.datagram(beat(rate=1.0), (address, 11511), True, 10.0)
+        made.contacted(
+            (address, 11511, 11611), CONTACT._replace(uri=f"http://r{number}:1/", name=f"r{number}"), "", 10.0
+        )
+    now = 10.0
+    while now < 16.0:
+        made.tick(now)
+        now += 0.25
+        if now < 15.0:
+            made.datagram(beat(rate=1.0), ("10.0.0.2", 11511), True, now)
+    assert {master.name for master in made.masters() if not master.online} == {"r1", "r3"}
+
+
+def test_15_12_the_pace_of_the_looks_is_a_parameter_and_nothing_lowers_it_for_good():
+    assert overlay(DISCOVERY, {})[0]["rosmaster_hz"] == 2.0
+    source = (NODES / "rosfleet_multimaster/master_discovery.py").read_text(encoding="utf-8")
+    assert "max(period, min(took * SHARE, SLOWEST))" in source, "each pause follows from the last look alone"
+
+
+def test_15_17_a_dead_roscore_is_offline_and_its_state_is_told_to_nobody():
+    made = running(heartbeat_hz=1.0)
+    assert made.own_failed(20.0, 21.5)
+    assert [(event.change, event.master.online) for event in take(made, Event)] == [("changed", False)]
+    for now in (22.0, 23.0, 24.0):
+        made.tick(now)
+        made.datagram(beat(kind=Kind.REQUEST), PEER, True, now)
+    assert sent(made) == []
+    made.own_failed(20.0, 25.5)
+    assert (Kind.LEAVE, None) in sent(made), "upstream's receivers learn it by this, ours by this or by silence"
+
+
+def test_15_17_those_who_hear_of_it_forget_it_and_find_it_again():
+    one, two = Robot("one", "10.0.0.1"), Robot("two", "10.0.0.2")
+    world = World([one, two])
+    world.run(20.0)
+    world.answered = lambda robot, action, contact, problem: robot.core.contacted(
+        action.key, None, "no state", world.now, gone=True
+    )
+    for tenth in range(0, 80, 5):
+        two.core.own_failed(20.0, world.now)
+        world.carry_out(two)
+        world.run(20.0 + tenth / 10)
+    assert [change for _now, change, master in one.events if master.uri == two.uri][-1] == "removed"
+    del world.answered
+    world.start(two)
+    world.run(40.0)
+    assert one.core.masters()[1].online
+
+
+# 13: what upstream's server does for anybody
+
+
+def test_13_no_clock_is_set_and_no_package_is_imported_for_others():
+    source = (NODES / "rosfleet_multimaster/master_discovery.py").read_text(encoding="utf-8")
+    assert "setTime" not in source
+    assert own_types(STATE) == {"std_msgs/String", "own_msgs/Key"}, "evil_msgs/Import is only named by another master"
+
+
+# What is told to whom
+
+
+def names(info):
+    return sorted({name for part in info[4:7] for name, _nodes in part})
+
+
+def test_exports_are_by_address_and_only_of_own_nodes():
+    exports = [
+        {"to": [THERE], "topics": ["/chatter"], "services": []},
+        {"to": ["*"], "services": ["/a*"]},
+    ]
+    info = told(THERE, exports=exports, hide_subscribers=["*"])
+    assert info[4:7] == [[["/chatter", ["/talker"]]], [], [["/add", ["/adder"]]]]
+    assert info[7] == [["/chatter", "std_msgs/String"]]
+    assert [node[0] for node in info[8]] == ["/talker", "/adder"] and [row[0] for row in info[9]] == ["/add"]
+    assert names(told("10.0.0.9", exports=exports, hide_subscribers=["*"])) == ["/add"]
+    assert names(told(THERE, exports=[])) == []
+    assert names(told(None, exports=[])) == names(document(STATE))
+    assert told(THERE) == document(STATE), "everything to everybody, where nothing is declared"
+
+
+def test_exports_hold_for_the_types_too():
+    values, _warnings = overlay(DISCOVERY, {"exports": [{"to": [THERE], "topics": ["/chatter"]}]})
+    policy = Policy.of(values)
+    assert own_types(*policy.view(STATE, THERE)) == {"std_msgs/String"}
+    assert own_types(*policy.view(STATE, "10.0.0.9")) == set()
+
+
+@pytest.mark.parametrize(
+    ("hidden", "left"),
+    [
+        ({"hide_nodes": ["/listener", "/far"]}, ["/add", "/chatter", "/secret"]),
+        ({"hide_topics": "/S*"}, ["/add", "/chatter", "/far/add", "/theirs"]),
+        ({"hide_services": ["*"]}, ["/chatter", "/secret", "/theirs"]),
+        ({"do_not_sync": ["/chatter", "/add"]}, ["/far/add", "/secret", "/theirs"]),
+    ],
+)
+def test_what_is_hidden_is_hidden_in_the_unfiltered_state_too(hidden, left):
+    assert names(told(THERE, **hidden)) == left
+    assert names(told(None, **hidden)) == names(document(STATE))
+
+
+def test_hidden_subscribers_leave_the_publishers():
+    info = told(THERE, hide_subscribers=["/chatter"])
+    assert info[5] == [["/theirs", ["/listener"]]] and ["/chatter", ["/far", "/talker"]] in info[4]
+
+
+@pytest.mark.parametrize(
+    ("exports", "words"),
+    [
+        ({"to": ["*"]}, "nothing at all, or a list of entries"),
+        (["/chatter"], "a list of entries"),
+        ([{"to": ["*"], "topic": ["/a"]}], "entry 1 of ~exports has 'topic'"),
+        ([{"to": ["*"]}, {"topics": ["/a"]}], "entry 2 of ~exports says not to whom"),
+        ([{"to": []}], "says not to whom"),
+        ([{"to": "*"}], "'*' as its to, but a list of texts"),
+        ([{"to": ["robot2"]}], "is for 'robot2', but an IPv4 address or '*'"),
+        ([{"to": ["*"], "topics": ["/a["]}], "entry 1 of ~exports, topics: the pattern '/a['"),
+        ([{"to": ["*"], "services": [5]}], "a list of texts"),
+    ],
+)
+def test_wrong_exports_are_a_sentence(exports, words):
+    with pytest.raises(ParameterError) as caught:
+        overlay(DISCOVERY, {"exports": exports})
+    assert words in str(caught.value)
+
+
+def test_a_filter_of_the_importing_side_comes_on_top():
+    values, _warnings = overlay(DISCOVERY, {"exports": [{"to": ["*"], "topics": ["*"], "services": ["*"]}]})
+    view, rules = Policy.of(values).view(STATE, THERE)
+    wanted = Filters({"sync_topics": ["/secret"]}).rules("robot1")
+    assert names(document(view, [*rules, Rules.from_wire(wanted.to_wire(False))])) == ["/secret"]
+    assert len(wanted.to_wire(False)) == 1 + len(NAMES) and isinstance(view, State)
+
+
+@pytest.mark.parametrize("answer", [5, [1], [1, "", 7], [0, "no", "http://a:1/"], None])
+def test_a_roscore_that_answers_geturi_with_nonsense_is_waited_for(answer):
+    made = RpcServer("127.0.0.1", 0, {"getUri": lambda caller: answer}, lambda host, why: None)
+    with pytest.raises(program.Fatal, match="does not answer"):
+        program.wait_for_roscore(f"http://127.0.0.1:{made.server_address[1]}", timeout=0.1)
+    made.stop()

@@ -1,0 +1,449 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""master_sync against upstream's interface, and without upstream's defects.
+
+The numbers in the names are those of the list of upstream's defects (defect_N) and of the checklist for own nodes
+(check_B1 ...). The program is the real one, with real XML-RPC to a roscore, a discovery and nodes that this file plays;
+only rospy is not there.
+"""
+
+import ast
+import importlib
+import pathlib
+import sys
+import threading
+import time
+import types
+
+import pytest
+import rosfleet_multimaster
+from rosfleet_multimaster import parameters, program
+from rosfleet_multimaster.filters import Filters
+from rosfleet_multimaster.graph import Node, State
+from rosfleet_multimaster.sockets import Refused, RpcServer
+from rosfleet_multimaster.sync_core import MISSING, Announced, Sync
+
+FOLDER = pathlib.Path(rosfleet_multimaster.__file__).parent
+R2 = "http://robot2:11311/"
+DISCOVERY, SYNC = "/master_discovery", "/master_sync"
+
+
+def serve(methods):
+    """An XML-RPC server on a free port of the loopback interface, and its URI."""
+    server = RpcServer("127.0.0.1", 0, methods, lambda host, why: None)
+    return server, f"http://127.0.0.1:{server.server_address[1]}/"
+
+
+class Roscore:
+    """A roscore: registrations, parameters, and which nodes it would shut down."""
+
+    def __init__(self):
+        self.nodes, self.types, self.parameters = {}, {}, {}
+        self.tables = {"Publisher": {}, "Subscriber": {}, "Service": {}}
+        self.service_uris, self.shut_down, self.calls = {}, [], []
+        self.fail = 0  # so many requests with registrations are refused
+        self.before = lambda method, arguments: None
+        self.server, self.uri = serve({"system.multicall": self.multicall, "getUri": lambda caller: [1, "", self.uri]})
+
+    def multicall(self, calls):
+        if self.fail and any("register" in call["methodName"].lower() for call in calls):
+            self.fail -= 1
+            raise Refused("busy")
+        return [[self.call(call["methodName"], *call["params"])] for call in calls]
+
+    def call(self, method, caller, *arguments):
+        if "egister" in method:
+            self.before(method, arguments)
+            self.calls.append((method, caller, *arguments))
+            return [1, "", self.register(method, caller, *arguments)]
+        answers = {
+            "getPid": lambda: 4711,
+            "getTopicTypes": lambda: [[topic, kind] for topic, kind in self.types.items()],
+            "getSystemState": lambda: [[[n, sorted(t[n])] for n in t if t[n]] for t in self.tables.values()],
+            "lookupNode": lambda node: self.nodes[node],
+            "lookupService": lambda service: self.service_uris[service],
+            "getParam": lambda name: self.parameters[name],
+            "setParam": self.parameters.__setitem__,
+            "deleteParam": lambda name: self.parameters.pop(name, 0) and 0,
+        }
+        try:
+            return [1, "", answers[method](*arguments) or 0]
+        except KeyError:
+            return [-1, "unknown", 0]
+
+    def register(self, method, node, name, *rest):
+        kind = method.split("egister")[1]
+        users = self.tables[kind].setdefault(name, set())
+        if method.startswith("un"):
+            users.discard(node)
+            return 1
+        uri = rest[-1]
+        if self.nodes.get(node, uri) != uri:
+            self.shut_down.append(self.nodes[node])
+        self.nodes[node] = uri
+        users.add(node)
+        if kind == "Service":
+            self.service_uris[name] = rest[0]
+        elif rest[0] != "*":
+            self.types[name] = rest[0]
+        return sorted(self.nodes[user] for user in self.tables["Publisher"].get(name, ()))
+
+    def made(self, node):
+        """The calls that were made for a node."""
+        return [call for call in self.calls if call[1] == node]
+
+
+class Recorder(dict):
+    """Methods that are not there, and which of them were asked for."""
+
+    def get(self, name, default=None):
+        self[name] = True
+        return default
+
+
+class Other:
+    """Another robot: its discovery, one node with an XML-RPC server, and a roscore that nobody is to call."""
+
+    def __init__(self):
+        self.updates, self.types = [], {"/chatter": "std_msgs/String"}
+        self.publishers, self.subscribers = {"/chatter": ["/talker"]}, {}
+        self.nodes, self.stamp, self.fault, self.asked = {}, 1.0, False, []
+        node, self.node_uri = serve({"publisherUpdate": lambda *call: self.updates.append(call) or [1, "", 0]})
+        roscore, self.uri = serve({})
+        roscore.methods = self.roscore_calls = Recorder()
+        discovery, self.monitor_uri = serve({"masterInfoFiltered": self.info, "getTopicsMd5sum": lambda names: []})
+        self.servers = [node, roscore, discovery]
+
+    def info(self, wire):
+        self.asked.append(wire)
+        if self.fault:
+            raise Refused("no state")
+        nodes = {name: self.nodes.get(name, self.node_uri) for name in ("/talker", "/hearer")}
+        rows = [[name, uri, self.uri, None, "local"] for name, uri in nodes.items()]
+        tables = [[[n, users] for n, users in table.items()] for table in (self.publishers, self.subscribers)]
+        stamp = f"{self.stamp:.9f}"
+        return [stamp, stamp, self.uri, "robot2", *tables, [], [[t, k] for t, k in self.types.items()], rows, []]
+
+    def announced(self, online=True):
+        return Announced("robot2", self.uri, self.monitor_uri, DISCOVERY, self.stamp, self.stamp, online)
+
+
+class SyncNode:
+    """What the program has of rospy."""
+
+    def __init__(self, roscore, held):
+        self.held, self.callback, self.topic, self.diagnoses = held, None, "", []
+        roscore.call("registerService", SYNC, f"{SYNC}/get_sync_info", "rosrpc://own:1", "http://own:1/")
+
+    def service_uri(self):
+        return f"{SYNC}/get_sync_info", "rosrpc://own:1"
+
+    def subscribe(self, topic, callback):
+        self.topic, self.callback = topic, callback
+
+    def diagnose(self, parts, now):
+        self.diagnoses.append(parts)
+
+
+class Lab:
+    """The running program and what is around it."""
+
+    def __init__(self, monkeypatch, tmp_path):
+        self.roscore, self.other, self.listed = Roscore(), Other(), []
+        self.roscore.call("registerPublisher", DISCOVERY, f"{DISCOVERY}/changes", "x/MasterState", "http://own:2/")
+        self.roscore.call("registerService", DISCOVERY, f"{DISCOVERY}/list_masters", "rosrpc://own:2", "http://own:2/")
+        self.nodes, self.asked_list = [], []
+        self.listed = [self.other.announced()]
+        ros = types.ModuleType("rosfleet_multimaster.ros")
+        ros.CHANGES_TYPE, ros.LIST_MASTERS, ros.GET_SYNC_INFO = "MasterState", "list_masters", "get_sync_info"
+        ros.master_uri = lambda: self.roscore.uri
+        ros.node_name = lambda default: SYNC
+        ros.start = lambda default: (SYNC, "http://own:1/")
+        ros.ended_by = ros.stop = lambda reason: None
+        ros.md5sum = lambda name: None
+        ros.SyncNode = lambda held: self.nodes.append(SyncNode(self.roscore, held)) or self.nodes[-1]
+        ros.Diagnosis = lambda *parts: parts
+        ros.list_masters = lambda service: self.asked_list.append(service) or list(self.listed)
+        monkeypatch.setitem(sys.modules, "rosfleet_multimaster.ros", ros)
+        monkeypatch.setattr(rosfleet_multimaster, "ros", ros, raising=False)
+        monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_sync", raising=False)
+        monkeypatch.setattr(program, "on_signals", lambda loop, end: None)
+        monkeypatch.setattr(program, "leave_process", lambda status: None)
+        monkeypatch.setattr(sys, "argv", ["master_sync"])
+        self.program = importlib.import_module("rosfleet_multimaster.master_sync").MasterSync()
+
+    def start(self):
+        self.thread = threading.Thread(target=self.program.main, daemon=True)
+        self.thread.start()
+        until(lambda: self.nodes and self.nodes[0].callback)
+        return self
+
+    def own(self, method, *arguments):
+        """What an own node does; the discovery of this robot says that something has changed."""
+        self.roscore.call(method, *arguments)
+        self.changed(Announced("robot1", self.roscore.uri, "", "", time.monotonic(), time.monotonic(), True))
+
+    def changed(self, master):
+        self.nodes[0].callback("changed", master)
+
+    def other_changes(self):
+        self.other.stamp += 1
+        self.listed = [self.other.announced()]
+        self.changed(self.other.announced())
+
+    def has(self, kind, name, node):
+        return node in self.roscore.tables[kind].get(name, ())
+
+    def end(self):
+        self.program.loop.post(self.program._end)
+        self.thread.join(10)
+        for server in [self.roscore.server, *self.other.servers]:
+            server.stop()
+
+
+def until(condition, seconds=10.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it does not happen"
+        time.sleep(0.01)
+
+
+@pytest.fixture(name="lab")
+def _lab(monkeypatch, tmp_path):
+    lab = Lab(monkeypatch, tmp_path)
+    yield lab
+    lab.end()
+
+
+# The checklist
+
+
+def test_check_B1_the_service_that_discovery_asks_ends_with_get_sync_info():
+    tree = ast.parse((FOLDER / "ros.py").read_text(encoding="utf-8"))
+    calls = [
+        node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "Service"
+    ]
+    names = {call.args[0].value for call in calls}
+    assert "~get_sync_info" in names  # rospy makes its URI from ROS_HOSTNAME, as the roscore does
+
+
+def test_check_B2_registrations_are_reported_and_claimed_before_the_roscore_has_them(lab):
+    seen = []
+
+    def before(method, arguments):
+        if method == "registerPublisher":
+            reported = {(item.name, item.node) for item in lab.nodes[0].held()}
+            seen.append(((arguments[0], "/talker") in reported, "/talker" in lab.roscore.parameters[program.IMPORTS]))
+
+    lab.roscore.before = lambda method, arguments: lab.nodes and before(method, arguments)
+    lab.start()
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+    assert seen == [(True, True)]
+
+
+def test_check_B3_the_callers_are_the_remote_nodes_and_only_the_own_roscore_is_called(lab):
+    lab.other.subscribers = {"/heard": ["/hearer"]}
+    lab.start()
+    until(lambda: lab.has("Subscriber", "/heard", "/hearer"))
+    uri = lab.other.node_uri
+    assert lab.roscore.made("/talker") == [("registerPublisher", "/talker", "/chatter", "std_msgs/String", uri)]
+    assert lab.roscore.made("/hearer") == [("registerSubscriber", "/hearer", "/heard", "*", uri)]
+    assert lab.other.roscore_calls == {}
+
+
+def test_check_B4_an_imported_subscriber_is_told_who_publishes_by_the_name_master(lab):
+    lab.roscore.call("registerPublisher", "/own", "/heard", "std_msgs/String", "http://127.0.0.1:9/")
+    lab.other.subscribers = {"/heard": ["/hearer"]}
+    lab.start()
+    until(lambda: lab.other.updates)
+    assert lab.other.updates == [("/master", "/heard", ["http://127.0.0.1:9/"])]
+
+
+def test_check_C_discovery_is_known_by_the_end_of_its_type_and_of_its_services_name(lab):
+    for table in lab.roscore.tables.values():
+        table.clear()
+    lab.roscore.call("registerPublisher", "/zeroconf", "/zeroconf/news", "old_msgs/MasterState", "http://own:2/")
+    lab.roscore.call("registerService", "/zeroconf", "/zeroconf/list_masters", "rosrpc://own:2", "http://own:2/")
+    lab.start()
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+    assert lab.nodes[0].topic == "/zeroconf/news" and set(lab.asked_list) == {"/zeroconf/list_masters"}
+
+
+# The defects
+
+
+def test_defect_3_a_fault_instead_of_a_state_changes_nothing(lab):
+    lab.start()
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+    lab.other.fault, lab.other.publishers, count = True, {}, len(lab.other.asked)
+    lab.other_changes()
+    until(lambda: len(lab.other.asked) > count + 1)
+    assert lab.has("Publisher", "/chatter", "/talker")
+    lab.other.fault = False
+    until(lambda: not lab.has("Publisher", "/chatter", "/talker"))
+
+
+def test_defect_4_what_the_roscore_did_not_take_is_tried_again_at_once(lab):
+    lab.roscore.fail = 2
+    started = time.monotonic()
+    lab.start()
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+    assert time.monotonic() - started < 5 and lab.roscore.fail == 0
+
+
+def test_defect_4_what_the_roscore_has_lost_is_registered_again(lab):
+    lab.start()
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+    lab.roscore.tables["Publisher"]["/chatter"].clear()
+    lab.own("registerPublisher", "/own", "/other", "std_msgs/String", "http://own:3/")
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+
+
+def test_defect_5_a_change_registers_only_the_difference(lab):
+    lab.other.subscribers = {"/heard": ["/hearer"]}
+    lab.start()
+    until(lambda: lab.has("Subscriber", "/heard", "/hearer"))
+    before = len(lab.roscore.calls)
+    lab.other.subscribers = {"/heard": ["/hearer"], "/more": ["/hearer"]}
+    lab.other_changes()
+    until(lambda: lab.has("Subscriber", "/more", "/hearer"))
+    assert [call[2] for call in lab.roscore.calls[before:]] == ["/more"]
+
+
+def test_defect_5_a_subscriber_that_hangs_delays_no_other(lab):
+    release = threading.Event()
+    server, uri = serve({"publisherUpdate": lambda *call: release.wait(10) and [1, "", 0]})
+    for name in ("/heard", "/later"):
+        lab.roscore.call("registerPublisher", "/own", name, "std_msgs/String", "http://127.0.0.1:9/")
+    lab.other.nodes = {"/talker": uri}
+    lab.other.subscribers = {"/heard": ["/talker"], "/later": ["/hearer"]}
+    started = time.monotonic()
+    lab.start()
+    until(lambda: lab.other.updates)
+    assert time.monotonic() - started < 3
+    release.set()
+    server.stop()
+
+
+def test_defect_6_a_node_with_the_name_of_an_own_one_shuts_nobody_down(lab):
+    lab.roscore.call("registerPublisher", "/talker", "/own_topic", "std_msgs/String", "http://own:3/")
+    lab.start()
+    until(lambda: lab.nodes[0].diagnoses)
+    assert lab.roscore.shut_down == [] and lab.roscore.nodes["/talker"] == "http://own:3/"
+    assert not lab.has("Publisher", "/chatter", "/talker")
+    names, kinds = lab.nodes[0].diagnoses[-1]
+    assert names[2][0][0] == "node /talker" and kinds[2] == []
+
+
+def test_defect_7_a_node_on_another_computer_of_the_robot_is_exchanged(lab):
+    lab.other.nodes = {"/talker": "http://robot2-arm:40000/"}
+    lab.start()
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+    assert lab.roscore.nodes["/talker"] == "http://robot2-arm:40000/"
+
+
+def test_defect_8_what_is_registered_is_recorded_where_a_dead_master_sync_cannot_take_it_along(lab):
+    lab.start()
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+    assert lab.other.uri in lab.roscore.parameters[program.IMPORTS]
+    assert {item.node for item in lab.nodes[0].held()} == {"/talker"}
+
+
+def sync(**values):
+    return Sync(Filters(values), "http://robot1:11311/", SYNC, False, bool(values.pop("on_demand", False)), 0.0)
+
+
+def fetched(core, publishers):
+    nodes = {"/talker": Node("http://robot2:40000/", R2, "local")}
+    core.announced(Announced("robot2", R2, "http://robot2:11611", DISCOVERY, 1.0, 1.0, True), 0.0)
+    (fetch,) = core.due(1.0)
+    state = State(R2, "robot2", 1.0, 1.0, publishers, types=dict.fromkeys(publishers, "a/B"), nodes=nodes)
+    assert core.fetched(fetch, state, "", 1.0)
+    return core
+
+
+def test_defect_9_masters_of_one_name_do_not_take_each_other_away():
+    core = fetched(sync(), {"/chatter": ("/talker",)})
+    core.announced(Announced("robot2", "http://robot2b:11311/", "http://robot2b:11611", DISCOVERY, 1.0, 1.0, True), 2.0)
+    core.removed("http://robot2b:11311/")
+    assert core.wanted(3.0)
+    core.listed([], 3.0)  # nor does a list that is empty for a moment
+    core.listed([], 3.0 + MISSING / 2)
+    assert core.wanted(3.0 + MISSING / 2)
+
+
+def test_defect_10_and_13_no_wall_clock_and_no_process_wide_time_limit():
+    for name in ("sync_core", "message_types", "losses", "master_sync", "program", "connections"):
+        text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
+        assert "time.time" not in text and "setdefaulttimeout" not in text
+    text = (FOLDER / "master_sync.py").read_text(encoding="utf-8")
+    assert text.count("wall_clock()") == 1  # the stamp of /diagnostics
+
+
+def test_defect_14_filters_are_parameters_and_no_yaml_file_is_loaded():
+    _values, warnings = parameters.overlay(parameters.SYNC, {"interface_url": "file:///x.yaml"})
+    assert warnings == ["~interface_url has no effect: filters are parameters here: give the lists themselves"]
+    assert not any("import yaml" in path.read_text(encoding="utf-8") for path in FOLDER.glob("*.py"))
+
+
+@pytest.mark.parametrize(
+    "values", [{"ignore_topics": {"robot2": "/chatter"}}, {"robot2": {"ignore_topics": "/chatter"}}]
+)
+def test_defect_15_a_single_pattern_for_one_host_is_one_pattern(values):
+    rules = Filters(values).rules("ROBOT2")
+    assert not rules.topic("/n", "/chatter", "a/B", True)
+    assert rules.topic("/n", "/c", "a/B", True)
+
+
+def test_defect_16_on_demand_releases_what_nobody_wants_any_more():
+    core = fetched(sync(on_demand=True), {"/chatter": ("/talker",), "/map": ("/talker",)})
+    assert [item.registration.name for item in core.wanted(2.0, ["/chatter"])] == ["/chatter"]
+    assert core.wanted(2.0, []) == []
+
+
+def test_a_hung_service_of_discovery_does_not_stop_the_exchange_for_ever():
+    forever, started = threading.Event(), time.monotonic()
+    for _count in range(6):
+        with pytest.raises(TimeoutError):
+            program.within(0.05, forever.wait)
+    assert time.monotonic() - started < 2
+    assert sum(1 for thread in threading.enumerate() if thread in program._hanging) == 4
+    forever.set()
+    until(lambda: not any(thread.is_alive() for thread in program._hanging))
+    assert program.within(1.0, lambda: "answer") == "answer"
+    with pytest.raises(ZeroDivisionError):
+        program.within(1.0, lambda: 1 / 0)
+
+
+def test_while_a_slow_roscore_is_waited_for_nothing_spins(lab):
+    ticks = []
+    tick = lab.program._tick
+    lab.program._tick = lambda now: ticks.append(now) or tick(now)
+    lab.start()
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+    answer = lab.roscore.server.methods["system.multicall"]
+    lab.roscore.server.methods["system.multicall"] = lambda calls: time.sleep(1.5) or answer(calls)
+    time.sleep(0.7)
+    ticks.clear()
+    time.sleep(2.0)
+    lab.roscore.server.methods["system.multicall"] = answer
+    assert len(ticks) < 20
+
+
+def test_a_type_conflict_is_refused_and_both_kinds_are_published(lab):
+    node, uri = serve(
+        {
+            "getPublications": lambda caller: [1, "", []],
+            "getSubscriptions": lambda caller: [1, "", [["/chatter", "std_msgs/Int32"]]],
+        }
+    )
+    lab.roscore.call("registerSubscriber", "/own", "/chatter", "std_msgs/Int32", uri)
+    lab.start()
+    until(lambda: lab.nodes[0].diagnoses)
+    names, kinds = lab.nodes[0].diagnoses[-1]
+    assert names[:2] == ("master_sync: names", "OK") and kinds[2][0][0] == "topic /chatter"
+    assert not lab.has("Publisher", "/chatter", "/talker")
+    lab.own("unregisterSubscriber", "/own", "/chatter", uri)
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+    assert lab.nodes[0].diagnoses[-1][1][2] == []
+    node.stop()

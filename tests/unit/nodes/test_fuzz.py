@@ -1,0 +1,423 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What nobody should send: datagrams, filters and state documents of strangers."""
+
+import contextlib
+import math
+import signal
+import xmlrpc.client
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from rosfleet_multimaster import discovery_core
+from rosfleet_multimaster.discovery_core import Ask, Contact, Discovery, Event, Master, Settings
+from rosfleet_multimaster.filters import Filters, InvalidPattern, Pattern, Rules
+from rosfleet_multimaster.graph import Graph, Malformed, State, build, document, parse, stamped
+from rosfleet_multimaster.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
+from rosfleet_multimaster.sync_core import View, Wanted, calls, plan, select
+
+slow = settings(
+    deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+)
+
+OWN_ADDRESS, PEER_ADDRESS, PORT, RPC = "192.168.1.229", "192.168.1.239", 11511, 11611
+OWN = Master("own", "http://own:11311/", 1000.0, 1000.0, True, "/master_discovery", f"http://{OWN_ADDRESS}:{RPC}")
+PEER = Contact(2000.0, "http://peer:11311/", "peer", "/master_discovery")
+BEAT = encode(Heartbeat(Kind.STATE, RPC, 1.0, Stamp(2000), Stamp(2000)))
+
+# Datagrams
+
+
+def mutated(data):
+    """A valid record with some bytes of it replaced."""
+    changes = st.lists(st.tuples(st.integers(0, SIZE - 1), st.integers(0, 255)), max_size=4)
+    return changes.map(lambda pairs: bytes(dict(pairs).get(at, byte) for at, byte in enumerate(data)))
+
+
+ports = st.sampled_from([0, 1, PORT, RPC, 40000, 65535])
+seconds = st.sampled_from([-(2**31), -2, -1, 0, 1, 2000, 2**31 - 1])
+stamps = st.builds(Stamp, seconds, seconds)
+records = st.builds(Heartbeat, st.just(Kind.STATE), ports, st.sampled_from([0.0, 0.3, 1.0, 25.5]), stamps, stamps)
+leaves = ports.map(lambda port: Heartbeat(Kind.LEAVE, port))
+requests = ports.map(lambda port: Heartbeat(Kind.REQUEST, port))
+datagrams = st.one_of(
+    st.binary(max_size=30),
+    st.one_of(records, leaves, requests).map(encode),
+    st.sampled_from([BEAT, encode(Heartbeat(Kind.LEAVE, RPC)), encode(Heartbeat(Kind.REQUEST, RPC))]),
+    mutated(BEAT),
+)
+addresses = st.sampled_from([PEER_ADDRESS, OWN_ADDRESS, "127.0.0.1", "0.0.0.0", "10.0.0.7"]) | st.ip_addresses(v=4).map(
+    str
+)
+attacks = st.lists(
+    st.tuples(st.sampled_from([0.0, 0.01, 0.3, 2.5]), addresses, ports, st.booleans(), datagrams), max_size=25
+)
+
+
+class Bystander:
+    """A discovery, a live master that sends a heartbeat each second and answers, and a stranger who sends what he likes."""
+
+    def __init__(self):
+        self.core = Discovery(Settings(heartbeat_hz=1.0), ["127.0.0.1", OWN_ADDRESS], RPC)
+        self.contacts = {f"http://{PEER_ADDRESS}:{RPC}": PEER}
+        self.now, self.beat_due, self.events, self.asked = 0.0, 0.5, [], []
+        self.core.own_state(OWN, 0.0)
+        self.wait(2.0)
+        self.events.clear()
+
+    def wait(self, seconds):
+        """Let time pass; the core is ticked when it wants to be, and the live master sends its heartbeats."""
+        end = self.now + seconds
+        while True:
+            self.carry_out()
+            answers = [due for due, _action in self.asked]
+            self.now = min(end, max(self.now, self.core.next_tick()), self.beat_due, *answers)
+            if self.now >= self.beat_due:
+                self.beat_due += 1.0
+                self.core.datagram(BEAT, (PEER_ADDRESS, PORT), True, self.now)
+            self.core.tick(self.now)
+            self.carry_out()
+            assert self.now < self.core.next_tick() <= self.now + 1.0, "it sleeps, and wakes up in time"
+            if self.now >= end:
+                return
+
+    def carry_out(self):
+        """What the core wants done; bounded, however much has arrived. Whoever is nobody answers only after two seconds."""
+        for due, action in [item for item in self.asked if item[0] <= self.now]:
+            self.asked.remove((due, action))
+            contact = self.contacts.get(action.monitor_uri)
+            self.core.contacted(action.key, contact, "" if contact else "timed out", self.now)
+        assert len(self.core.actions) <= 2 * discovery_core.MAX_ASKED + 8 + 2 * len(self.core._entries)
+        while self.core.actions:
+            action = self.core.actions.popleft()
+            if isinstance(action, Event):
+                self.events.append(action)
+            elif isinstance(action, Ask):
+                self.asked.append((self.now + (0.01 if action.monitor_uri in self.contacts else 2.0), action))
+        assert len(self.asked) <= discovery_core.MAX_ASKED + len(self.core._entries)
+
+    def master(self, uri):
+        return next((master for master in self.core.masters() if master.uri == uri), None)
+
+
+@slow
+@given(attacks)
+def test_no_datagram_takes_a_live_master_or_the_own_one_away(attack):
+    robot = Bystander()
+    for pause, address, port, multicast, data in attack:
+        if pause:
+            robot.wait(pause)
+        robot.core.datagram(data, (address, port), multicast, robot.now)
+        robot.carry_out()
+        assert robot.master(OWN.uri) == OWN
+        assert robot.master(PEER.uri).online
+    assert not [event for event in robot.events if event.change == "removed" and event.master.uri == PEER.uri]
+    robot.wait(5.0)
+    assert robot.master(OWN.uri) == OWN
+    assert (robot.master(PEER.uri).online, robot.master(PEER.uri).stamp) == (True, 2000.0)
+
+
+def test_a_flood_from_everywhere_is_bounded():
+    robot = Bystander()
+    for number in range(6000):
+        address, rpc_port = f"10.{number >> 8}.{number & 255}.1", 1 + number % 60000
+        kind = (Kind.STATE, Kind.REQUEST, Kind.LEAVE)[number % 3]
+        beat = Heartbeat(kind, rpc_port, 1.0, Stamp(5), Stamp(5))
+        robot.core.datagram(encode(beat), (address, PORT), False, robot.now)
+        robot.carry_out()
+        if number % 64 == 0:
+            robot.wait(0.01)
+    assert len(robot.core._strangers) <= discovery_core.MAX_STRANGERS
+    assert len(robot.core._answered) <= discovery_core.MAX_ANSWERED + 2
+    assert robot.master(PEER.uri).online
+    assert robot.events == []
+    robot.wait(40.0)
+    assert len(robot.core._strangers) == 0, "strangers who never said who they are, are forgotten"
+    assert len(robot.core._answered) <= 2
+
+
+def test_one_address_cannot_fill_the_table():
+    robot = Bystander()
+    for port in range(1, 1000):
+        robot.core.datagram(BEAT, ("10.0.0.7", port), True, robot.now)
+        robot.core.datagram(BEAT, (PEER_ADDRESS, port), True, robot.now)
+        robot.wait(0.02)
+    assert len(robot.core._entries) < 100
+    assert robot.master(PEER.uri).online
+
+
+@pytest.mark.parametrize(("rate", "flooded", "patience"), [(500, 12, 0), (3000, 3, 8)])
+def test_a_newcomer_is_met_during_a_flood_of_strangers_or_soon_after_it(rate, flooded, patience):
+    """(More strangers in a second than are remembered leave no room for him while they come.)"""
+    robot = Bystander()
+    new = Contact(1.0, "http://new:11311/", "new", "/master_discovery")
+    robot.contacts[f"http://192.168.1.77:{RPC}"] = new
+    for second in range(flooded + patience):
+        for number in range(rate if second < flooded else 0):
+            robot.core.datagram(BEAT, (f"10.{second}.{number >> 8}.{number & 255}", PORT), True, robot.now)
+            robot.carry_out()
+        robot.core.datagram(BEAT, ("192.168.1.77", PORT), True, robot.now)
+        robot.wait(1.0)
+    assert robot.master(new.uri).online
+    assert robot.master(PEER.uri).online
+
+
+@pytest.mark.parametrize("problem", ["too much to do at once", "timed out"])
+def test_a_leave_is_not_believed_because_one_check_of_it_came_to_nothing(problem):
+    robot = Bystander()
+    robot.core.datagram(encode(Heartbeat(Kind.LEAVE, RPC)), (PEER_ADDRESS, PORT), False, robot.now)
+    robot.core.tick(robot.now + 0.9)
+    (asked,) = [action for action in robot.core.actions if isinstance(action, Ask)]
+    robot.core.contacted(asked.key, None, problem, robot.now + 0.95)
+    assert robot.master(PEER.uri).online
+
+
+@given(st.floats(-1e10, 1e12))
+def test_any_clock_can_be_announced(clock):
+    beat = Heartbeat(Kind.STATE, RPC, 1.0, Stamp.at(clock), Stamp.at(clock))
+    assert decode(encode(beat)).kind in (Kind.STATE, Kind.REQUEST)
+
+
+def test_no_port_is_no_record():
+    robot = Bystander()
+    robot.core.datagram(BEAT[:12] + bytes(2) + BEAT[14:], ("10.0.0.7", PORT), True, robot.now)
+    assert robot.core.malformed == 1
+
+
+# Filters
+
+NAMES = ["a" * 255, "ab" * 127, "/" + "a" * 254, "/" * 255, "a" * 254 + "\n", "", "/tf"]
+
+
+class TooSlow(Exception):
+    pass
+
+
+@contextlib.contextmanager
+def within(seconds):
+    """Ends what takes more time of the processor, also a regular expression."""
+
+    def late(_number, _frame):
+        raise TooSlow
+
+    before = signal.signal(signal.SIGPROF, late)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    except TooSlow:
+        raise AssertionError(f"it took more than {seconds} s") from None
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def grown(inner):
+    return st.one_of(
+        st.lists(inner, min_size=1, max_size=6).map("".join),
+        st.lists(inner, min_size=2, max_size=4).map("|".join).map("(?:{})".format),
+        st.tuples(inner, st.sampled_from(["*", "+", "?", "{2,9}", "*?", "{0,255}", "{3}"])).map(
+            lambda pair: "(?:%s)%s" % pair
+        ),
+        inner.map("(?={})".format),
+        inner.map(r"({})\1".format),
+    )
+
+
+patterns = st.recursive(
+    st.sampled_from(["a", ".", "[ab]", r"\w", ".*", "a*", "/", "[^a]", r"\Z", ""]), grown, max_leaves=20
+)
+texts = patterns | st.text("ab/*.+?{}()[]|\\AZ^$0123,:=!<>P'", max_size=60) | st.text(max_size=40)
+
+
+@settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.too_slow])
+@given(texts)
+@example(r"\A" + ".*" * 6 + r"x\Z")
+@example(r"\A" + ".*" * 4 + r"x\Z")
+@example(r"\A" + "[ab]*" * 3 + r"[^a]\Z")
+@example("|".join([r"\A.*.*.*x\Z"] * 4000))
+@example("|".join([r"\A/a.*b\Z"] * 4000))
+@example("(?:a|" * 400 + "b" + ")" * 400)
+@example("(" * 5000)
+@example("(?:a?){6}" * 2 + "x")
+@example("(a*)*b")
+@example("[\\0-\\U0010ffff]" * 3000)
+@example("a{1000}{1000}{1000}b")
+def test_a_strangers_pattern_is_cheap_or_refused(text):
+    with within(1.5):
+        try:
+            pattern = Pattern.from_wire(text)
+        except InvalidPattern as problem:
+            assert 0 < len(str(problem)) < 1000 + len(text)
+            return
+    for name in NAMES:
+        with within(0.5):  # nobody else runs meanwhile
+            pattern.matches(name)
+
+
+@given(st.lists(texts, max_size=5))
+def test_any_list_of_patterns_is_usable_or_refused_with_a_sentence(items):
+    try:
+        pattern = Pattern.of(items, "ignore_topics")
+    except InvalidPattern as problem:
+        assert "ignore_topics" in str(problem)
+    else:
+        pattern.matches("/tf")
+
+
+values = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.just(10**400)
+    | st.floats()
+    | st.text(max_size=8)
+    | st.binary(max_size=8)
+    | st.datetimes(),
+    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=30,
+)
+
+
+def nested(depth):
+    value = []
+    for _level in range(depth):
+        value = [value]
+    return value
+
+
+@given(values | st.lists(values | texts, min_size=7, max_size=12))
+def test_any_value_is_a_filter_or_refused_with_a_sentence(value):
+    try:
+        rules = Rules.from_wire(value)
+    except InvalidPattern as problem:
+        assert 0 < len(str(problem)) < 1000
+    else:
+        assert all(isinstance(text, str) for text in rules.to_wire(False)[1:])
+
+
+@pytest.mark.parametrize("element", [nested(5000), ["x"] * 100_000, "x" * 100_000, {"a": nested(3000)}])
+def test_a_filter_that_is_too_big_or_too_deep_is_refused_in_few_words(element):
+    for value in (element, [False] + [element] * 10):
+        with pytest.raises(InvalidPattern) as refused:
+            Rules.from_wire(value)
+        assert len(str(refused.value)) < 1000
+        with pytest.raises(Malformed) as refused:
+            parse(value)
+        assert len(str(refused.value)) < 1000
+
+
+# State documents
+
+OURS, THEIRS = OWN.uri, PEER.uri
+HOSTILE = ["", "/", "relative", "/with space", "/with\nnewline", "/\0", "//", "/" + "x" * 1000, "/~", "/ü\u2028"]
+OWN_NODES = {"/camera": "http://own:40001/", "/rosout": "http://own:40002/", "/master_sync": "http://own:40003/"}
+names = st.sampled_from([*HOSTILE, *OWN_NODES, "/talker", "/listener", "/chatter"])
+uris = st.sampled_from(
+    ["http://peer:50001/", "http://peer:50002/", "http://own:40001/", "http://", "", "rosrpc://peer:1", None, 7]
+)
+origins = st.sampled_from([OURS, THEIRS, "http://third:11311/", "", "x"])
+kinds = st.sampled_from(["std_msgs/String", "*", "", "None", "no type\n"])
+locality = st.sampled_from(["local", "remote", "", "LOCAL"])
+endpoints = st.lists(st.tuples(names, st.lists(names, max_size=3)).map(list), max_size=4)
+hostile = st.tuples(
+    st.sampled_from(["1000.0", "nan", "inf", "-1", "x", 10**400]),
+    st.sampled_from(["1000.0", "-inf", ""]),
+    st.just(THEIRS),
+    st.sampled_from(["peer", "", "a\nb"]),
+    endpoints,
+    endpoints,
+    endpoints,
+    st.lists(st.tuples(names, kinds).map(list), max_size=4),
+    st.lists(st.tuples(names, uris, origins, values, locality).map(list), max_size=5),
+    st.lists(st.tuples(names, uris, origins, kinds, locality).map(list), max_size=4),
+).map(list)
+
+
+@given(values | st.lists(values, min_size=10, max_size=10) | hostile)
+@example([10**400, "1", "http://a:1/", "a", [], [], [], [], [], []])
+@example(["nan", "1", "http://a:1/", "a", [], [], [], [], [], []])
+def test_any_document_is_a_state_or_malformed(value):
+    try:
+        state = parse(value)
+    except Malformed as problem:
+        assert 0 < len(str(problem)) < 1000
+    else:
+        assert isinstance(state, State) and math.isfinite(state.stamp) and math.isfinite(state.local_stamp)
+
+
+@pytest.mark.parametrize("where", [4, 5, 6, 7, 8, 9])
+def test_a_gigantic_document_costs_little_or_is_refused(where):
+    rows = {7: ["/t", "a/B"], 8: ["/n", "http://a:1/", "x", 1, "local"], 9: ["/s", "rosrpc://a:1", "x", "", "local"]}
+    value = ["1", "1", "http://a:1/", "a", [], [], [], [], [], []]
+    value[where] = [[f"/n{number}", *rows.get(where, ["", ["/n"] * 10])[1:]] for number in range(100_000)]
+    with within(3.0), contextlib.suppress(Malformed):
+        parse(value)
+
+
+@slow
+@given(hostile, st.booleans())
+def test_whatever_a_master_says_the_own_nodes_stay_and_no_nonsense_is_called(value, remote_nodes):
+    try:
+        state = parse(value)
+    except Malformed:
+        return
+    items = select(state, Rules(), OURS, remote_nodes)
+    claims = {("/talker", "http://peer:50001/"): THEIRS, ("/gone", "http://peer:50009/"): THEIRS}
+    view = View(
+        publishers={"/image": ("/camera",), "/rosout": ("/camera", "/talker"), "/chatter": ("/talker",)},
+        subscribers={"/chatter": ("/camera",), "/rosout": ("/rosout",)},
+        services={"/camera/set": ("/camera",)},
+        types={"/image": "sensor_msgs/Image", "/chatter": "std_msgs/String"},
+        node_uris={**OWN_NODES, "/talker": "http://peer:50001/"},
+        service_uris={"/camera/set": "rosrpc://own:40004"},
+    )
+    todo = plan([Wanted(item, THEIRS, "peer") for item in items], view, claims)
+    for item in todo.unregister:
+        assert item.of in claims and item.node not in OWN_NODES
+    for item in todo.register:
+        assert item in items and item.node not in OWN_NODES, "a second node of this name would shut the own one down"
+        assert (item.kind, item.name) != ("service", "/camera/set")
+    for _method, *arguments in calls(todo):
+        assert all(isinstance(argument, str) and argument.isprintable() for argument in arguments)
+        assert arguments[0][0] == arguments[1][0] == "/" and min(map(len, arguments[:2])) > 1
+        assert not set(" \n") & set("".join(arguments[:2]))
+
+
+ros_names = st.from_regex(r"\A/[a-z][a-z0-9_]{0,6}(/[a-z][a-z0-9_]{0,6})?\Z")
+tables = st.dictionaries(ros_names, st.lists(ros_names, min_size=1, max_size=3, unique=True).map(tuple), max_size=4)
+
+
+@given(tables, tables, tables, st.floats(1e9, 2e9), st.booleans())
+def test_a_true_state_comes_back_over_the_wire(publishers, subscribers, services, wall, typed):
+    kinds = dict.fromkeys([*publishers, *subscribers], "std_msgs/String") if typed else {}
+    graph = Graph(publishers, subscribers, services, kinds)
+    node_uris = {name: f"http://own:{number + 1024}/" for number, name in enumerate(sorted(graph.nodes()))}
+    service_uris = {name: f"rosrpc://own:{number + 1024}" for number, name in enumerate(services)}
+    state = stamped(build(OURS, "own", graph, node_uris, service_uris, {}), None, wall)
+    sent = xmlrpc.client.dumps((document(state),), methodresponse=True, allow_none=True)
+    back = parse(xmlrpc.client.loads(sent)[0][0])
+    assert back == state and back.stamp == wall
+
+
+@given(st.lists(values, max_size=6) | hostile)
+def test_any_contact_is_one_that_can_be_shown_or_refused(answer):
+    with contextlib.suppress(ValueError):
+        contact = Contact.of(answer)
+        assert "".join(contact[1:]).isprintable()
+
+
+def test_a_masters_name_cannot_speak_to_the_service_manager():
+    with pytest.raises(ValueError, match="name"):
+        Contact.of(["1.0", "http://peer:11311/", "peer\nMAINPID=1", "/master_discovery"])
+
+
+@given(st.lists(texts, max_size=4) | values)
+def test_the_own_filters_are_usable_or_refused_with_a_sentence(value):
+    filters = Filters({"ignore_topics": value})
+    try:
+        filters.check()
+    except InvalidPattern as problem:
+        assert "ignore_topics" in str(problem)
+    else:
+        assert filters.rules("peer") and filters.wants_host("peer") in (True, False)

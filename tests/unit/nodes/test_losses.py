@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+import pytest
+from rosfleet_multimaster.losses import FORGET, RESOLVE, Connection, Ending, Look, Losses, connections_of
+from rosfleet_multimaster.sync_core import Registration, View
+
+R2 = "http://robot2:11311/"
+TALKER = ("/talker", "http://robot2:40000/")
+OWN, ALONE = ("/listener", "http://robot1:30000/"), ("/alone", "http://robot1:30001/")
+HELD = {Registration("publisher", "/chatter", *TALKER): R2}
+CLAIMS = {TALKER: R2}
+VIEW = View(
+    {"/chatter": ["/talker"], "/other": ["/alone"]}, {"/chatter": ["/listener"]}, {}, {}, dict([TALKER, OWN, ALONE])
+)
+ADDRESS = "192.168.1.2"
+NOTED = {Connection(41000, 40001)}
+
+
+def known():
+    losses = Losses()
+    losses.registered(HELD, VIEW, CLAIMS)
+    assert losses.to_resolve(0.0) == ["robot2"]
+    losses.resolved("robot2", frozenset([ADDRESS]), 0.0)
+    assert losses.seen({R2: True}, 1.0) == ([], [])
+    return losses
+
+
+def test_while_a_master_is_lost_what_leads_to_its_nodes_is_ended():
+    losses = known()
+    assert losses.endpoints() == set()
+    losses.seen({R2: False}, 10.0)
+    losses.registered({}, VIEW, {})  # it is withdrawn, and remembered
+    assert losses.endpoints() == {(ADDRESS, 40000)}
+    losses.seen({}, 300.0)  # discovery has removed it
+    assert losses.endpoints() == {(ADDRESS, 40000)}
+    losses.seen({R2: True}, 320.0)
+    assert losses.endpoints() == set()
+
+
+def test_at_the_loss_the_own_nodes_that_share_topics_are_asked_and_at_the_return_the_noted_ones_end():
+    losses = known()
+    (look,), endings = losses.seen({R2: False}, 10.0)
+    assert look == Look(R2, frozenset([OWN]), frozenset(TALKER)) and endings == []
+    losses.noted(R2, NOTED)
+    assert losses.seen({R2: False}, 11.0) == ([], [])
+    looks, (ending,) = losses.seen({R2: True}, 80.0)
+    assert looks == [] and ending == Ending(frozenset([ADDRESS]), frozenset(NOTED), 70.0)
+    assert losses.seen({R2: True}, 81.0) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("local_port", "remote", "silent", "wanted"),
+    [
+        (41000, (ADDRESS, 40001), 75.0, True),
+        (41000, (ADDRESS, 40001), 3.0, False),  # it works again, or has never stopped: the master's roscore was away
+        (41000, ("192.168.1.3", 40001), 75.0, False),
+        (41000, (ADDRESS, 40002), 75.0, False),
+        (41001, (ADDRESS, 40001), 75.0, False),
+        (50000, (ADDRESS, 61234), 75.0, True),  # who is called does not know from which port
+    ],
+)
+def test_only_noted_connections_that_are_still_silent_end(local_port, remote, silent, wanted):
+    ending = Ending(frozenset([ADDRESS]), frozenset([*NOTED, Connection(50000, None)]), 70.0)
+    assert ending.wants(local_port, remote, silent) is wanted
+
+
+def test_a_master_that_has_left_is_not_lost():
+    losses = known()
+    assert losses.seen({}, 10.0) == ([], [])
+    assert losses.endpoints() == set()
+
+
+def test_a_lost_master_is_forgotten_when_tcp_has_given_up_too():
+    losses = known()
+    losses.seen({R2: False}, 10.0)
+    losses.seen({}, 10.0 + FORGET)
+    assert losses.endpoints() == set()
+    assert losses.seen({R2: True}, 2000.0) == ([], [])
+
+
+def test_hosts_are_resolved_while_it_is_possible():
+    losses = known()
+    assert losses.to_resolve(RESOLVE - 1) == []
+    assert losses.to_resolve(RESOLVE) == ["robot2"]
+    losses.seen({R2: False}, RESOLVE)
+    assert losses.to_resolve(3 * RESOLVE) == []
+    assert losses.endpoints() == {(ADDRESS, 40000)}  # known from before
+
+
+ROSPY = "TCPROS connection on port 41374 to [127.0.0.1:40623 on socket 6]"
+
+
+@pytest.mark.parametrize(
+    ("destination", "text", "found"),
+    [
+        ("http://robot2:40000/", ROSPY, {Connection(41374, 40623)}),
+        ("/talker", "TCPROS connection on port 41374 to [robot2:40623 on socket 6]", {Connection(41374, 40623)}),
+        ("/talker", "TCPROS connection on port 41374 to [None:None on socket 9]", {Connection(41374, None)}),
+        ("/else", ROSPY, set()),
+        ("/talker", "Closed " + ROSPY, set()),
+        ("/talker", "UDPROS connection on port 41374 to [robot2:40623 on socket 6]", set()),
+        ("/talker", None, set()),
+    ],
+)
+def test_connections_as_rospy_and_roscpp_describe_them(destination, text, found):
+    rows = [[1, destination, "i", "TCPROS", "/chatter", True, text], [2, "/talker", "o"], None]
+    assert connections_of(rows, frozenset(TALKER)) == found
+    assert connections_of(None, frozenset(TALKER)) == set()

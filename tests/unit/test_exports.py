@@ -1,0 +1,606 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Declared data flow: how it is read, what contradicts itself, and what both sides' nodes make of it."""
+
+import dataclasses
+import fnmatch
+import json
+import pathlib
+import sys
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import (
+    _contradictions,
+    _exports,
+    _fleet,
+    _flows,
+    _plan,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._values import Unexpected
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "roles/nodes/files/python"))
+
+from rosfleet_multimaster import filters, graph, parameters  # noqa: E402
+
+VERIFY = "/multimaster_verify/*"
+
+# Tibi's master is its gateway, dabo's is behind its gateway, car is one computer on the common network.
+HOSTS = {
+    "tibi-visio": ("tibi", "192.168.11.101"),
+    "dabo-visio": ("dabo", "192.168.10.101"),
+    "dabo-nav": ("dabo", "192.168.10.100"),
+    "car": ("car", "192.168.1.203"),
+}
+OF_ROBOT = {
+    "tibi": {
+        "multimaster_network": "192.168.11.0/24",
+        "multimaster_gateway": "tibi-visio",
+        "multimaster_common_address": "192.168.1.201",
+    },
+    "dabo": {
+        "multimaster_network": "192.168.10.0/24",
+        "multimaster_gateway": "dabo-visio",
+        "multimaster_common_address": "192.168.1.202",
+        "multimaster_master": "dabo-nav",
+    },
+    "car": {},
+}
+MASTER = {"tibi": "tibi-visio", "dabo": "dabo-nav", "car": "car"}
+ADDRESS = {"tibi": "192.168.1.201", "dabo": "192.168.10.100", "car": "192.168.1.203"}  # as the others see the caller
+
+
+def fleet(shared=None, **of_robot):
+    """Three robots; `tibi={"exports": [...]}` sets multimaster_exports of its computers."""
+    robots = {}
+    variables = {}
+    for host, (robot, address) in HOSTS.items():
+        robots.setdefault(robot, []).append(host)
+        variables[host] = {
+            "multimaster_address": address,
+            "multimaster_common_network": "192.168.1.0/24",
+            **OF_ROBOT[robot],
+            **(shared or {}),
+            **{f"multimaster_{name}": value for name, value in of_robot.get(robot, {}).items()},
+        }
+    return _fleet.read_fleet(_fleet.Inventory(robots=robots, variables=variables))
+
+
+def problems(shared=None, **of_robot):
+    with pytest.raises(_fleet.InventoryProblems) as caught:
+        fleet(shared, **of_robot)
+    return caught.value.problems
+
+
+def exports(*entries, **filters_of_robot):
+    return {"exports": list(entries), **({"filters": filters_of_robot} if filters_of_robot else {})}
+
+
+def both_sides(model):
+    """(exports, hide_subscribers) of master_discovery and the parameters of master_sync, by robot."""
+    computers = _plan.plan(model)["computers"]
+    return {
+        robot: (
+            computers[master]["discovery"].get("exports"),
+            computers[master]["discovery"]["hide_subscribers"],
+            computers[master]["sync"],
+        )
+        for robot, master in MASTER.items()
+    }
+
+
+# Reading
+
+
+def test_a_declaration_is_read():
+    (entry,) = _exports.read([{"topics": ["/tibi/pose", "/tibi/scan*"], "actions": ["/dock"], "to": ["dabo"]}])
+    assert entry == _exports.Export(topics=("/tibi/pose", "/tibi/scan*"), actions=("/dock",), to=("dabo",))
+    assert str(entry) == "{topics: [/tibi/pose, /tibi/scan*], actions: [/dock], to: [dabo]}"
+    assert _exports.read([]) == ()
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("/pose", "a list of entries such as"),
+        ({"topics": ["/pose"]}, "a list of entries such as"),
+        (["/pose"], "a list of entries such as"),
+        ([{"topic": ["/pose"]}], "there is 'topic' (did you mean topics?)"),
+        ([{"topics": "/pose"}], "a list of names at 'topics', such as [/tibi/pose]"),
+        ([{"topics": [7]}], "a list of names at 'topics'"),
+        ([{"topics": None}], "a list of names at 'topics'"),
+        ([{"topics": ["/pose"], "to": "dabo"}], "a list of robots at 'to', such as [dabo]"),
+        ([{"topics": ["/pose"], "to": []}], "at least one robot in 'to'"),
+        ([{}], "at least one of topics, services, actions"),
+        ([{"to": ["dabo"]}], "at least one of topics, services, actions"),
+        ([{"topics": []}], "at least one of topics, services, actions"),
+        ([{"topics": ["pose"]}], "at 'topics', but there is 'pose'"),
+        ([{"topics": ["~pose"]}], "at 'topics', but there is '~pose'"),
+        ([{"topics": ["/pose.*"]}], "at 'topics', but there is '/pose.*'"),
+        ([{"services": ["/a|/b"]}], "at 'services', but there is '/a|/b'"),
+        ([{"topics": ["/pose\n"]}], "at 'topics', but there is"),
+        ([{"actions": ["/dock/"]}], "without an empty part at 'actions'"),
+        ([{"topics": ["//pose"]}], "without an empty part at 'topics'"),
+        ([{"topics": ["/*a*b*"]}], "at most 2 times '*'"),
+        ([{"topics": [f"/{n}*" for n in range(501)]}], "at most 500 names with 1 times '*'"),
+        ([{"actions": [f"/*{n}*" for n in range(14)]}], "but there are 42"),
+        ([{"topics": ["/" + "a" * 40000]}], "at most 32768 characters"),
+        (
+            [{"topics": ["/a", "/b"]}, {"topics": ["/b", "/a"]}],
+            "each entry once, but {topics: [/b, /a]} is there twice",
+        ),
+    ],
+)
+def test_a_wrong_declaration_is_one_sentence(value, expected):
+    with pytest.raises(Unexpected) as caught:
+        _exports.read(value)
+    assert expected in str(caught.value)
+
+
+@given(
+    st.lists(
+        st.dictionaries(
+            st.sampled_from(["topics", "services", "actions", "to", "x"]),
+            st.none()
+            | st.text(max_size=3)
+            | st.lists(st.sampled_from(["/a", "a", "*", "/a/*", "", "dabo"]), max_size=3),
+        ),
+        max_size=3,
+    )
+)
+def test_whatever_is_declared_the_answer_is_entries_or_a_sentence(value):
+    try:
+        found = _exports.read(value)
+    except Unexpected as problem:
+        assert str(problem)
+    else:
+        assert len(found) == len(value)
+
+
+def test_what_is_never_exchanged_is_what_the_nodes_never_exchange():
+    assert _exports.NEVER["topics"] == filters.BUILT_IN["ignore_topics"]
+    assert _exports.NEVER["services"] == filters.BUILT_IN["ignore_services"]
+
+
+# Contradictions
+
+POSE = {"topics": ["/pose"]}
+RESET = {"services": ["/reset"]}
+DOCK = {"actions": ["/dock"]}
+
+WRONG = {
+    "unknown robot": (
+        {"tibi": exports({**POSE, "to": ["dabbo"]})},
+        [
+            "tibi-visio: multimaster_exports is for 'dabbo', which is no robot (did you mean dabo?); expected other robots"
+        ],
+    ),
+    "a computer for a robot": (
+        {"tibi": exports({**POSE, "to": ["dabo-nav"]})},
+        ["tibi-visio: multimaster_exports is for 'dabo-nav', which is a computer of the robot dabo"],
+    ),
+    "to itself": (
+        {"tibi": exports({**POSE, "to": ["tibi", "dabo"]})},
+        ["tibi-visio: multimaster_exports is for 'tibi', which is the robot itself"],
+    ),
+    "never exchanged": (
+        {"tibi": exports({"topics": ["/rosout", "/master_sync/*"], "services": ["/base/get_loggers"]})},
+        [
+            "multimaster_exports has the topic /rosout, which is never exchanged",
+            "multimaster_exports has the topic /master_sync/*, which is never exchanged",
+            "multimaster_exports has the service /base/get_loggers, which is never exchanged",
+        ],
+    ),
+    "the same service": (
+        {"tibi": exports(RESET), "dabo": exports(RESET)},
+        [
+            "tibi-visio: multimaster_exports gives the service /reset to car, and so does that of dabo; expected one of the two, "
+            "since a roscore keeps one provider of a service: rename it on one of them, or choose with 'to' who gets which."
+        ],
+    ),
+    "the same action": (
+        {"tibi": exports(DOCK), "dabo": exports({**DOCK, "to": ["car"]})},
+        [
+            "tibi-visio: multimaster_exports gives the action /dock to car, and so does that of dabo; expected one of the two, since each goal"
+        ],
+    ),
+    "a service and a pattern": (
+        {"tibi": exports({"services": ["/r*"]}), "dabo": exports(RESET)},
+        ["dabo-nav: multimaster_exports gives the service /reset to car, and so does that of tibi"],
+    ),
+    "an ignored topic": (
+        {"tibi": exports({**POSE, "to": ["dabo"]}), "dabo": {"filters": {"ignore_topics": ["/po.e", "/x"]}}},
+        [
+            "dabo-nav: multimaster_filters leaves out the topic /pose, which multimaster_exports of tibi has for dabo; expected "
+            "filters that take it: correct them in group_vars/dabo.yml, or 'to' in group_vars/tibi.yml."
+        ],
+    ),
+    "an ignored service": (
+        {"tibi": exports({**RESET, "to": ["dabo"]}), "dabo": {"filters": {"ignore_services": ["*set"]}}},
+        ["dabo-nav: multimaster_filters leaves out the service /reset"],
+    ),
+    "an ignored action": (
+        {"tibi": exports({**DOCK, "to": ["dabo"]}), "dabo": {"filters": {"ignore_actions": ["/dock"]}}},
+        ["dabo-nav: multimaster_filters leaves out the action /dock"],
+    ),
+    "ignored goals": (
+        {"tibi": exports({**DOCK, "to": ["dabo"]}, ignore_topics=["/dock/goal"])},
+        ["tibi-visio: multimaster_filters leaves out the goals of the action /dock"],
+    ),
+    "an ignored master": (
+        {"tibi": exports({**POSE, "to": ["dabo"]}), "dabo": {"filters": {"ignore_hosts": ["tibi*"]}}},
+        ["dabo-nav: multimaster_filters leaves out the topic /pose"],
+    ),
+    "a master outside the white list": (
+        {"tibi": exports({**POSE, "to": ["dabo"]}), "dabo": {"filters": {"sync_hosts": ["car"]}}},
+        ["dabo-nav: multimaster_filters leaves out the topic /pose"],
+    ),
+    "a second white list": (
+        {"tibi": exports(POSE), "dabo": {"filters": {"sync_topics": ["/pose"], "sync_nodes": ["/n"]}}},
+        [
+            "dabo-nav: multimaster_filters has sync_nodes, sync_topics, but multimaster_exports of tibi says already what dabo gets"
+        ],
+    ),
+    "a second white list beside goals": (
+        {"tibi": exports(DOCK, sync_topics=["/x"]), "dabo": exports()},
+        ["tibi-visio: multimaster_filters has sync_topics, but multimaster_exports of dabo says already"],
+    ),
+    "too few heartbeats": (
+        {"shared": {"multimaster_heartbeat_hz": 0.35}},
+        [
+            "multimaster_heartbeat_hz is 0.35 and multimaster_offline_after is 5, so a robot promises 1.5 heartbeats in that time; "
+            "expected at least 2: raise multimaster_heartbeat_hz to 0.4 or multimaster_offline_after to 6.7 in group_vars/robots.yml."
+        ],
+    ),
+    "no heartbeats": (
+        {"shared": {"multimaster_heartbeat_hz": 0.05, "multimaster_offline_after": 60}},
+        [
+            "promises 0 heartbeats in that time; expected at least 2: raise multimaster_heartbeat_hz to 0.1 in group_vars"
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_contradiction_is_named(case):
+    declared, expected = WRONG[case]
+    found = problems(**declared)
+    assert len(found) == len(expected), found
+    for sentence, part in zip(found, expected, strict=True):
+        assert part in sentence
+
+
+def test_computers_of_a_robot_that_disagree_are_named():
+    variables = {
+        host: {
+            "multimaster_address": HOSTS[host][1],
+            "multimaster_common_network": "192.168.1.0/24",
+            **OF_ROBOT["dabo"],
+        }
+        for host in ("dabo-visio", "dabo-nav")
+    }
+    variables["dabo-visio"]["multimaster_exports"] = [RESET]
+    variables["dabo-nav"]["multimaster_exports"] = [POSE]
+    with pytest.raises(_fleet.InventoryProblems) as caught:
+        _fleet.read_fleet(_fleet.Inventory(robots={"dabo": list(variables)}, variables=variables))
+    (found,) = caught.value.problems
+    assert "dabo-nav: multimaster_exports is [{topics: [/pose]}], but dabo-visio has [{services: [/reset]}]" in found
+
+
+@pytest.mark.parametrize(
+    "declared",
+    [
+        {"tibi": exports({**RESET, "to": ["dabo"]}), "dabo": exports({**RESET, "to": ["car"]})},  # one provider each
+        {"tibi": exports({"services": ["/r*"]}), "dabo": exports({"services": ["/re*"]})},  # may be, and is not sure
+        {"tibi": exports(POSE), "dabo": exports(POSE)},  # a topic may have many publishers
+        {"tibi": exports(POSE), "dabo": {"filters": {"ignore_topics": ["/pose"]}}},  # for all who want it
+        {"tibi": exports(POSE), "dabo": {"filters": {"sync_hosts": ["tibi-visio"], "sync_topics": []}}},
+        {"tibi": exports({**POSE, "to": ["car"]}), "dabo": {"filters": {"sync_topics": ["/pose"]}}},  # gets nothing
+        {
+            "tibi": exports({**POSE, "to": ["dabo"]}),
+            "dabo": {"filters": {"ignore_nodes": ["/n"], "ignore_types": ["a/B"]}},
+        },
+        {"shared": {"multimaster_heartbeat_hz": 0.1, "multimaster_offline_after": 20}},
+    ],
+)
+def test_what_may_be_meant_is_no_problem(declared):
+    assert fleet(**declared)
+
+
+def test_a_hundred_robots_with_one_service_are_a_few_sentences():
+    entries = _exports.read([RESET])
+    parties = [_contradictions.Party(f"r{number}", f"c{number}", f"c{number}", entries) for number in range(100)]
+    found = _contradictions.problems(parties, {party.name: [party.host] for party in parties})
+    assert len(found) == 3
+    assert any(
+        "c0: multimaster_exports gives the service /reset to r2, r3, r4 and 95 more, and so does that of r1;"
+        in sentence
+        for sentence in found
+    )
+
+
+# Both sides' parameters
+
+
+def test_without_a_declaration_everything_is_exchanged():
+    plan = _plan.plan(fleet())
+    assert plan["flows"] == []
+    assert [master["declared"] for master in plan["masters"]] == [False, False, False]
+    assert both_sides(fleet()) == {robot: (None, [], {}) for robot in MASTER}
+
+
+def test_two_robots_give_to_a_third():
+    """Tibi and car give to dabo; nothing flows between tibi and car, nor from dabo."""
+    model = fleet(
+        tibi=exports({**POSE, "to": ["dabo"]}),
+        car=exports({"topics": ["/scan*"], "services": ["/reset"], "to": ["dabo"]}),
+        dabo=exports(),
+    )
+    assert both_sides(model) == {
+        "tibi": (
+            [{"to": ["192.168.10.100"], "topics": ["/pose", VERIFY], "services": []}],
+            ["*"],
+            {"ignore_subscribers": ["*"], "ignore_hosts": ["dabo-nav", "car"]},
+        ),
+        "car": (
+            [{"to": ["192.168.10.100"], "topics": ["/scan*", VERIFY], "services": ["/reset"]}],
+            ["*"],
+            {"ignore_subscribers": ["*"], "ignore_hosts": ["tibi-visio", "dabo-nav"]},
+        ),
+        "dabo": (
+            [],
+            ["*"],
+            {
+                "ignore_subscribers": ["*"],
+                "tibi-visio": {"sync_topics": ["/pose", VERIFY], "sync_services": []},
+                "car": {"sync_topics": ["/scan*", VERIFY], "sync_services": ["/reset"]},
+            },
+        ),
+    }
+    assert _plan.plan(model)["flows"] == [
+        {"from": ["tibi"], "to": ["dabo"], "topics": ["/pose"], "services": []},
+        {"from": ["car"], "to": ["dabo"], "topics": ["/scan*"], "services": ["/reset"]},
+    ]
+
+
+def test_an_action_flows_in_each_direction():
+    model = fleet(tibi=exports(DOCK), dabo=exports(), car=exports({**POSE, "to": ["tibi"]}))
+    sides = both_sides(model)
+    server, client = ["/dock/status", "/dock/feedback", "/dock/result"], ["/dock/goal", "/dock/cancel"]
+    at_tibi = ["192.168.11.101", "192.168.1.201"]  # a gateway has two addresses
+    assert sides["tibi"][0] == [{"to": ["*"], "topics": [*server, VERIFY], "services": []}]
+    assert sides["dabo"][0] == [{"to": at_tibi, "topics": [*client, VERIFY], "services": []}]
+    assert sides["car"][0] == [
+        {"to": at_tibi, "topics": [*client, VERIFY], "services": []},
+        {"to": at_tibi, "topics": ["/pose", VERIFY], "services": []},
+    ]
+    assert sides["tibi"][2] == {
+        "ignore_subscribers": ["*"],
+        "dabo-nav": {"sync_topics": [*client, VERIFY], "sync_services": []},
+        "car": {"sync_topics": [*client, "/pose", VERIFY], "sync_services": []},
+    }
+    assert sides["dabo"][2] == {
+        "ignore_subscribers": ["*"],
+        "tibi-visio": {"sync_topics": [*server, VERIFY], "sync_services": []},
+        "ignore_hosts": ["car"],
+    }
+    assert _plan.plan(model)["flows"][:2] == [
+        {"from": ["tibi"], "to": ["dabo", "car"], "topics": server, "services": []},
+        {"from": ["dabo", "car"], "to": ["tibi"], "topics": client, "services": []},
+    ]
+
+
+def test_beside_a_declaration_the_others_give_everything_but_subscribers():
+    model = fleet(tibi=exports({**DOCK, "to": ["dabo"]}))
+    assert [master["declared"] for master in _plan.plan(model)["masters"]] == [True, False, False]
+    sides = both_sides(model)
+    assert sides["dabo"][:2] == sides["car"][:2] == (None, ["*"])
+    assert sides["car"][2] == {"ignore_subscribers": ["*"], "ignore_hosts": ["tibi-visio"]}
+    assert sides["tibi"][2] == {"ignore_subscribers": ["*"]}
+    assert [flow["from"] for flow in _plan.plan(model)["flows"]] == [["tibi"]]
+
+
+@pytest.mark.parametrize("name", ["ignore_services", "ignore_subscribers"])
+def test_a_filter_that_leaves_no_publisher_out_leaves_subscribers_in(name):
+    sides = both_sides(fleet(tibi={"filters": {name: ["/x"]}, "exports": None}))
+    assert sides["tibi"] == (None, [], {name: ["/x"]})
+
+
+@pytest.mark.parametrize("name", ["ignore_actions", "ignore_hosts", "ignore_types", "sync_nodes", "sync_services"])
+def test_a_robot_that_filters_takes_and_gives_no_subscribers(name):
+    sides = both_sides(fleet(tibi={"filters": {name: ["/x"]}}))
+    assert sides["tibi"][1] == sides["tibi"][2]["ignore_subscribers"] == ["*"]
+    assert sides["dabo"] == (None, [], {})
+
+
+def test_a_host_of_the_white_list_that_gives_nothing_gives_nothing():
+    sides = both_sides(fleet(tibi=exports(), car={"filters": {"sync_hosts": ["*"]}}))
+    assert sides["car"][2] == {
+        "sync_hosts": ["*"],
+        "ignore_subscribers": ["*"],
+        "ignore_hosts": ["tibi-visio"],
+        "tibi-visio": {"ignore_nodes": ["*"]},
+    }
+
+
+# What the nodes make of it
+
+VERIFYING = "/multimaster_verify/x"
+NAMES = [
+    "/pose",
+    "/scan",
+    "/scan/raw",
+    "/dock/goal",
+    "/dock/status",
+    "/dock/x",
+    "/arm/dock/cancel",
+    "/arm/dock/result",
+    "/reset",
+    "/rosout",
+]
+PATTERNS = [
+    "*",
+    "/*",
+    "/scan*",
+    "/pose",
+    "*/raw",
+    "/DOCK",
+    "/dock",
+    "/*dock",
+    "/arm/dock",
+    "/scan/raw",
+    "/reset",
+    "/r*t",
+]
+FILTERS = {
+    "ignore_topics": ["/pose", "/dock/*", "*"],
+    "ignore_services": ["/reset"],
+    "ignore_hosts": ["tibi*", "car"],
+    "sync_hosts": ["dabo*", "car", "*"],
+}
+some = st.lists(st.sampled_from(PATTERNS), max_size=3).map(tuple)
+
+
+def entries_of(robot):
+    others = st.lists(st.sampled_from([other for other in MASTER if other != robot]), max_size=2, unique=True).map(
+        tuple
+    )
+    return st.none() | st.lists(
+        st.builds(_exports.Export, topics=some, services=some, actions=some, to=others), max_size=3
+    ).map(tuple)
+
+
+def names(patterns, name):
+    """Whether a list of patterns names this: another implementation than the nodes' and the collection's."""
+    return any(fnmatch.fnmatchcase(name.lower(), pattern.lower()) for pattern in patterns)
+
+
+def declared(robots, giver, taker, key, name):
+    """Whether the declarations say so; word by word."""
+
+    def mine(of, other):
+        return [entry for entry in robots[of] if not entry.to or other in entry.to]
+
+    if robots[giver] is None:
+        return True
+    if any(names(getattr(entry, key), name) for entry in mine(giver, taker)):
+        return True
+    action, _slash, part = name.rpartition("/")
+    if key == "services":
+        return False
+    if part in ("status", "feedback", "result"):
+        return any(names(entry.actions, action) for entry in mine(giver, taker))
+    if part in ("goal", "cancel"):
+        return any(names(entry.actions, action) for entry in (mine(taker, giver) if robots[taker] else ()))
+    return False
+
+
+EVERY = [*NAMES, VERIFYING]
+OF_BOTH = dict.fromkeys(EVERY, ("/n", "/import"))
+STATE = graph.build(
+    "http://giver:11311/",
+    "giver",
+    graph.Graph(OF_BOTH, OF_BOTH, dict.fromkeys(EVERY, ("/n",)), dict.fromkeys(EVERY, "a/B")),
+    {"/n": "http://giver:1/", "/import": "http://third:1/"},
+    dict.fromkeys(EVERY, "rosrpc://giver:2"),
+    {("/import", "http://third:1/"): "http://third:11311/"},
+)
+
+
+class Served:
+    """What a master_discovery tells a caller at an address, whose robot has everything, and imports of a third."""
+
+    def __init__(self, policy, address):
+        told = graph.document(*policy.view(STATE, address))
+        self.publishers, self.subscribers, self.services = (dict(part) for part in told[4:7])
+        self.nodes = {node for nodes in self.publishers.values() for node in nodes}
+
+    def has(self, key, name):
+        return name in (self.services if key == "services" else self.publishers)
+
+
+class Taken:
+    """What master_sync with these parameters takes of a master; its rules as the other side applies them."""
+
+    def __init__(self, of_taker, master):
+        taken = filters.Filters(of_taker)
+        self.rules = filters.Rules.from_wire(taken.rules(master).to_wire(False)) if taken.wants_host(master) else None
+
+    def has(self, key, name, publisher=True):
+        if self.rules is None:
+            return False
+        return self.rules.service("/n", name) if key == "services" else self.rules.topic("/n", name, "a/B", publisher)
+
+
+@settings(max_examples=60)
+@given(
+    st.fixed_dictionaries({robot: entries_of(robot) for robot in MASTER}),
+    st.fixed_dictionaries(
+        {
+            robot: st.fixed_dictionaries(
+                {}, optional={key: st.lists(st.sampled_from(values), max_size=2) for key, values in FILTERS.items()}
+            )
+            for robot in MASTER
+        }
+    ),
+)
+def test_both_sides_let_pass_exactly_what_is_declared(robots, filters_of):
+    model = fleet()
+    model = dataclasses.replace(
+        model,
+        robots=tuple(
+            dataclasses.replace(robot, exports=robots[robot.name], filters=filters_of[robot.name])
+            for robot in model.robots
+        ),
+    )
+    computers = _plan.plan(model)["computers"]
+    for giver in MASTER:
+        of_giver, warnings = parameters.overlay(parameters.DISCOVERY, computers[MASTER[giver]]["discovery"])
+        assert not warnings
+        policy = graph.Policy.of(of_giver)
+        for taker in MASTER.keys() - {giver}:
+            of_taker = computers[MASTER[taker]]["sync"]
+            served, taken = Served(policy, ADDRESS[taker]), Taken(of_taker, MASTER[giver])
+            wanted = Taken(filters_of[taker], MASTER[giver])  # the robot's own filters apply beside any declaration
+            for key in ("topics", "services"):
+                for name in NAMES:
+                    expected = declared(robots, giver, taker, key, name)
+                    assert served.has(key, name) == expected
+                    assert taken.has(key, name) == (expected and wanted.has(key, name))
+            flows = robots[giver] is None or giver in _flows.received(model.flows, taker)
+            assert served.has("topics", VERIFYING) == flows
+            assert robots[giver] is None or served.nodes <= {"/n"}  # what it has from others is not its to give
+            if any(entries is not None for entries in robots.values()):
+                assert not served.subscribers
+                assert not any(taken.has("topics", name, publisher=False) for name in NAMES)
+
+
+def test_the_largest_declaration_is_one_that_the_nodes_accept():
+    entry = {
+        "topics": [f"/*{number}*" for number in range(40)],
+        "services": [f"/s{number}*" for number in range(500)],
+    }
+    model = fleet(tibi=exports(entry))
+    assert Taken(both_sides(model)["dabo"][2], "tibi-visio").has("topics", "/x7y")
+    entry = {"actions": [f"/a{number}*" for number in range(166)]}
+    assert Taken(both_sides(fleet(tibi=exports(entry)))["dabo"][2], "tibi-visio").has("topics", "/a7/status")
+
+
+def test_the_plan_of_a_hundred_robots_that_each_export_to_all_stays_small():
+    """Half of a kilobyte for each pair of robots, and each computer gets its hundredth."""
+    robots = {f"r{number}": [f"r{number}-c"] for number in range(100)}
+    variables = {
+        f"r{number}-c": {
+            "multimaster_address": f"10.1.{number}.1",
+            "multimaster_common_network": "10.1.0.0/16",
+            "multimaster_exports": [
+                {"topics": [f"/r{number}/pose", f"/r{number}/scan"], "actions": [f"/r{number}/dock"]}
+            ],
+        }
+        for number in range(100)
+    }
+    plan = _plan.plan(_fleet.read_fleet(_fleet.Inventory(robots=robots, variables=variables)))
+    assert len(json.dumps(plan["flows"])) < 200_000
+    assert len(json.dumps(plan["computers"]["r7-c"])) < 40_000

@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a robot's roscore is found to hold: a roscore and nodes as far as the probe asks them, over real sockets."""
+
+import json
+import os
+import pathlib
+import sys
+import threading
+import time
+import types
+import xmlrpc.server
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe_exchange, _probe_ros, _probe_types
+
+MEMBERS = [
+    {"name": "here", "address": "127.0.0.1", "discovery_address": "", "robot": "one"},
+    {"name": "there", "address": "127.0.0.2", "discovery_address": "127.0.0.3", "robot": "two"},
+    {"name": "behind", "address": "127.0.0.4", "discovery_address": "", "robot": "two"},
+]
+THERE = "http://there:11311/"
+
+
+class Node:
+    """A node as far as its connections go."""
+
+    def __init__(self, *links):
+        self.links = links
+
+    def getBusInfo(self, caller):
+        return 1, "bus info", [list(link) for link in self.links]
+
+
+class Master:
+    """The roscore of robot one: /base and /ear are its own, /planner is of robot two, /dead does not answer."""
+
+    imports = {THERE: {"/planner": "http://127.0.0.2:1/"}}
+
+    def __init__(self):
+        self.uris = {"/planner": "http://127.0.0.2:1/", "/dead": "http://127.0.0.1:1/"}
+
+    def getSystemState(self, caller):
+        publishers = [["/odom", ["/base"]], ["/goal", ["/planner", "/dead"]]]
+        services = [["/plan", ["/planner"]], ["/base/reset", ["/base"]], ["/other_sync/get_sync_info", ["/other_sync"]]]
+        return 1, "", [publishers, [["/goal", ["/base"]], ["/odom", ["/planner"]]], services]
+
+    def getTopicTypes(self, caller):
+        return 1, "", [["/odom", "nav_msgs/Odometry"], ["/goal", "geometry_msgs/Pose"]]
+
+    def getParam(self, caller, name):
+        if self.imports is None:
+            return -1, "not set", 0
+        return 1, "", json.dumps({"node": "/master_sync", "uri": "x", "imports": self.imports})
+
+    def lookupNode(self, caller, node):
+        return (1, "", self.uris[node]) if node in self.uris else (-1, "unknown node", "")
+
+
+# Stands for the Python of ROS.
+PYTHON = """#!/usr/bin/env python3
+import json, sys
+assert "roslib" in open(sys.argv[1]).read()
+asked = json.load(open(sys.argv[2]))
+print("a package that talks when it is imported")
+if asked["types"]:
+    print(json.dumps({"types": {"nav_msgs/Odometry": "cd5e"}}))
+if asked["service"]:
+    print(json.dumps({"service": {asked["service"]: {}, "http://there:11311/": {"/planner": "http://127.0.0.2:1/"}}}))
+"""
+
+
+@pytest.fixture
+def served():
+    """Serve objects over XML-RPC; returns their URIs."""
+    running = []
+
+    def serve(instance):
+        server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
+        server.register_instance(instance)
+        server.register_multicall_functions()
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
+        thread.start()
+        running.append((server, thread))
+        return f"http://127.0.0.1:{server.server_address[1]}/"
+
+    yield serve
+    for server, thread in running:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+@pytest.fixture
+def ros(tmp_path, served):
+    """The ROS of a computer whose roscore and Python are pretended, and the roscore."""
+    tmp_path.chmod(0o755)
+    for folder in tmp_path.parents:
+        if folder.stat().st_uid == os.geteuid() and folder != folder.parent:
+            folder.chmod(folder.stat().st_mode | 0o011)
+    for name, text in (("python", PYTHON), ("rostopic", f"#!{tmp_path}/python\n")):
+        (tmp_path / name).write_text(text)
+        (tmp_path / name).chmod(0o755)
+    master = Master()
+    (tmp_path / "environment").write_text(f"ROS_MASTER_URI={served(master)}\nPATH={tmp_path}:/usr/bin:/bin\n")
+    with _probe_ros.Ros(str(tmp_path / "environment")) as made:
+        yield made, master
+
+
+def looked_at(ros):
+    return _probe_exchange.exchange(ros, MEMBERS, "here")
+
+
+def test_what_is_of_whom(ros, served):
+    made, master = ros
+    master.uris["/base"] = served(Node())
+    found = looked_at(made)
+    assert found["error"] == found["types_error"] == ""
+    assert [(topic["name"], topic["publishers"], topic["subscribers"]) for topic in found["topics"]] == [
+        ("/goal", ["/dead"], ["/base"]),
+        ("/odom", ["/base"], []),
+    ]
+    assert [topic["md5sum"] for topic in found["topics"]] == ["", "cd5e"]
+    assert {"name": "/base/reset", "node": "/base"} in found["services"]
+    assert found["imports"] == [
+        {
+            "master": THERE,
+            "topics": [
+                {"name": "/goal", "type": "geometry_msgs/Pose", "publishers": ["/planner"], "subscribers": []},
+                {"name": "/odom", "type": "nav_msgs/Odometry", "publishers": [], "subscribers": ["/planner"]},
+            ],
+            "services": [{"name": "/plan", "node": "/planner"}],
+        }
+    ]
+
+
+def test_an_own_node_that_took_the_name_of_an_import_is_an_own_one(ros, served):
+    made, master = ros
+    master.uris["/planner"] = served(Node())
+    found = looked_at(made)
+    assert found["imports"] == [] and {"name": "/plan", "node": "/planner"} in found["services"]
+
+
+def test_a_registered_node_that_does_not_answer_is_silent(ros, served):
+    made, master = ros
+    master.uris["/base"] = served(Node())
+    began = time.monotonic()
+    assert looked_at(made)["silent"] == ["/dead"]
+    assert time.monotonic() - began < 20
+
+
+def test_a_node_that_ended_properly_meanwhile_is_not_silent(ros, served):
+    made, master = ros
+    master.uris["/base"] = served(Node())
+    threading.Timer(0.6, master.uris.pop, ["/dead", None]).start()
+    assert looked_at(made)["silent"] == []
+
+
+def test_connections_with_other_robots(ros, served):
+    def end(host):
+        return f"TCPROS connection on port 40433 to [{host}:41233 on socket 9]"
+
+    made, master = ros
+    # /tool is a node of this roscore on the computer of the other robot, as an operator's tool may be
+    master.uris.update({"/other_sync": "http://there:7/"})
+    master.uris["/base"] = served(
+        Node(
+            [1, "http://127.0.0.2:1/", "i", "TCPROS", "/goal", True, end("there")],
+            [2, "http://127.0.0.2:9/", "i", "TCPROS", "/x", True, end("127.0.0.2")],
+            [3, "/ear", "o", "TCPROS", "/odom", True, end("127.0.0.3")],
+            [4, "/dead", "o", "TCPROS", "/odom", True, end("127.0.0.1")],
+            [5, "/other_sync", "o", "TCPROS", "/odom", True, end("127.0.0.2")],
+            [7, "/nowhere", "o", "TCPROS", "/odom", True],  # before kinetic: nobody knows where
+            [6, "http://203.0.113.9:1/", "i", "TCPROS", "/y", True, end("203.0.113.9")],
+        )
+    )
+    found = looked_at(made)["connections"]
+    assert [(link["direction"], link["topic"], link["node"], link["peer"], link["robot"]) for link in found] == [
+        ("in", "/goal", "/base", "/planner", "two"),
+        ("in", "/x", "/base", "http://127.0.0.2:9/", "two"),
+        ("out", "/odom", "/base", "/ear", "two"),
+    ]
+
+
+def test_another_implementation_is_asked_by_its_service(ros):
+    made, master = ros
+    master.imports = None
+    found = looked_at(made)
+    assert [entry["master"] for entry in found["imports"]] == [THERE]
+
+
+def test_without_an_answer_of_it_there_is_a_sentence(ros):
+    made, master = ros
+    master.imports = None
+    path = pathlib.Path(made.file).parent / "python"
+    path.write_text("#!/bin/sh\necho 'ImportError: no rosservice' >&2; exit 1\n")
+    found = looked_at(made)
+    assert "get_sync_info does not tell" in found["error"] and "ImportError" in found["error"]
+    assert found["topics"] == []
+
+
+def test_without_the_python_of_ros_only_the_sums_are_missing(ros):
+    made, _master = ros
+    path = pathlib.Path(made.file).parent / "python"
+    path.write_text("#!/bin/sh\necho 'ImportError: no roslib' >&2; exit 1\n")
+    found = looked_at(made)
+    assert found["error"] == "" and "ImportError" in found["types_error"]
+    assert [topic["md5sum"] for topic in found["topics"]] == ["", ""]
+
+
+def test_a_roscore_that_is_not_there(tmp_path):
+    (tmp_path / "environment").write_text("ROS_MASTER_URI=http://127.0.0.1:1\n")
+    with _probe_ros.Ros(str(tmp_path / "environment")) as made:
+        found = looked_at(made)
+    assert "127.0.0.1:1" in found["error"] and found["topics"] == found["imports"] == []
+
+
+def test_the_program_itself(monkeypatch, capsys, tmp_path):
+    """With the parts of ROS that it asks pretended: one type has a class, one has none, one breaks when it is imported."""
+
+    def message_class(name):
+        if name == "broken/Type":
+            raise SyntaxError
+        return types.SimpleNamespace(_md5sum="992c") if name == "std_msgs/String" else None
+
+    entry = types.SimpleNamespace(node="/planner", nodeuri="http://there:1/")
+    host = types.SimpleNamespace(masteruri=THERE, publisher=[entry], subscriber=[], services=())
+    roslib = types.SimpleNamespace(message=types.SimpleNamespace(get_message_class=message_class))
+    rosservice = types.SimpleNamespace(call_service=lambda name, arguments: (None, types.SimpleNamespace(hosts=[host])))
+    for name, module in (("roslib", roslib), ("roslib.message", roslib.message), ("rosservice", rosservice)):
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(_probe_types.os, "_exit", lambda status: None)
+    questions = tmp_path / "questions.json"
+    questions.write_text(
+        json.dumps({"types": ["std_msgs/String", "none/None", "broken/Type"], "service": "/get_sync_info"})
+    )
+    _probe_types.main(str(questions))
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
+    assert first == {"types": {"std_msgs/String": "992c"}}
+    assert second == {"service": {THERE: {"/planner": "http://there:1/"}}}
