@@ -28,10 +28,15 @@ def md5sums(types):
 
 def registered(service):
     """{URI of a master: {node: URI of the node}} by a get_sync_info, whichever package its type is of."""
-    import rosservice  # noqa: PLC0415 only where it runs as a program
+    import rospy  # noqa: PLC0415 only where it runs as a program
+    import rosservice  # noqa: PLC0415
 
     found = {}
-    for host in rosservice.call_service(service, [])[1].hosts:
+    try:
+        hosts = rosservice.call_service(service, [])[1].hosts
+    finally:
+        rospy.signal_shutdown("asked")  # the call made a node, and the end of main() would leave it registered
+    for host in hosts:
         nodes = found.setdefault(host.masteruri, {})
         for entry in list(host.publisher) + list(host.subscriber) + list(host.services):
             nodes[entry.node] = entry.nodeuri

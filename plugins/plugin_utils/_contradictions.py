@@ -83,6 +83,9 @@ def _never_exchanged(party: Party) -> list[str]:
     ]
 
 
+# A pattern that begins with a name says which nodes are meant; `*` or `/*/reset` is whatever the robot happens to have.
+_NAMING = re.compile(r"/[A-Za-z0-9_].*\*")
+
 _ONE = {
     "services": "since a roscore keeps one provider of a service",
     "actions": "since each goal would reach both",
@@ -98,9 +101,9 @@ def _collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
             for entry in party.exports:
                 for name in getattr(entry, key):
                     givers[name][party.name].append(entry)
-        patterns = {name: re.compile(name.replace("*", ".*"), re.IGNORECASE) for name in givers if "*" in name}
+        patterns = {name: re.compile(name.replace("*", ".*"), re.IGNORECASE) for name in givers if _NAMING.match(name)}
         by_name = {party.name: party for party in parties}
-        for name in givers.keys() - patterns.keys():
+        for name in (name for name in givers if "*" not in name):
             of_name = {robot: list(entries) for robot, entries in givers[name].items()}
             for pattern, compiled in patterns.items():
                 if compiled.fullmatch(name):

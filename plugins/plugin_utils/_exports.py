@@ -65,8 +65,9 @@ class Export:
 
 
 def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:
-    """The topics of actions: those of `parts`."""
-    return tuple(f"{action.rstrip('/')}/{part}" for action in actions for part in parts)
+    """The topics of actions: those of `parts`. In a filter an action is a regular expression, maybe with alternatives."""
+    names = (action.strip().rstrip("/") for action in actions)
+    return tuple(f"(?:{name})/{part}" if "|" in name else f"{name}/{part}" for name in names for part in parts)
 
 
 def matches(pattern: str, name: str) -> bool:

@@ -193,7 +193,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
         answer_broadcast_pings=shared["multimaster_answer_broadcast_pings"],
         advertise=shared["multimaster_advertise"],
         heartbeat_hz=shared["multimaster_heartbeat_hz"],
-        offline_after=shared["multimaster_offline_after"],
+        offline_after=shared.get("multimaster_offline_after", _offline_after(shared["multimaster_heartbeat_hz"])),
     )
 
 
@@ -447,7 +447,7 @@ def _party(
     name: str, hosts: Sequence[str], values: Mapping[str, Mapping[str, Any]], own: Mapping[str, Any]
 ) -> _contradictions.Party:
     """A robot as far as it can be read; what its computers disagree about counts as not set."""
-    declared = {values[host].get("multimaster_exports") for host in hosts}
+    declared = {values[host]["multimaster_exports"] for host in hosts if "multimaster_exports" in values[host]}
     filters = [values[host].get("multimaster_filters", {}) for host in hosts]
     master = own.get("multimaster_master", hosts[0])
     known = master in hosts and "multimaster_roscore_port" in own
@@ -460,15 +460,25 @@ def _party(
     )
 
 
+def _tenths(rate: float) -> int:
+    """A heartbeat carries its rate in whole tenths."""
+    return int(rate * 10)
+
+
+def _offline_after(rate: float) -> float:
+    """The default: two heartbeats at least. Who promises none is asked, and given up after 65 s (discovery_core.py)."""
+    return max(5.0, math.ceil(200 / _tenths(rate)) / 10) if _tenths(rate) else 65.0
+
+
 def _too_few_heartbeats(shared: Mapping[str, Any]) -> list[str]:
-    """Silence is told from a slow rate by two heartbeats at least; a heartbeat carries its rate in whole tenths."""
+    """Silence is told from a slow rate by two heartbeats at least."""
     rate, after = shared.get("multimaster_heartbeat_hz"), shared.get("multimaster_offline_after")
     if rate is None or after is None:
         return []
-    tenths = int(rate * 10)
+    tenths = _tenths(rate)
     if tenths * after >= 20:
         return []
-    longer = f" or multimaster_offline_after to {math.ceil(20 / tenths * 10) / 10:g}" if tenths else ""
+    longer = f" or multimaster_offline_after to {_offline_after(rate):g}" if tenths else ""
     return [
         f"multimaster_heartbeat_hz is {rate:g} and multimaster_offline_after is {after:g}, so a robot promises {tenths * after / 10:.2g} "
         f"heartbeats in that time; expected at least 2: raise multimaster_heartbeat_hz to {math.ceil(20 / after) / 10:g}{longer} "

@@ -67,7 +67,7 @@ def _provided(plan: Mapping[str, Any], info: Mapping[str, Any], found: _provider
     ready = plan["is_master"] and not found.problems
     python = info["ros"]["chosen"]["python"]
     programs = _providers.programs(plan["provider"], python, found.paths) if ready else _providers.NO_PROGRAMS
-    return {"programs": programs, "packages": list(found.packages)}
+    return {"programs": programs, "packages": [] if found.problems else list(found.packages)}
 
 
 def _with_interfaces(plan: Mapping[str, Any], interfaces: Mapping[str, str]) -> dict[str, Any]:

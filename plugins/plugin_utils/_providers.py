@@ -237,7 +237,7 @@ def _exported(robot: Robot, exports: Sequence[Mapping[str, Any]]) -> str:
     shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
     served = f"serves {shown} to every robot alike, and " if names else ""
     return (
-        f"{robot.master.name}: multimaster_exports is declared, but multimaster_provider is '{robot.provider}', which {served}hides the rest only "
+        f"{robot.master.name}: multimaster_exports is declared, but multimaster_provider is '{robot.provider}', which {served}hides what goes to nobody only "
         "from robots that ask as master_sync does; expected a robot that knows who asks: rely on the filters of the other robots of "
         "the inventory, which leave out what is not for them, or set multimaster_provider to 'bundled', which serves nothing else."
     )

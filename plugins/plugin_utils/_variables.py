@@ -271,8 +271,9 @@ VARIABLES = (
         "multimaster_offline_after",
         "fleet",
         _number(float, 3, 3600),
-        5.0,
-        "Seconds after the loss of a robot until its topics and services are withdrawn from the others. They return with it.",
+        None,
+        "Seconds after the loss of a robot until its topics and services are withdrawn from the others. They return with it. "
+        "Default: 5, or the time of two heartbeats where that is longer; 65 below 0.1 heartbeats a second.",
         "30",
     ),
     Variable(

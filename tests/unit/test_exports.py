@@ -248,7 +248,7 @@ WRONG = {
         ["tibi-visio: multimaster_filters has sync_topics, but multimaster_exports of dabo says already"],
     ),
     "too few heartbeats": (
-        {"shared": {"multimaster_heartbeat_hz": 0.35}},
+        {"shared": {"multimaster_heartbeat_hz": 0.35, "multimaster_offline_after": 5}},
         [
             "multimaster_heartbeat_hz is 0.35 and multimaster_offline_after is 5, so a robot promises 1.5 heartbeats in that time; "
             "expected at least 2: raise multimaster_heartbeat_hz to 0.4 or multimaster_offline_after to 6.7 in group_vars/robots.yml."
@@ -289,6 +289,25 @@ def test_computers_of_a_robot_that_disagree_are_named():
     assert "dabo-nav: multimaster_exports is [{topics: [/pose]}], but dabo-visio has [{services: [/reset]}]" in found
 
 
+def test_a_declaration_on_one_computer_is_the_robots_and_is_checked():
+    variables = {
+        host: {
+            "multimaster_address": HOSTS[host][1],
+            "multimaster_common_network": "192.168.1.0/24",
+            **OF_ROBOT["dabo"],
+        }
+        for host in ("dabo-visio", "dabo-nav")
+    }
+    variables["dabo-visio"]["multimaster_exports"] = [{**POSE, "to": ["nobody"]}]
+    with pytest.raises(_fleet.InventoryProblems, match="multimaster_exports is for 'nobody', which is no robot"):
+        _fleet.read_fleet(_fleet.Inventory(robots={"dabo": list(variables)}, variables=variables))
+
+
+@pytest.mark.parametrize(("rate", "after"), [(1, 5), (0.5, 5), (0.4, 5), (0.35, 6.7), (0.1, 20), (0.02, 65)])
+def test_without_a_value_a_slow_rate_is_waited_for(rate, after):
+    assert fleet({"multimaster_heartbeat_hz": rate}).offline_after == after
+
+
 @pytest.mark.parametrize(
     "declared",
     [
@@ -303,6 +322,8 @@ def test_computers_of_a_robot_that_disagree_are_named():
             "dabo": {"filters": {"ignore_nodes": ["/n"], "ignore_types": ["a/B"]}},
         },
         {"shared": {"multimaster_heartbeat_hz": 0.1, "multimaster_offline_after": 20}},
+        {"tibi": exports({"services": ["*"]}), "dabo": exports(RESET)},  # whatever tibi has: hardly the same
+        {"tibi": exports({"actions": ["/*/dock"]}), "dabo": exports({"actions": ["/dabo/dock"]})},
     ],
 )
 def test_what_may_be_meant_is_no_problem(declared):

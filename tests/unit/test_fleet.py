@@ -6,7 +6,7 @@
 import copy
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _fleet, _plan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _exports, _fleet, _plan
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -137,6 +137,10 @@ def test_an_action_in_a_filter_is_its_five_topics():
     }
 
 
+def test_alternatives_of_an_action_are_alternatives_of_each_of_its_topics():
+    assert _exports.topics_of([" /dock|/undock/ ", "/go"], ["goal"]) == ("(?:/dock|/undock)/goal", "/go/goal")
+
+
 @pytest.mark.parametrize("name", ["sync_nodes", "sync_services", "sync_topics"])
 def test_a_white_list_lets_the_verification_pass(name):
     filters = {name: ["/pose"]}
@@ -262,7 +266,7 @@ WRONG = {
         ["kobuki1computer, kobuki2computer: multimaster_offline_after is 1; expected a number from 3 to 3600"],
     ),
     "soon offline at a slow rate": (
-        everywhere(multimaster_heartbeat_hz=0.02),
+        everywhere(multimaster_heartbeat_hz=0.02, multimaster_offline_after=5),
         ["multimaster_heartbeat_hz is 0.02 and multimaster_offline_after is 5, so a robot promises 0 heartbeats"],
     ),
     "relative set-up file": (

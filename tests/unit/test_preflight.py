@@ -370,6 +370,7 @@ def test_a_further_computer_needs_the_messages_alone():
         lambda info: noetic(info, candidates=()), provider="fkie_apt", is_master=False, ports=[], discovery={}
     )
     assert found.problems == () and "have no ros-noetic-fkie-multimaster-msgs" in found.warnings[0]
+    assert found.plan["packages"] == []  # apt would fail half way
 
 
 def test_upstream_runs_on_an_older_python():

@@ -228,9 +228,12 @@ def test_the_program_itself(monkeypatch, capsys, tmp_path):
     host = types.SimpleNamespace(masteruri=THERE, publisher=[entry], subscriber=[], services=())
     roslib = types.SimpleNamespace(message=types.SimpleNamespace(get_message_class=message_class))
     rosservice = types.SimpleNamespace(call_service=lambda name, arguments: (None, types.SimpleNamespace(hosts=[host])))
-    for name, module in (("roslib", roslib), ("roslib.message", roslib.message), ("rosservice", rosservice)):
+    ended = []
+    rospy = types.SimpleNamespace(signal_shutdown=ended.append)
+    pretended = {"roslib": roslib, "roslib.message": roslib.message, "rospy": rospy, "rosservice": rosservice}
+    for name, module in pretended.items():
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr(_probe_types.os, "_exit", lambda status: None)
+    monkeypatch.setattr(_probe_types.os, "_exit", lambda status: ended.append(status))
     questions = tmp_path / "questions.json"
     questions.write_text(
         json.dumps({"types": ["std_msgs/String", "none/None", "broken/Type"], "service": "/get_sync_info"})
@@ -239,3 +242,4 @@ def test_the_program_itself(monkeypatch, capsys, tmp_path):
     first, second = map(json.loads, capsys.readouterr().out.splitlines())
     assert first == {"types": {"std_msgs/String": "992c"}}
     assert second == {"service": {THERE: {"/planner": "http://there:1/"}}}
+    assert ended == ["asked", 0]  # the node of the call is unregistered before the program ends without further ado

@@ -290,7 +290,10 @@ LIMITS = {
         "whose nodes register whatever they find; expected names of nodes and services that are unique",
     ),
     "offline": (None, "multimaster_offline_after is 5 s, .* cannot ask a silent robot; expected to wait 10 s here"),
-    "exports": (None, "which serves /tibi/pose, /tibi/scan\\* to every robot alike, and hides the rest only"),
+    "exports": (
+        None,
+        "which serves /tibi/pose, /tibi/scan\\* to every robot alike, and hides what goes to nobody only",
+    ),
     "computers": (
         None,
         "which tells of the nodes on tibi-laser as remote ones; expected the parameter sync_remote_nodes",

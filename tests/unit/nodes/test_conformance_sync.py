@@ -335,6 +335,25 @@ def test_defect_6_a_node_with_the_name_of_an_own_one_shuts_nobody_down(lab):
     assert names[2][0][0] == "node /talker" and kinds[2] == []
 
 
+def test_defect_6_a_state_that_comes_while_a_round_looks_at_the_roscore_waits_for_the_next(lab):
+    """Nobody has looked yet whether the names in it are free."""
+    lab.roscore.call("registerPublisher", "/talker", "/mine", "std_msgs/String", "http://127.0.0.1:9/")
+    answer, waited = lab.roscore.call, []
+
+    def slow(method, *arguments):
+        found = answer(method, *arguments)
+        if method == "getSystemState" and lab.program.working and not waited:
+            until(lambda: any(remote.state for remote in lab.program.core.remotes.values()))
+            waited.append(True)
+        return found
+
+    lab.roscore.call = slow
+    lab.start()
+    until(lambda: lab.program.refused)
+    assert waited
+    assert [call[2] for call in lab.roscore.made("/talker")] == ["/mine"]
+
+
 def test_defect_7_a_node_on_another_computer_of_the_robot_is_exchanged(lab):
     lab.other.nodes = {"/talker": "http://robot2-arm:40000/"}
     lab.start()

@@ -275,3 +275,36 @@ def test_the_wire_carries_the_rules():
 def test_what_is_no_filter_is_refused(value):
     with pytest.raises(InvalidPattern):
         Rules.from_wire(value)
+
+
+def test_a_name_that_no_pattern_matches_is_ignored_too():
+    assert not Filters({"ignore_hosts": ["*"]}).wants_host("r" * 256)
+
+
+def test_a_pattern_that_others_would_refuse_is_applied_here_alone():
+    """Else a robot with such a filter would get nothing at all from the other one."""
+    costly = "/(front|rear)_(left|right)/camera_[0-9]+/.*"
+    with pytest.raises(InvalidPattern):
+        Pattern.from_wire(Pattern.of([costly]).text)
+    rules = Filters({"ignore_topics": [costly], "ignore_nodes": ["/loud"]}).rules("robot2")
+    there = Rules.from_wire(rules.to_wire(False))
+    assert there.topic("/node", "/front_left/camera_1/image", "x/Y", True)
+    assert not rules.topic("/node", "/front_left/camera_1/image", "x/Y", True)
+    assert not there.topic("/loud", "/map", "x/Y", True)
+
+
+def test_a_white_list_that_others_would_refuse_takes_the_other_white_lists_along():
+    """Without its topics, a white list of nodes would leave out there what is wanted here."""
+    costly = "/(front|rear)_(left|right)/camera_[0-9]+/.*"
+    rules = Filters({"sync_topics": [costly], "sync_nodes": ["/driver"], "sync_services": ["/reset"]}).rules("robot2")
+    there = Rules.from_wire(rules.to_wire(False))
+    for node, topic in (("/node", "/front_left/camera_1/image"), ("/driver", "/map")):
+        assert rules.topic(node, topic, "x/Y", True) and there.topic(node, topic, "x/Y", True)
+    assert there.service("/node", "/reset") and not rules.service("/node", "/other")
+
+
+def test_more_than_others_take_is_applied_here_alone():
+    names = [f"/number_{number}" for number in range(2500)]
+    rules = Filters({"ignore_topics": names, "ignore_services": names}).rules("robot2")
+    assert Rules.from_wire(rules.to_wire(False)) == Rules()
+    assert not rules.topic("/node", "/number_2499", "x/Y", True)

@@ -106,3 +106,24 @@ def test_connections_as_rospy_and_roscpp_describe_them(destination, text, found)
     rows = [[1, destination, "i", "TCPROS", "/chatter", True, text], [2, "/talker", "o"], None]
     assert connections_of(rows, frozenset(TALKER)) == found
     assert connections_of(None, frozenset(TALKER)) == set()
+
+
+def test_addresses_of_hosts_that_are_gone_are_forgotten():
+    losses = Losses()
+    for number in range(10):
+        item = Registration("publisher", "/chatter", "/talker", f"http://host{number}:40000/")
+        losses.registered({item: R2}, VIEW, {item.of: R2})
+        assert losses.to_resolve(float(number)) == [f"host{number}"]
+    assert list(losses._addresses) == ["host9"]
+
+
+def test_a_node_of_a_master_that_is_there_is_never_cut_off():
+    """The robot came back with another ROS_HOSTNAME, and a node has its port again."""
+    losses, again = known(), "http://192.168.1.2:11311/"
+    losses.seen({R2: False}, 10.0)
+    item = Registration("publisher", "/chatter", "/talker", f"http://{ADDRESS}:40000/")
+    losses.registered({item: again}, VIEW, {item.of: again})
+    losses.to_resolve(11.0)
+    losses.resolved(ADDRESS, frozenset([ADDRESS]), 11.0)
+    losses.seen({again: True}, 12.0)
+    assert losses.endpoints() == set()

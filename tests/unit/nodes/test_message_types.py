@@ -152,3 +152,31 @@ def test_an_unknown_type_conflicts_with_nothing(kind):
 def test_services_have_no_type_here():
     service = Wanted(Registration("service", "/add", *TALKER, "rosrpc://robot2:1"), R2, "robot2")
     assert Robot().judge([service], roscore()).wanted == [service]
+
+
+def test_a_topic_that_an_own_node_left_may_come_back_with_another_type():
+    """rviz and the like: the node goes on and shares other topics meanwhile."""
+    other = Registration("publisher", "/other", *TALKER)
+    both, alone = roscore(), roscore(own=None)
+    for view in (both, alone):
+        view.subscribers["/other"] = [OWN[0]]
+        view.node_uris[OWN[0]] = OWN[1]
+    robot, everything = Robot(own=STRING), [want(INT), want("*", other), want(INT, other)]
+    assert robot.settled(everything, both).refused
+    assert not robot.settled(everything, alone).refused
+    robot.own = INT
+    verdict = robot.settled(everything, both)
+    assert not verdict.refused and want(INT) in verdict.wanted
+
+
+def test_a_type_that_changed_unseen_is_found_by_asking_again():
+    robot = Robot(own=STRING)
+    assert robot.settled([want(INT)], roscore()).refused
+    robot.own = INT  # it left the topic and came back between two looks
+    robot.now += AGAIN
+    assert robot.settled([want(INT)], roscore()).wanted == [want(INT)]
+
+
+def test_who_takes_whatever_comes_contradicts_nobody_whatever_the_roscore_still_calls_the_topic():
+    """rosbag: the roscore keeps the type of an import for ever, so this would never end."""
+    assert Robot(own="*").settled([want(INT)], roscore(kind=STRING)).wanted == [want(INT)]

@@ -382,3 +382,10 @@ def test_a_subscriber_whose_own_publishers_are_not_seen_is_told_nothing(filters)
     sync.announced(announced(), 0.0)
     sync.fetched(fetch(sync, 0.1), state(), "", 0.2)
     assert sync.publishers_for(CHATTER._replace(kind="subscriber"), R2, ["http://robot1:1/"]) == []
+
+
+def test_a_master_that_is_no_longer_wanted_under_its_new_name_goes():
+    sync = Sync(Filters({"ignore_hosts": ["other"]}), OWN, "/master_sync", False, False, 0.0)
+    sync.announced(announced(), 0.0)
+    sync.announced(announced(2.0, name="other"), 1.0)
+    assert not sync.remotes

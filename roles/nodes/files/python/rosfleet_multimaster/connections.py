@@ -21,6 +21,7 @@ _NLMSG_ERROR, _NLMSG_DONE = 2, 3
 _LISTEN, _TIME_WAIT, _STATES = 10, 6, 12  # states of TCP, numbered from 1
 _INFO = 2  # the attribute with struct tcp_info; asked for by bit 1
 _INFO_LAST_DATA_RECEIVED = 52  # bytes into it: milliseconds since data came, and then since an acknowledgement came
+_LOWEST = 1024  # ports below it are of ssh and the like, never of a node, whatever a robot says of its nodes
 _MESSAGE = struct.Struct("=BBBB48s20x")  # struct inet_diag_msg
 
 
@@ -52,8 +53,17 @@ def end(connection: Tcp) -> bool:
 
 
 def end_all(wanted: Callable[[Tcp], bool]) -> List[Tcp]:
-    """End all connections that are wanted to end; these. Raises OSError."""
-    return [connection for connection in connections() if wanted(connection) and end(connection)]
+    """End all connections between nodes that are wanted to end; these. Raises OSError where none could be ended."""
+    ended, problem = [], None
+    for connection in connections():
+        if min(connection.local[1], connection.remote[1]) >= _LOWEST and wanted(connection):
+            try:
+                ended += [connection] if end(connection) else []
+            except OSError as refusal:  # the others are none the worse for it
+                problem = refusal
+    if problem is not None and not ended:
+        raise problem
+    return ended
 
 
 def check() -> None:

@@ -81,6 +81,11 @@ class Pattern:
         return _matches(self.text, name)
 
     @cached_property
+    def cheap(self) -> bool:
+        """Whether another computer would accept it."""
+        return len(self.text) <= MAX_TEXT and _cost(_sre.parse(self.text, re.IGNORECASE)) <= MAX_COST
+
+    @cached_property
     def _compiled(self) -> "re.Pattern[str]":
         return _compile(self.text)
 
@@ -238,8 +243,16 @@ class Rules:
         return not self.sync_nodes and not self.sync_services
 
     def to_wire(self, sync_remote_nodes: bool) -> List[Any]:
-        """The list that masterInfoFiltered takes."""
-        return [sync_remote_nodes] + [getattr(self, name).text for name in NAMES]
+        """The list that masterInfoFiltered takes.
+
+        What the other master may refuse as too costly stays here, where all rules are applied again: less is left out there.
+        """
+        costly = {name for name in NAMES if not getattr(self, name).cheap}
+        if sum(len(getattr(self, name).text) for name in NAMES) > MAX_TEXT:
+            costly = set(NAMES)
+        if costly.intersection(WHITE_LISTS):  # one of them without another would admit less
+            costly.update(WHITE_LISTS)
+        return [sync_remote_nodes] + ["" if name in costly else getattr(self, name).text for name in NAMES]
 
     @classmethod
     def from_wire(cls, value: Any) -> "Rules":
@@ -272,6 +285,8 @@ class Filters:
 
     def wants_host(self, host: str) -> bool:
         """Whether a master of this name is synchronised with: `sync_hosts` is a white list, also beside `ignore_hosts`."""
+        if len(host) > MAX_NAME:  # which no pattern matches, so none could ignore it
+            return False
         wanted = self._pattern("sync_hosts", host)
         return wanted.matches(host) if wanted else not self._pattern("ignore_hosts", host).matches(host)
 

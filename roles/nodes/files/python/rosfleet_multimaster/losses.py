@@ -94,6 +94,8 @@ class Losses:
             for host in map(_host, master.nodes)
             if host
         }
+        kept = {_host(node) for master in self._masters.values() for node in master.nodes}
+        self._addresses = {host: found for host, found in self._addresses.items() if host in kept}
         due = [host for host in sorted(hosts) if now - self._addresses.get(host, (-RESOLVE, ()))[0] >= RESOLVE]
         for host in due:
             self._addresses[host] = now, self._addresses.get(host, (now, frozenset()))[1]
@@ -128,10 +130,12 @@ class Losses:
             master.noted |= connections
 
     def endpoints(self) -> Set[Tuple[str, int]]:
-        """The XML-RPC addresses of the nodes of lost masters: what leads there is ended."""
-        return {
-            found for master in self._masters.values() if master.lost is not None for found in self._endpoints(master)
-        }
+        """The XML-RPC addresses of the nodes of lost masters, and of no other one: what leads there is ended."""
+        lost: Set[Tuple[str, int]] = set()
+        there: Set[Tuple[str, int]] = set()  # a robot may come back as another master, with a node at the same port
+        for master in self._masters.values():
+            (there if master.lost is None else lost).update(self._endpoints(master))
+        return lost - there
 
     def _endpoints(self, master: _Master) -> Set[Tuple[str, int]]:
         found = set()

@@ -84,8 +84,10 @@ class Poller:
         graph = graph_of(system, types)
         changed = graph != self._graph
         self._look_up(graph, changed)
-        if changed and self._foreign(graph) and self._state is not None:
-            return self._state  # not sure yet what is from where
+        if changed and self._foreign(graph):
+            if self._state is None:
+                raise OSError("it is not known yet what is from other masters")
+            return self._state
         self._graph = graph
         nodes = set(self._node_uris.items())
         self._origins = {key: origin for key, origin in self._origins.items() if key in nodes}
@@ -317,7 +319,7 @@ class MasterDiscovery:
         """Nodes of a master whose host is not where its name leads cannot be reached either."""
         self.comparing.discard(contact.host)
         problem = misnamed(contact, heard, address, there)
-        if problem:
+        if problem and contact.uri in self.told:  # what is said of others, or of one that has gone, would stay for ever
             self.errors[contact.uri] = problem
             self.limited.say("warning", f"resolve {contact.host}", problem)
         else:
@@ -352,8 +354,8 @@ class MasterDiscovery:
         multicast = self.values["send_mcast"] or self.values["listen_mcast"]
         try:
             self.pinned = resolve(self.interface_name) if self.interface_name else ""
-            self.udp = Udp(group, port, self.pinned, multicast and self.values["listen_mcast"])
             self.own_addresses, self.place = self._addresses()
+            self.udp = Udp(group, port, self.pinned, multicast and self.values["listen_mcast"])
         except OSError as problem:
             self.udp_due = now + REOPEN
             self.status_udp = (
@@ -539,12 +541,13 @@ class MasterDiscovery:
 
     def _view(self, caller: str) -> Tuple[State, List[Rules]]:
         """The state, and by which rules a caller is told of it."""
-        own = caller.startswith("127.") or caller in self.own_addresses
+        if caller.startswith("127.") or caller in self.own_addresses:
+            return self.policy.view(self._current(), None, [])
         try:
             secret = Rules(do_not_sync=Pattern.of(_listed(self.poller.do_not_sync), "/do_not_sync"))
         except InvalidPattern as problem:  # what is secret is not known, so everything is
             raise Refused(str(problem)) from None
-        return self.policy.view(self._current(), None if own else caller, [secret])
+        return self.policy.view(self._current(), caller, [secret])
 
     def _master_info(self, caller: str) -> List[Any]:
         """The state of this master, as far as the caller may see it."""

@@ -7,7 +7,7 @@
 
 import json
 import threading
-from typing import Any, Dict, List, Optional, Set, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
@@ -26,7 +26,7 @@ HEALTH, AWAY_HEALTH = 0.5, 0.1  # seconds between two looks at whether the rosco
 ROUND = 30.0  # seconds between two comparisons of what is wanted with what the roscore holds, if nothing happens
 AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
 QUESTION_TIMEOUT = 2.0  # seconds for what an own node is asked, or another master about its types
-SWEEP = 1.0  # seconds between two looks for connections to lost masters
+SWEEP, SWEEP_AGAIN = 1.0, 0.1  # seconds between two looks for connections to lost masters, and where there were some
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 LINES = 50  # log lines of one round
 
@@ -40,10 +40,10 @@ NOUNS = {"node": "node", "service": "service", "type": "topic"}
 
 
 class Reading:
-    """What the own roscore holds, as far as a round needs it."""
+    """What the own roscore holds, as far as a round needs it: who has the names of what was wanted when it began."""
 
-    def __init__(self, view: View, claims: Claims) -> None:
-        self.view, self.claims = view, claims
+    def __init__(self, wanted: Sequence[Wanted], view: View, claims: Claims) -> None:
+        self.wanted, self.view, self.claims = {item.registration for item in wanted}, view, claims
 
 
 class MasterSync:
@@ -57,8 +57,9 @@ class MasterSync:
         self.updaters = Workers(self.loop, 8)
         self.askers = Workers(self.loop, 4)
         self.enders = Workers(self.loop, 1)  # of connections: never behind what may hang
-        self.services = Workers(self.loop, 2)  # calls of rospy
-        self.master = Workers(self.loop, 1)  # everything that is asked of the own roscore, one after the other
+        self.resolvers = Workers(self.loop, 2)  # name servers know no time limit
+        self.rospy_calls = Workers(self.loop, 2)
+        self.roscore_calls = Workers(self.loop, 1)  # everything that is asked of the own roscore, one after the other
         self.claims: Claims = {}
         self.held: Dict[Registration, str] = {}
         self.refused: Set[Refusal] = set()
@@ -98,6 +99,8 @@ class MasterSync:
         self.claims = _claims(text)
         if self.claims:
             self.log.info("%d nodes of other masters are registered here since before this start", len(self.claims))
+        # Also an empty record tells who keeps it: discovery and the verification then ask nobody else.
+        self.roscore.ask(("setParam", program.IMPORTS, self._record(self.claims)))
         keep = values["resync_on_reconnect_timeout"] if values["resync_on_reconnect"] else None
         self.core = Sync(
             Filters(values),
@@ -127,15 +130,15 @@ class MasterSync:
         if not self.checking and now >= self.health_due:
             self.health_due, self.checking = now + HEALTH, True
             service = self.identity.service
-            self.master.submit(
+            self.roscore_calls.submit(
                 lambda: self.identity.check(service, *self.roscore.ask(*self.identity.calls())), self._checked
             )
         if not self.finding and now >= self.find_due:
             self.find_due, self.finding = now + (ROUND if self.list_service else LIST_FIRST), True
-            self.master.submit(self._find, self._found)
+            self.roscore_calls.submit(self._find, self._found)
         if self.list_service and not self.listing and now >= self.list_due:
             self.list_due, self.listing = now + (LIST if self.listed_once else LIST_FIRST), True
-            self.services.submit(lambda service=self.list_service: ros.list_masters(service), self._listed)
+            self.rospy_calls.submit(lambda service=self.list_service: ros.list_masters(service), self._listed)
         for fetch in self.core.due(now):
             self.fetchers.submit(
                 lambda fetch=fetch: _fetch(fetch, self.core.sync_remote_nodes),
@@ -149,7 +152,7 @@ class MasterSync:
             self.round_due, self.working = None, True
             wanted = self.core.wanted(now)
             claims = dict(self.claims)
-            self.master.submit(lambda: self._read(wanted, claims), self._read_done)
+            self.roscore_calls.submit(lambda: self._read(wanted, claims), self._read_done)
         # Of what is under way, the end wakes the loop.
         due = [now + ROUND]
         due += [self.health_due] if not self.checking else []
@@ -219,12 +222,16 @@ class MasterSync:
             self.list_service = ""
             self.limited.say("warning", "list", f"master_discovery does not list the masters: {problem}")
             return
-        now, before = monotonic(), len(self.core.remotes)
+        now, before = monotonic(), self._online()
         self.core.listed(masters, now)
         self._look_for_losses(now)
-        if not self.listed_once or len(self.core.remotes) != before:
+        if not self.listed_once or self._online() != before:
             self._round(now)
         self.listed_once = True
+
+    def _online(self) -> Dict[str, bool]:
+        """URI of a master -> whether it is online."""
+        return {uri: remote.announced.online for uri, remote in self.core.remotes.items()}
 
     def _announced(self, change: str, master: Announced) -> None:
         """A message of `~changes`."""
@@ -277,7 +284,7 @@ class MasterSync:
         )
         node_uris = {node: uri for node, uri in zip(nodes, answers) if isinstance(uri, str)}
         service_uris = {name: uri for name, uri in zip(names, answers[len(nodes) :]) if isinstance(uri, str)}
-        return Reading(View(publishers, subscribers, services, dict(types), node_uris, service_uris), claims)
+        return Reading(wanted, View(publishers, subscribers, services, dict(types), node_uris, service_uris), claims)
 
     def _read_done(self, reading: Optional[Reading], problem: Optional[Exception]) -> None:
         if reading is None:
@@ -285,6 +292,8 @@ class MasterSync:
             return
         now, view = monotonic(), reading.view
         wanted = [] if self.ending else self.core.wanted(now, view.own_nodes(reading.claims))
+        # What came meanwhile is for the next round: nobody has looked whether its name is free.
+        wanted = [item for item in wanted if item.registration in reading.wanted]
         if not self.ending and (now - self.started < LEFTOVERS or not self.listed_once):
             wanted += self._leftovers(reading)
         verdict = self.guard.judge(wanted, view, reading.claims, self.core.stamps(), now)
@@ -299,7 +308,7 @@ class MasterSync:
         before = view.registrations(reading.claims)
         # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
         self.held = {**{item: reading.claims[item.of] for item in before}, **todo.held}
-        self.master.submit(
+        self.roscore_calls.submit(
             lambda: self._write(todo, reading.claims),
             lambda results, why: self._written(todo, reading.claims, results, why),
         )
@@ -423,7 +432,7 @@ class MasterSync:
         self.losses = Losses()
 
     def _resolve(self, host: str) -> None:
-        self.askers.submit(
+        self.resolvers.submit(
             lambda: connections.addresses_of(host),
             lambda found, _problem: self.losses and found and self.losses.resolved(host, found, monotonic()),
         )
@@ -431,7 +440,7 @@ class MasterSync:
     def _look_for_losses(self, now: float) -> None:
         if self.losses is None:
             return
-        looks, endings = self.losses.seen({uri: it.announced.online for uri, it in self.core.remotes.items()}, now)
+        looks, endings = self.losses.seen(self._online(), now)
         for look in looks:
             self.sweep_due = now
             for _name, uri in look.nodes:
@@ -449,6 +458,8 @@ class MasterSync:
 
         def done(ended: Optional[List[connections.Tcp]], problem: Optional[Exception]) -> None:
             self.sweeping = False
+            if ended:  # the roscore may have a queue of what leads there
+                self.sweep_due = monotonic() + SWEEP_AGAIN
             self._ended_connections(ended, problem)
 
         self.enders.submit(lambda: connections.end_all(lambda found: found.remote in endpoints), done)
@@ -533,7 +544,7 @@ class MasterSync:
     def _withdraw(self) -> None:
         self.working = True
         claims = dict(self.claims)
-        self.master.submit(lambda: self._read([], claims), self._read_done)
+        self.roscore_calls.submit(lambda: self._read([], claims), self._read_done)
 
     def _withdrawn(self, problem: Optional[Exception]) -> None:
         if self.held and problem is None:  # the round that was under way registered something
@@ -542,7 +553,7 @@ class MasterSync:
         self.farewell = (
             "withdrawn" if problem is None else f"nothing is withdrawn, the roscore does not answer: {problem}"
         )
-        self.master.submit(
+        self.roscore_calls.submit(
             lambda: problem is None and self.roscore.ask(("deleteParam", program.IMPORTS)),
             lambda *_result: self.loop.stop(),
         )

@@ -28,7 +28,7 @@ from typing import (
 from .sync_core import UNKNOWN_TYPES, NodeKey, Refusal, View, Wanted
 
 MOST = 500  # types of one question
-AGAIN = 60.0  # seconds after which whoever did not answer is asked again
+AGAIN = 60.0  # seconds after an answer, or none, until the same is asked again: nothing tells that it would be another
 Key = TypeVar("Key")
 
 
@@ -49,7 +49,7 @@ class Verdict(NamedTuple):
 
 
 class _Book(Generic[Key]):
-    """Who was asked for what, and the answers. Nobody is asked twice for the same."""
+    """Who was asked for what, and the answers."""
 
     def __init__(self) -> None:
         self.answers: Dict[Key, Mapping[str, str]] = {}
@@ -61,7 +61,12 @@ class _Book(Generic[Key]):
     def to_ask(self, key: Key, names: FrozenSet[str], stamp: float, now: float) -> bool:
         """Whether to ask for these names now: they are new, or the stamp is; then the question is open."""
         asked, before, until = self._asked.get(key, (frozenset(), stamp, -math.inf))
-        if key in self._open or (names <= asked and stamp == before and now < until):
+        if key in self._open:
+            return False
+        if key in self.answers:  # what has left may come back as something else
+            self.answers[key] = {name: said for name, said in self.answers[key].items() if name in names}
+        if names <= asked and stamp == before and now < until:
+            self._asked[key] = names, before, until
             return False
         self._asked[key] = names, stamp, math.inf
         self._open.add(key)
@@ -72,11 +77,11 @@ class _Book(Generic[Key]):
         return key in self._open and name not in self.answers.get(key, ())
 
     def answer(self, key: Key, answer: Optional[Mapping[str, str]], now: float) -> None:
-        """The answer, or None where there is none: then the earlier one counts, for a while."""
+        """The answer, or None where there is none: then the earlier one counts."""
         self._open.discard(key)
         if answer is not None:
             self.answers[key] = answer
-        elif key in self._asked:
+        if key in self._asked:
             self._asked[key] = (*self._asked[key][:2], now + AGAIN)
 
     def keep(self, keys: Iterable[Key]) -> None:
@@ -166,9 +171,7 @@ class TypeGuard:
             there.setdefault((item.registration.name, item.master), []).append(item)
         found = {}
         for (topic, master), items in there.items():
-            here = named.get(topic) or (
-                {} if self._silent(topic, users[topic], view) else _said(topic, users[topic], view)
-            )
+            here = named.get(topic) or self._said(topic, users[topic], view)
             if not here:
                 continue
             kind, nodes = items[0].type, ", ".join(sorted({item.registration.node for item in items})[:3])
@@ -180,6 +183,14 @@ class TypeGuard:
                 sides = f"{kind} with the md5 sum {theirs} (of {nodes})", f"{kind} with {ours} (of {here[kind]})"
                 found[topic, master] = sides
         return found
+
+    def _said(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
+        """What the roscore says, where no own node says anything; one that takes whatever comes contradicts nobody."""
+        answers = (self._nodes.answers.get((node, view.node_uris.get(node, "")), {}) for node in users)
+        kind = view.types.get(topic, "")
+        if kind in UNKNOWN_TYPES or self._silent(topic, users, view) or any(topic in answer for answer in answers):
+            return {}
+        return {kind: users[0]}
 
     def _waits(self, item: Wanted, users: Sequence[str], named: Mapping[str, str], view: View) -> bool:
         if self._silent(item.registration.name, users, view):
@@ -213,9 +224,3 @@ def _by_master(shared: Sequence[Wanted], named: Mapping[str, Mapping[str, str]])
         if item.type in named.get(item.registration.name, {}):
             found.setdefault(item.master_uri, set()).add(item.type)
     return {master: frozenset(sorted(types)[:MOST]) for master, types in found.items()}
-
-
-def _said(topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
-    """What the roscore says, where no own node does."""
-    kind = view.types.get(topic, "")
-    return {} if kind in UNKNOWN_TYPES else {kind: users[0]}

@@ -85,6 +85,7 @@ def md5sum(type_name: str) -> Optional[str]:
 
 
 def _time(seconds: float) -> Any:
+    seconds = max(seconds, 0.0)  # ROS has no earlier ones, whatever the clock says
     whole = int(seconds)
     return genpy.Time(whole, int((seconds - whole) * 1e9))
 

@@ -317,6 +317,7 @@ class Sync:
     def announced(self, master: Announced, now: float) -> None:
         """Discovery says that a master is there, or changed."""
         if master.uri == self.own_uri or not self.filters.wants_host(master.name):
+            self.remotes.pop(master.uri, None)  # it may have been wanted under another name
             return
         remote = self.remotes.get(master.uri)
         if remote is None:
