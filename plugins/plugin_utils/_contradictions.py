@@ -79,7 +79,7 @@ def _never_exchanged(party: Party) -> list[str]:
         f"{party.host}: multimaster_exports has the {KINDS[key]} {name}, which is never exchanged, since it belongs to the "
         f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in group_vars/{party.name}.yml."
         for key, name in dict.fromkeys(named for entry in party.exports for named in entry.names())
-        if any(matches(never, name) for never in NEVER.get(key, ()))
+        if any(matches(never, name) for never in NEVER.get(f"ignore_{key}", ()))
     ]
 
 

@@ -16,32 +16,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _exports
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exports import NEVER
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._flows import VERIFICATION_TOPICS
 
 TEST_NODES = "/multimaster_verify_"  # how the verification's own nodes begin
 
-# What no implementation of master_sync exchanges.
-NEVER: Mapping[str, Sequence[str]] = {
-    "ignore_nodes": (
-        "/rosout",
-        "/master_discovery",
-        "/master_sync",
-        "/node_manager",
-        "/node_manager_daemon",
-        "/zeroconf",
-        "/param_sync",
-    ),
-    "ignore_topics": _exports.NEVER["topics"],
-    "ignore_services": _exports.NEVER["services"],
-    "ignore_type": (
-        "bond/Status",
-        "fkie_multimaster_msgs/SyncTopicInfo",
-        "fkie_multimaster_msgs/SyncServiceInfo",
-        "fkie_multimaster_msgs/SyncMasterInfo",
-        "fkie_multimaster_msgs/MasterState",
-    ),
-}
 UNKNOWN_TYPES = ("", "*", "None")
 
 

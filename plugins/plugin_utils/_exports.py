@@ -25,15 +25,31 @@ FROM_CLIENT = ("goal", "cancel")
 FROM_SERVER = ("status", "feedback", "result")
 
 # The nodes' built-in lists (filters.py): what belongs to the roscore and to the exchange itself.
-NEVER = {
-    "topics": ("/rosout", "/rosout_agg", "/master_discovery/*", "/master_sync/*", "/zeroconf/*"),
-    "services": (
+NEVER: Mapping[str, Sequence[str]] = {
+    "ignore_nodes": (
+        "/rosout",
+        "/master_discovery",
+        "/master_sync",
+        "/node_manager",
+        "/node_manager_daemon",
+        "/zeroconf",
+        "/param_sync",
+    ),
+    "ignore_topics": ("/rosout", "/rosout_agg", "/master_discovery/*", "/master_sync/*", "/zeroconf/*"),
+    "ignore_services": (
         "/*get_loggers",
         "/*set_logger_level",
         "/master_discovery/*",
         "/master_sync/*",
         "/node_manager_daemon/*",
         "/zeroconf/*",
+    ),
+    "ignore_type": (
+        "bond/Status",
+        "fkie_multimaster_msgs/SyncTopicInfo",
+        "fkie_multimaster_msgs/SyncServiceInfo",
+        "fkie_multimaster_msgs/SyncMasterInfo",
+        "fkie_multimaster_msgs/MasterState",
     ),
 }
 

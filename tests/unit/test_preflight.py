@@ -363,7 +363,7 @@ def test_debians_ros_has_no_packages_of_upstream():
 
 
 def test_a_further_computer_needs_the_messages_alone():
-    found = compare(lambda info: noetic(info), provider="fkie_apt", is_master=False, ports=[], discovery={})
+    found = compare(noetic, provider="fkie_apt", is_master=False, ports=[], discovery={})
     assert (found.problems, found.plan["packages"]) == ((), ["ros-noetic-fkie-multimaster-msgs"])
     assert found.plan["programs"] == _providers.NO_PROGRAMS
     found = compare(

@@ -233,7 +233,7 @@ def test_the_program_itself(monkeypatch, capsys, tmp_path):
     pretended = {"roslib": roslib, "roslib.message": roslib.message, "rospy": rospy, "rosservice": rosservice}
     for name, module in pretended.items():
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr(_probe_types.os, "_exit", lambda status: ended.append(status))
+    monkeypatch.setattr(_probe_types.os, "_exit", ended.append)
     questions = tmp_path / "questions.json"
     questions.write_text(
         json.dumps({"types": ["std_msgs/String", "none/None", "broken/Type"], "service": "/get_sync_info"})

@@ -7,8 +7,10 @@ Without it, multimaster_fkie needs a method that went with Python 3.9.
 """
 
 import json
+import socket
 import subprocess
-from socket import AF_INET as AF_INET
+
+AF_INET = socket.AF_INET
 
 
 def _links():

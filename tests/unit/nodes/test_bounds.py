@@ -52,7 +52,8 @@ def test_a_loop_that_is_behind_is_not_buried(running):
     gate, done = threading.Event(), []
     running.loop.post(gate.wait)
     posting = [
-        threading.Thread(target=lambda: [running.loop.post(done.append, 1) for _count in range(2000)]) for _ in range(4)
+        threading.Thread(target=lambda: [running.loop.post(done.append, 1) for _count in range(2000)])
+        for _thread in range(4)
     ]
     for thread in posting:
         thread.start()

@@ -77,8 +77,8 @@ SERVICES = {"/add": "rosrpc://inner:5000", "/far/add": "rosrpc://robot2:5000"}
 ORIGINS = {("/far", URIS["/far"]): CONTACT.uri}
 
 
-def state(system=None, types=TYPES, uris=None, origins=None):
-    graph = graph_of(SYSTEM if system is None else system, types)
+def state(system=None, types=None, uris=None, origins=None):
+    graph = graph_of(SYSTEM if system is None else system, TYPES if types is None else types)
     return build(
         URI, "robot1", graph, URIS if uris is None else uris, SERVICES, ORIGINS if origins is None else origins
     )

@@ -218,7 +218,7 @@ def _lab(monkeypatch, tmp_path):
 # The checklist
 
 
-def test_check_B1_the_service_that_discovery_asks_ends_with_get_sync_info():
+def test_16_b1_the_service_that_discovery_asks_ends_with_get_sync_info():
     tree = ast.parse((FOLDER / "ros.py").read_text(encoding="utf-8"))
     calls = [
         node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "Service"
@@ -227,7 +227,7 @@ def test_check_B1_the_service_that_discovery_asks_ends_with_get_sync_info():
     assert "~get_sync_info" in names  # rospy makes its URI from ROS_HOSTNAME, as the roscore does
 
 
-def test_check_B2_registrations_are_reported_and_claimed_before_the_roscore_has_them(lab):
+def test_16_b2_registrations_are_reported_and_claimed_before_the_roscore_has_them(lab):
     seen = []
 
     def before(method, arguments):
@@ -241,7 +241,7 @@ def test_check_B2_registrations_are_reported_and_claimed_before_the_roscore_has_
     assert seen == [(True, True)]
 
 
-def test_check_B3_the_callers_are_the_remote_nodes_and_only_the_own_roscore_is_called(lab):
+def test_16_b3_the_callers_are_the_remote_nodes_and_only_the_own_roscore_is_called(lab):
     lab.other.subscribers = {"/heard": ["/hearer"]}
     lab.start()
     until(lambda: lab.has("Subscriber", "/heard", "/hearer"))
@@ -251,7 +251,7 @@ def test_check_B3_the_callers_are_the_remote_nodes_and_only_the_own_roscore_is_c
     assert lab.other.roscore_calls == {}
 
 
-def test_check_B4_an_imported_subscriber_is_told_who_publishes_by_the_name_master(lab):
+def test_16_b4_an_imported_subscriber_is_told_who_publishes_by_the_name_master(lab):
     lab.roscore.call("registerPublisher", "/own", "/heard", "std_msgs/String", "http://127.0.0.1:9/")
     lab.other.subscribers = {"/heard": ["/hearer"]}
     lab.start()
@@ -259,7 +259,7 @@ def test_check_B4_an_imported_subscriber_is_told_who_publishes_by_the_name_maste
     assert lab.other.updates == [("/master", "/heard", ["http://127.0.0.1:9/"])]
 
 
-def test_check_C_discovery_is_known_by_the_end_of_its_type_and_of_its_services_name(lab):
+def test_16_c_discovery_is_known_by_the_end_of_its_type_and_of_its_services_name(lab):
     for table in lab.roscore.tables.values():
         table.clear()
     lab.roscore.call("registerPublisher", "/zeroconf", "/zeroconf/news", "old_msgs/MasterState", "http://own:2/")
@@ -272,7 +272,7 @@ def test_check_C_discovery_is_known_by_the_end_of_its_type_and_of_its_services_n
 # The defects
 
 
-def test_defect_3_a_fault_instead_of_a_state_changes_nothing(lab):
+def test_15_3_a_fault_instead_of_a_state_changes_nothing(lab):
     lab.start()
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
     lab.other.fault, lab.other.publishers, count = True, {}, len(lab.other.asked)
@@ -283,7 +283,7 @@ def test_defect_3_a_fault_instead_of_a_state_changes_nothing(lab):
     until(lambda: not lab.has("Publisher", "/chatter", "/talker"))
 
 
-def test_defect_4_what_the_roscore_did_not_take_is_tried_again_at_once(lab):
+def test_15_4_what_the_roscore_did_not_take_is_tried_again_at_once(lab):
     lab.roscore.fail = 2
     started = time.monotonic()
     lab.start()
@@ -291,7 +291,7 @@ def test_defect_4_what_the_roscore_did_not_take_is_tried_again_at_once(lab):
     assert time.monotonic() - started < 5 and lab.roscore.fail == 0
 
 
-def test_defect_4_what_the_roscore_has_lost_is_registered_again(lab):
+def test_15_4_what_the_roscore_has_lost_is_registered_again(lab):
     lab.start()
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
     lab.roscore.tables["Publisher"]["/chatter"].clear()
@@ -299,7 +299,7 @@ def test_defect_4_what_the_roscore_has_lost_is_registered_again(lab):
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
 
 
-def test_defect_5_a_change_registers_only_the_difference(lab):
+def test_15_5_a_change_registers_only_the_difference(lab):
     lab.other.subscribers = {"/heard": ["/hearer"]}
     lab.start()
     until(lambda: lab.has("Subscriber", "/heard", "/hearer"))
@@ -310,7 +310,7 @@ def test_defect_5_a_change_registers_only_the_difference(lab):
     assert [call[2] for call in lab.roscore.calls[before:]] == ["/more"]
 
 
-def test_defect_5_a_subscriber_that_hangs_delays_no_other(lab):
+def test_15_5_a_subscriber_that_hangs_delays_no_other(lab):
     release = threading.Event()
     server, uri = serve({"publisherUpdate": lambda *call: release.wait(10) and [1, "", 0]})
     for name in ("/heard", "/later"):
@@ -325,7 +325,7 @@ def test_defect_5_a_subscriber_that_hangs_delays_no_other(lab):
     server.stop()
 
 
-def test_defect_6_a_node_with_the_name_of_an_own_one_shuts_nobody_down(lab):
+def test_15_6_a_node_with_the_name_of_an_own_one_shuts_nobody_down(lab):
     lab.roscore.call("registerPublisher", "/talker", "/own_topic", "std_msgs/String", "http://own:3/")
     lab.start()
     until(lambda: lab.nodes[0].diagnoses)
@@ -335,7 +335,7 @@ def test_defect_6_a_node_with_the_name_of_an_own_one_shuts_nobody_down(lab):
     assert names[2][0][0] == "node /talker" and kinds[2] == []
 
 
-def test_defect_6_a_state_that_comes_while_a_round_looks_at_the_roscore_waits_for_the_next(lab):
+def test_15_6_a_state_that_comes_while_a_round_looks_at_the_roscore_waits_for_the_next(lab):
     """Nobody has looked yet whether the names in it are free."""
     lab.roscore.call("registerPublisher", "/talker", "/mine", "std_msgs/String", "http://127.0.0.1:9/")
     answer, waited = lab.roscore.call, []
@@ -354,14 +354,14 @@ def test_defect_6_a_state_that_comes_while_a_round_looks_at_the_roscore_waits_fo
     assert [call[2] for call in lab.roscore.made("/talker")] == ["/mine"]
 
 
-def test_defect_7_a_node_on_another_computer_of_the_robot_is_exchanged(lab):
+def test_15_7_a_node_on_another_computer_of_the_robot_is_exchanged(lab):
     lab.other.nodes = {"/talker": "http://robot2-arm:40000/"}
     lab.start()
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
     assert lab.roscore.nodes["/talker"] == "http://robot2-arm:40000/"
 
 
-def test_defect_8_what_is_registered_is_recorded_where_a_dead_master_sync_cannot_take_it_along(lab):
+def test_15_8_what_is_registered_is_recorded_where_a_dead_master_sync_cannot_take_it_along(lab):
     lab.start()
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
     assert lab.other.uri in lab.roscore.parameters[program.IMPORTS]
@@ -381,7 +381,7 @@ def fetched(core, publishers):
     return core
 
 
-def test_defect_9_masters_of_one_name_do_not_take_each_other_away():
+def test_15_9_masters_of_one_name_do_not_take_each_other_away():
     core = fetched(sync(), {"/chatter": ("/talker",)})
     core.announced(Announced("robot2", "http://robot2b:11311/", "http://robot2b:11611", DISCOVERY, 1.0, 1.0, True), 2.0)
     core.removed("http://robot2b:11311/")
@@ -391,7 +391,7 @@ def test_defect_9_masters_of_one_name_do_not_take_each_other_away():
     assert core.wanted(3.0 + MISSING / 2)
 
 
-def test_defect_10_and_13_no_wall_clock_and_no_process_wide_time_limit():
+def test_15_10_and_13_no_wall_clock_and_no_process_wide_time_limit():
     for name in ("sync_core", "message_types", "losses", "master_sync", "program", "connections"):
         text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
         assert "time.time" not in text and "setdefaulttimeout" not in text
@@ -399,7 +399,7 @@ def test_defect_10_and_13_no_wall_clock_and_no_process_wide_time_limit():
     assert text.count("wall_clock()") == 1  # the stamp of /diagnostics
 
 
-def test_defect_14_filters_are_parameters_and_no_yaml_file_is_loaded():
+def test_15_14_filters_are_parameters_and_no_yaml_file_is_loaded():
     _values, warnings = parameters.overlay(parameters.SYNC, {"interface_url": "file:///x.yaml"})
     assert warnings == ["~interface_url has no effect: filters are parameters here: give the lists themselves"]
     assert not any("import yaml" in path.read_text(encoding="utf-8") for path in FOLDER.glob("*.py"))
@@ -408,13 +408,13 @@ def test_defect_14_filters_are_parameters_and_no_yaml_file_is_loaded():
 @pytest.mark.parametrize(
     "values", [{"ignore_topics": {"robot2": "/chatter"}}, {"robot2": {"ignore_topics": "/chatter"}}]
 )
-def test_defect_15_a_single_pattern_for_one_host_is_one_pattern(values):
+def test_15_15_a_single_pattern_for_one_host_is_one_pattern(values):
     rules = Filters(values).rules("ROBOT2")
     assert not rules.topic("/n", "/chatter", "a/B", True)
     assert rules.topic("/n", "/c", "a/B", True)
 
 
-def test_defect_16_on_demand_releases_what_nobody_wants_any_more():
+def test_15_16_on_demand_releases_what_nobody_wants_any_more():
     core = fetched(sync(on_demand=True), {"/chatter": ("/talker",), "/map": ("/talker",)})
     assert [item.registration.name for item in core.wanted(2.0, ["/chatter"])] == ["/chatter"]
     assert core.wanted(2.0, []) == []

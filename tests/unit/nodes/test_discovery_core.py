@@ -335,7 +335,7 @@ def flooded(core, seconds, senders, meet, begin=20.0):
 
 def every_time_others(chance):
     return lambda step: [
-        (f"10.{chance.randrange(256)}.{chance.randrange(256)}.7", chance.randrange(1, 65536)) for _ in "12345"
+        (f"10.{chance.randrange(256)}.{chance.randrange(256)}.7", chance.randrange(1, 65536)) for _sender in "12345"
     ]
 
 

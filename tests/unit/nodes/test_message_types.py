@@ -38,8 +38,8 @@ class Robot:
         self.guard, self.own, self.here, self.there = TypeGuard(), own, here, there
         self.asked, self.now = [], 0.0
 
-    def judge(self, wanted, view, claims=None, stamps=STAMPS, answer=True):
-        verdict = self.guard.judge(wanted, view, claims or {}, stamps, self.now)
+    def judge(self, wanted, view, claims=None, stamps=None, answer=True):
+        verdict = self.guard.judge(wanted, view, claims or {}, stamps or STAMPS, self.now)
         self.asked += verdict.questions
         for question in verdict.questions if answer else ():
             if question.node:
@@ -49,7 +49,7 @@ class Robot:
                 self.guard.told_by_master(question.master, sums, dict.fromkeys(question.types, self.here), self.now)
         return verdict
 
-    def settled(self, wanted, view, claims=None, stamps=STAMPS):
+    def settled(self, wanted, view, claims=None, stamps=None):
         while self.judge(wanted, view, claims, stamps).questions:
             pass
         return self.judge(wanted, view, claims, stamps)
