@@ -6,10 +6,10 @@
 import pathlib
 import sys
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _variables
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import variables
 
 README = pathlib.Path(__file__).parent.parent / "README.md"
-BEGIN = "<!-- variables: generated from plugins/plugin_utils/_variables.py by `make readme` -->\n"
+BEGIN = "<!-- variables: generated from plugins/plugin_utils/_fleet/variables.py by `make readme` -->\n"
 END = "<!-- end of variables -->\n"
 
 
@@ -17,7 +17,7 @@ def with_table(text: str) -> str:
     """The README with the current table between its two marks."""
     head, _begin, rest = text.partition(BEGIN)
     _old, _end, tail = rest.partition(END)
-    return f"{head}{BEGIN}\n{_variables.markdown_table()}\n{END}{tail}"
+    return f"{head}{BEGIN}\n{variables.markdown_table()}\n{END}{tail}"
 
 
 def main() -> int:
@@ -26,7 +26,7 @@ def main() -> int:
     if "--check" in sys.argv[1:]:
         if before != after:
             print(
-                "README.md: the table of variables is not the one of plugins/plugin_utils/_variables.py; run `make readme`."
+                "README.md: the table of variables is not the one of plugins/plugin_utils/_fleet/variables.py; run `make readme`."
             )
         return int(before != after)
     README.write_text(after, encoding="utf-8")

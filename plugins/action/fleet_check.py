@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _preflight
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._sentences import numbered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
 
 
 class ActionModule(ActionBase):
@@ -18,7 +18,7 @@ class ActionModule(ActionBase):
 
     def run(self, tmp=None, task_vars=None):
         result = super().run(tmp, task_vars)
-        comparison = _preflight.compare(self._task.args["plan"], self._task.args["machine"])
+        comparison = preflight.compare(self._task.args["plan"], self._task.args["machine"])
         result.update(
             changed=False,
             problems=list(comparison.problems),

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from ansible.errors import AnsibleError
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _fleet, _plan, _variables
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._sentences import numbered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet, variables
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 
 
 class ActionModule(ActionBase):
@@ -24,8 +25,8 @@ class ActionModule(ActionBase):
             inventory = read_inventory(
                 task_vars, self._task.args.get("group", "robots"), self._task.args.get("router_group", "routers")
             )
-            plan = _plan.plan(_fleet.read_fleet(inventory))
-        except _fleet.InventoryProblems as found:
+            plan = plan_module.plan(fleet.read_fleet(inventory))
+        except fleet.InventoryProblems as found:
             result.update(failed=True, problems=found.problems, msg=numbered(found.problems))
             return result
         count = len(plan["members"])
@@ -57,7 +58,7 @@ def read_inventory(task_vars, group, router_group):
     members = [] if root is None else [str(host.name) for host in root.get_hosts()]
     of_router = hostvars._inventory.groups.get(router_group)
     routers = [] if of_router is None else [str(host.name) for host in of_router.get_hosts()]
-    return _fleet.Inventory(
+    return fleet.Inventory(
         robots=robots,
         variables={host: _variables_of(host, hostvars[host]) for host in (*hosts, *routers)},
         strays=[host for host in members if host not in hosts],
@@ -68,11 +69,11 @@ def read_inventory(task_vars, group, router_group):
 def _variables_of(host, hostvars):
     values = {}
     for name in hostvars:
-        if name.startswith(_variables.PREFIX) and name not in _variables.RESERVED:
+        if name.startswith(variables.PREFIX) and name not in variables.RESERVED:
             try:
                 values[str(name)] = hostvars[name]
             except AnsibleError as problem:
-                raise _fleet.InventoryProblems(
+                raise fleet.InventoryProblems(
                     [f"{host}: {name} cannot be computed ({problem}); expected a value: correct it in the inventory."]
                 ) from problem
     return values

@@ -11,7 +11,7 @@ import tempfile
 
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _checks, _report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import checks, report
 
 OPTIONS = ("fleet", "multicast", "probe", "earlier", "path")
 
@@ -31,26 +31,26 @@ class ActionModule(ActionBase):
             for host in task_vars["ansible_play_hosts_all"]
             if host in fleet["computers"]
         }
-        findings = _checks.evaluate(fleet, observations)
+        findings = checks.evaluate(fleet, observations)
         if path:
             findings = list(findings)  # all of them, not only those that are not ok
-        summary = _report.summarise(
+        summary = report.summarise(
             findings, [host for host in fleet["computers"] if host in observations], len(fleet["computers"])
         )
         if path:
             try:
-                write(path, _report.document(summary, findings))
+                write(path, report.document(summary, findings))
             except OSError as problem:
                 result.update(
                     failed=True, msg=f"The report cannot be written to {path}: {problem.strerror}; name another file."
                 )
                 return result
-        Display().display("\n" + _report.render(summary) + "\n")
+        Display().display("\n" + report.render(summary) + "\n")
         result.update(
             changed=False,
-            passed=not summary.number(_checks.FAILED),
-            msg=_report.verdict_line(summary),
-            checks=_report.counts(summary),
+            passed=not summary.number(checks.FAILED),
+            msg=report.verdict_line(summary),
+            checks=report.counts(summary),
             findings=[vars(finding) for finding in summary.notable],
         )
         return result
@@ -60,7 +60,7 @@ def observation(variables, multicast, probe, earlier):
     """What one computer gave, out of its registered results; one that has failed is named by its message."""
     results = [variables[name] for name in (*earlier, multicast, probe) if name in variables]
     bad = [entry for entry in results if entry.get("unreachable") or entry.get("failed")]
-    return _checks.Observation(
+    return checks.Observation(
         multicast=complete(variables, multicast, "udp"),
         probe=complete(variables, probe, "members"),
         unreachable=any(entry.get("unreachable") for entry in bad),

@@ -58,7 +58,7 @@ _value:
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _environment
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment
 
 
 def environment_differences(
@@ -68,7 +68,7 @@ def environment_differences(
     exports: Sequence[Mapping[str, Any]] = (),
 ) -> list[str]:
     """Sentences about what does not arrive; see DOCUMENTATION."""
-    return _environment.differences(
+    return environment.differences(
         ours, seen, [file["path"] for file in files], [export["variable"] for export in exports]
     )
 

@@ -66,7 +66,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _environment
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
 
 
 def environment_files(ours: Any, machine: Any, ros: Any = None) -> dict[str, Any]:
@@ -81,11 +81,11 @@ def environment_files(ours: Any, machine: Any, ros: Any = None) -> dict[str, Any
             f"The machine is described by {machine!r}; expected the return of "
             "rosfleet.multimaster.multimaster_info: set environment_machine, or let the role preflight look first."
         )
-    environment = _environment.merge(ros or {}, ours)
+    environment = environment_module.merge(ros or {}, ours)
     return {
-        "files": _environment.files(environment, _environment.machine(machine)),
-        "notes": _environment.notes(machine),
-        "digest": _environment.digest(environment),
+        "files": environment_module.files(environment, environment_module.machine(machine)),
+        "notes": environment_module.notes(machine),
+        "digest": environment_module.digest(environment),
     }
 
 

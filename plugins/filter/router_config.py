@@ -72,11 +72,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _router_config
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import router_config as router_config_module
 
 
 def router_config(
-    plan: Any, dialects: Sequence[str] = tuple(_router_config.DIALECTS), interfaces: Any = None
+    plan: Any, dialects: Sequence[str] = tuple(router_config_module.DIALECTS), interfaces: Any = None
 ) -> list[dict[str, str]]:
     """The files for all devices; see DOCUMENTATION."""
     if not isinstance(plan, Mapping) or "networks" not in plan:
@@ -92,8 +92,8 @@ def router_config(
             f"router_config_interfaces is {interfaces!r}; expected a mapping such as {{router: {{ios: Vlan1}}}}: correct it."
         )
     try:
-        return _router_config.files(plan, dialects, interfaces)
-    except _router_config.RouterConfigProblem as problem:
+        return router_config_module.files(plan, dialects, interfaces)
+    except router_config_module.RouterConfigProblem as problem:
         raise AnsibleFilterError(str(problem)) from problem
 
 

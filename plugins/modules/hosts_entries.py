@@ -288,9 +288,11 @@ import os
 import socket
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _hosts, _hosts_file
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts_entries import bindings_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem, difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import file as hosts_file
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import plan as hosts
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 SYSTEM = "/etc/hosts"
 EFFECTS = {
@@ -344,7 +346,7 @@ def look(module):
             module.fail_json(msg=f"{option} is {params[option]!r}, expected an absolute path.")
     try:
         bindings = bindings_of(params["entries"])
-        return bindings, _hosts_file.HostsFile(params["path"], params["records"])
+        return bindings, hosts_file.HostsFile(params["path"], params["records"])
     except Problem as problem:
         module.fail_json(msg=str(problem))
     except OSError as problem:
@@ -373,7 +375,7 @@ def warn(module, result):
     """What would undo the result, or makes it less than planned."""
     for conflict in result["conflicts"]:
         module.warn(explain_conflict(result["path"], conflict))
-    rewriter = _hosts_file.boot_rewriter() if result["entries"] and result["path"] == SYSTEM else ""
+    rewriter = hosts_file.boot_rewriter() if result["entries"] and result["path"] == SYSTEM else ""
     if rewriter:
         module.warn(
             f"{rewriter} sets manage_etc_hosts, so cloud-init writes {SYSTEM} at every boot and undoes the bindings; "
@@ -383,7 +385,7 @@ def warn(module, result):
 
 def ask(result, bindings):
     """What libc answers for each name, into the entries, and where it is not what was planned."""
-    for entry, answers in zip(result["entries"], _hosts_file.resolve(bindings)):
+    for entry, answers in zip(result["entries"], hosts_file.resolve(bindings)):
         entry["resolved"] = answers
         result["unresolved"] += [
             {"name": name, "found": found, "expected": entry["address"]}
@@ -412,7 +414,7 @@ def main():
         supports_check_mode=True,
     )
     bindings, file = look(module)
-    plan = _hosts.plan(file.content, bindings)
+    plan = hosts.plan(file.content, bindings)
     result = {
         "changed": plan.content != file.found,
         "entries": [dict(entry, resolved={}) for entry in plan.entries],

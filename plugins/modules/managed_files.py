@@ -151,11 +151,12 @@ msg:
 """
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _files, _owned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record as record_
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 
-def summary(bundle, planned, check_mode):
-    # type: (str, _files.Plan, bool) -> str
+def summary(bundle: str, planned: files.Plan, check_mode: bool) -> str:
     """What was done in one sentence, with the notes."""
     right = len(planned.items) - len(planned.writes)
     text = "%d files of the bundle %s %s written, %d removed and %d %s right." % (
@@ -169,8 +170,7 @@ def summary(bundle, planned, check_mode):
     return " ".join([text] + planned.notes)
 
 
-def validate(module, planned):
-    # type: (AnsibleModule, _files.Plan) -> str
+def validate(module: AnsibleModule, planned: files.Plan) -> str:
     """A sentence about a file that its own command does not take; empty where all are fit."""
     commands = {entry["path"]: entry["validate"] for entry in module.params["files"] if entry["validate"]}
     for file in planned.writes:
@@ -189,8 +189,7 @@ def validate(module, planned):
     return ""
 
 
-def main():
-    # type: () -> None
+def main() -> None:
     """Read, plan, and apply unless in check mode."""
     module = AnsibleModule(
         argument_spec=dict(
@@ -207,18 +206,18 @@ def main():
                 ),
             ),
             brief=dict(type="list", elements="str", default=[]),
-            records=dict(type="str", default=_owned.RECORDS),
+            records=dict(type="str", default=record_.RECORDS),
         ),
         supports_check_mode=True,
     )
     bundle = module.params["bundle"]
     try:
-        record = _files.record_of("files", bundle, module.params["records"])
-        wanted = _files.wanted_files(module.params["files"])
+        record = files.record_of("files", bundle, module.params["records"])
+        wanted = files.wanted_files(module.params["files"])
         remembered = record.load()
-        machine = _files.read(wanted, remembered, record)
-        planned = _files.plan(wanted, remembered, machine)
-    except _owned.Problem as problem:
+        machine = files.read(wanted, remembered, record)
+        planned = files.plan(wanted, remembered, machine)
+    except Problem as problem:
         module.fail_json(msg=str(problem))
     except OSError as problem:
         module.fail_json(msg="The present state could not be read (%s); nothing was changed." % problem)
@@ -227,9 +226,9 @@ def main():
     if refusal:
         module.fail_json(msg=refusal)
     if not module.check_mode:
-        transaction = _files.Transaction(planned, machine, record, remembered)
+        transaction = files.Transaction(planned, machine, record, remembered)
         try:
-            if _files.changes(planned):
+            if files.changes(planned):
                 transaction.begin()
                 transaction.apply()
             transaction.settle()
@@ -244,17 +243,17 @@ def main():
             )
 
     result = dict(
-        changed=_files.changes(planned),
+        changed=files.changes(planned),
         files=[dict(path=item.path, state=item.state, mode="%04o" % item.mode) for item in planned.items],
         removed=planned.removals,
         folders_made=planned.folders_made,
         folders_removed=planned.folders_removed,
         notes=planned.notes,
-        digest=_files.digest(wanted),
+        digest=files.digest(wanted),
         msg=summary(bundle, planned, module.check_mode),
     )
     if module._diff:
-        result["diff"] = _files.differences(planned, machine, module.params["brief"])
+        result["diff"] = files.differences(planned, machine, module.params["brief"])
     module.exit_json(**result)
 
 

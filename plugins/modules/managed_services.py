@@ -219,7 +219,10 @@ msg:
 import os
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _files, _owned, _units
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record as record_
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import units as units_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 # The word for what was done with a unit is that of the first of these actions.
 STATES = (
@@ -234,8 +237,7 @@ STATES = (
 )
 
 
-def item(unit, step, text, state):
-    # type: (_units.Unit, _units.Step, str, _units.State) -> dict
+def item(unit: units_module.Unit, step: units_module.Step, text: str, state: units_module.State) -> dict:
     """The result of one unit."""
     actions = [action for action in ("write" if text else "", step.switch, step.run) if action]
     return dict(
@@ -248,14 +250,13 @@ def item(unit, step, text, state):
         unit_file_state=state.file_state,
         main_pid=int(state.pid or 0),
         since=state.since,
-        inputs=_units.planned_inputs(unit.content),
+        inputs=units_module.planned_inputs(unit.content),
         inputs_running=state.inputs,
         restarts=int(state.restarts or 0),
     )
 
 
-def summary(items, removed, reload, notes, check_mode):
-    # type: (list, list, bool, list, bool) -> str
+def summary(items: list, removed: list, reload: bool, notes: list, check_mode: bool) -> str:
     """What was done in one sentence, with the notes."""
     be = "would be" if check_mode else "was"
     parts = ["%s %s removed" % (name, be) for name in removed]
@@ -271,8 +272,7 @@ def summary(items, removed, reload, notes, check_mode):
     return " ".join(["; ".join(parts) + "."] + notes)
 
 
-def state_lines(steps, states, units):
-    # type: (list, dict, list) -> dict
+def state_lines(steps: list, states: dict, units: list) -> dict:
     """The entry of the difference that shows which units start, stop and are enabled."""
     wanted = {unit.name: unit for unit in units}
     before, after = [], []
@@ -291,8 +291,7 @@ def state_lines(steps, states, units):
     return dict(text, before_header=header, after_header=header)
 
 
-def main():
-    # type: () -> None
+def main() -> None:
     """Read, plan, and apply unless in check mode."""
     module = AnsibleModule(
         argument_spec=dict(
@@ -310,39 +309,39 @@ def main():
             ),
             timeout=dict(type="float", default=90),
             unit_folder=dict(type="str", default="/etc/systemd/system"),
-            records=dict(type="str", default=_owned.RECORDS),
+            records=dict(type="str", default=record_.RECORDS),
         ),
         supports_check_mode=True,
     )
     folder = module.params["unit_folder"]
-    systemd = _units.Systemd(module.params["timeout"])
+    systemd = units_module.Systemd(module.params["timeout"])
     try:
-        record = _files.record_of("services", module.params["bundle"], module.params["records"])
-        units = _units.wanted_units(module.params["units"])
-        wanted = _files.wanted_files(
+        record = files.record_of("services", module.params["bundle"], module.params["records"])
+        units = units_module.wanted_units(module.params["units"])
+        wanted = files.wanted_files(
             dict(path=os.path.join(folder, unit.name), content=unit.content, mode="0644") for unit in units
         )
         remembered = record.load()
         if not os.path.isdir("/run/systemd/system") and (units or remembered):
-            raise _owned.Problem(
+            raise Problem(
                 "systemd does not run on this computer (there is no /run/systemd/system), so units cannot be managed; "
                 "boot it with systemd."
             )
         if folder != "/etc/systemd/system" and units and folder not in systemd.unit_path():
-            raise _owned.Problem(
+            raise Problem(
                 "The unit_folder %s is none that systemd reads; expected one of: %s."
                 % (folder, ", ".join(systemd.unit_path()))
             )
         names = [unit.name for unit in units]
         former = [name for name in remembered.get("units", []) if name not in names]
-        machine = _files.read(wanted, remembered, record)
+        machine = files.read(wanted, remembered, record)
         states = systemd.show(names + former)
-        owned = _files.owned_files(remembered, machine)
-        _units.check(units, states, owned)
-        planned = _files.plan(wanted, remembered, machine)
+        owned = files.owned_files(remembered, machine)
+        units_module.check(units, states, owned)
+        planned = files.plan(wanted, remembered, machine)
         # Whose file an interrupted run never wrote is not ours, should somebody else have a unit of this name.
         removed = [name for name in former if not states[name].fragment or states[name].fragment in owned]
-    except _owned.Problem as problem:
+    except Problem as problem:
         module.fail_json(msg=str(problem))
     except OSError as problem:
         module.fail_json(msg="The present state could not be read (%s); nothing was changed." % problem)
@@ -351,8 +350,8 @@ def main():
     written = {file.path for file in planned.writes}
     texts = {name: "changed" if machine.found[path] else "new" for name, path in paths.items() if path in written}
     pending = set(remembered.get("pending", []))
-    steps = _units.plan(units, removed, states, texts, pending)
-    reload = _files.changes(planned) or any(state.reload == "yes" for state in states.values())
+    steps = units_module.plan(units, removed, states, texts, pending)
+    reload = files.changes(planned) or any(state.reload == "yes" for state in states.values())
     changed = bool(reload or former or any(step.run or step.switch for step in steps))
 
     after = states
@@ -364,13 +363,13 @@ def main():
             directories=dict(remembered.get("directories", {})),
             parents=list(remembered.get("parents", [])),
         )
-        transaction = _files.Transaction(planned, machine, record, remembered)
-        applier = _units.Applier(systemd, units, steps, states, transaction, memory)
+        transaction = files.Transaction(planned, machine, record, remembered)
+        applier = units_module.Applier(systemd, units, steps, states, transaction, memory)
         try:
             after = applier.apply(reload, fresh, paths)
             applier.clean()
             transaction.settle(dict(memory, units=names, pending=[]))
-        except (OSError, _owned.Problem) as problem:
+        except (OSError, Problem) as problem:
             left = applier.restore()
             if applier.brought_back:
                 # They run with the old text, but with environment and code that other modules may have changed already.
@@ -391,7 +390,7 @@ def main():
         msg=summary(items, removed, reload, planned.notes, module.check_mode),
     )
     if module._diff:
-        result["diff"] = _files.differences(planned, machine) + [state_lines(steps, states, units)]
+        result["diff"] = files.differences(planned, machine) + [state_lines(steps, states, units)]
     module.exit_json(**result)
 
 

@@ -489,7 +489,7 @@ import ipaddress
 import re
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast import (
     Settings,
     explain,
     icmp_round,
@@ -499,7 +499,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast im
     route_of,
     without_own,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast_sockets import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast_sockets import (
     Visit,
     detach,
     door_path,

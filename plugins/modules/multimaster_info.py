@@ -553,34 +553,43 @@ problems:
 """
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _fkie, _machine, _owned, _ports, _ros, _shells
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import (
+    commands,
+    fkie,
+    network,
+    ports,
+    ros,
+    shells,
+    system,
+)
 
 # part: the function that looks, its options, the most seconds that it may take, and the value where it cannot look
 PARTS = (
     (
         "system",
-        _machine.system,
+        system.system,
         (),
         10,
         {"hostname": "", "python": "", "os": {}, "systemd": {"running": False, "version": 0}},
     ),
-    ("owned", _owned.records, (), 5, []),
-    ("interfaces", _machine.interfaces, (), 15, []),
-    ("ways", _machine.ways, ("destinations",), 15, []),
-    ("multicast_routing", _machine.multicast_routing, (), 10, {"smcrouted": "", "others": []}),
+    ("owned", record.records, (), 5, []),
+    ("interfaces", network.interfaces, (), 15, []),
+    ("ways", network.ways, ("destinations",), 15, []),
+    ("multicast_routing", system.multicast_routing, (), 10, {"smcrouted": "", "others": []}),
     (
         "ros",
-        _ros.find,
+        ros.find,
         ("ros_setup", "nodes"),
         180,
         {"found": [], "chosen": None, "problem": "ROS could not be looked for."},
     ),
-    ("packages", _fkie.packages, ("packages",), 30, []),
-    ("ports", _ports.holders, ("ports",), 15, []),
-    ("exports", _shells.exports, (), 5, []),
+    ("packages", fkie.packages, ("packages",), 30, []),
+    ("ports", ports.holders, ("ports",), 15, []),
+    ("exports", shells.exports, (), 5, []),
     (
         "sshd",
-        _shells.sshd,
+        shells.sshd,
         (),
         10,
         {
@@ -592,7 +601,7 @@ PARTS = (
             "reload_due": False,
         },
     ),
-    ("environment", _shells.seen, (), 20, {"login": None, "ssh": None, "desktop": None}),
+    ("environment", shells.seen, (), 20, {"login": None, "ssh": None, "desktop": None}),
 )
 
 
@@ -603,7 +612,7 @@ def look(parameters):
         if part not in parameters["parts"]:
             continue
         try:
-            value = _machine.within(limit, function, *[parameters[option] for option in options])
+            value = commands.within(limit, function, *[parameters[option] for option in options])
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
             value = nothing
             result["problems"].append("The part %s of the machine could not be read: %s." % (part, problem))

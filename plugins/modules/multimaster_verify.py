@@ -833,7 +833,9 @@ import re
 import time
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe_exchange, _probe_network, _probe_ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import exchange
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network as probe_network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as probe_ros
 
 # More than any part takes by its own limits; one that is later is named and left behind.
 LONGEST = 900.0
@@ -842,7 +844,7 @@ LONGEST = 900.0
 def look(params, quiet):
     """Everything that this computer sees, each part at the same time; with `quiet` no command of ROS is run."""
     began = time.monotonic()
-    with _probe_ros.Ros(params["environment_file"]) as ros:
+    with probe_ros.Ros(params["environment_file"]) as ros:
         result = dict(EMPTY, problems=[])
         parts = [part for part in PARTS if not (quiet and part in COMMANDS)]
         parts = [part for part in parts if part in OF_A_ROUTER or not params["is_router"]]
@@ -857,7 +859,7 @@ def look(params, quiet):
         late = f"%s gave no result within {LONGEST:g} s."
         for settled in (False, True):
             now = [name for name in parts if (name in SETTLED) == settled]
-            for name, value, problem in _probe_network.concurrently(
+            for name, value, problem in probe_network.concurrently(
                 part, now, LONGEST, lambda name: (name, EMPTY[name], late % name)
             ):
                 result[name] = value
@@ -869,8 +871,8 @@ def look(params, quiet):
 def discovery_nodes(params, deadline):
     """The discovery nodes of all masters; the ones of computers that do not take part are not waited for."""
     present = who(params)
-    return _probe_network.concurrently(
-        lambda master: _probe_network.discovery(master, deadline if master["computer"] in present else 0.0),
+    return probe_network.concurrently(
+        lambda master: probe_network.discovery(master, deadline if master["computer"] in present else 0.0),
         params["masters"],
         LONGEST,
         lambda master: None,
@@ -896,20 +898,20 @@ def names(params):
 
 
 PARTS = {
-    "members": lambda params, ros, deadline: _probe_network.members(
+    "members": lambda params, ros, deadline: probe_network.members(
         params["members"], params["name"], not params["is_router"]
     ),
-    "default_routes": lambda params, ros, deadline: _probe_network.default_routes(),
-    "forwarding": lambda params, ros, deadline: _probe_network.forwarding(),
+    "default_routes": lambda params, ros, deadline: probe_network.default_routes(),
+    "forwarding": lambda params, ros, deadline: probe_network.forwarding(),
     "masters": lambda params, ros, deadline: discovery_nodes(params, deadline),
-    "roscore": lambda params, ros, deadline: _probe_ros.roscore(ros, deadline),
-    "list_masters": lambda params, ros, deadline: _probe_ros.list_masters(ros, names(params), deadline),
-    "topics": lambda params, ros, deadline: _probe_ros.topics(
+    "roscore": lambda params, ros, deadline: probe_ros.roscore(ros, deadline),
+    "list_masters": lambda params, ros, deadline: probe_ros.list_masters(ros, names(params), deadline),
+    "topics": lambda params, ros, deadline: probe_ros.topics(
         ros, others(params), params["run"], params["name"], deadline
     ),
-    "exchange": lambda params, ros, deadline: _probe_exchange.exchange(ros, params["members"], params["name"]),
+    "exchange": lambda params, ros, deadline: exchange.exchange(ros, params["members"], params["name"]),
     "ros_missing": lambda params, ros, deadline: ros.missing(),
-    "services": lambda params, ros, deadline: _probe_ros.services(params["services"], ros.variables),
+    "services": lambda params, ros, deadline: probe_ros.services(params["services"], ros.variables),
 }
 COMMANDS = ("list_masters", "topics", "exchange")
 OF_A_ROUTER = ("members", "default_routes", "forwarding")
@@ -924,7 +926,7 @@ EMPTY = {
     "roscore": {"uri": "", "answer": "", "error": "not looked at"},
     "list_masters": {"masters": [], "seconds": 0.0, "error": "not looked at"},
     "topics": [],
-    "exchange": dict(_probe_exchange.NOTHING, error="not looked at"),
+    "exchange": dict(exchange.NOTHING, error="not looked at"),
     "ros_missing": "not looked at",
     "services": [],
 }
@@ -938,9 +940,9 @@ def start(module):
     call(params)
     if params["is_router"]:
         return {"msg": "The router of the common network has no talker."}
-    with _probe_ros.Ros(params["environment_file"]) as ros:
+    with probe_ros.Ros(params["environment_file"]) as ros:
         missing = ros.missing()
-        error = missing or _probe_ros.start_talker(ros, params["run"], params["name"], params["lifetime"])
+        error = missing or probe_ros.start_talker(ros, params["run"], params["name"], params["lifetime"])
     if error and (params["is_master"] or not missing):
         module.fail_json(msg="Cannot start the talker: {}.".format(error.rstrip(".")))
     if error:
@@ -955,7 +957,7 @@ def call(params):
     """Send to the helpers in other networks: in the own one nobody could translate an address."""
     own = [member for member in params["members"] or [] if member["name"] == params["name"]]
     network = own[0]["network"] if own else None
-    _probe_network.call(
+    probe_network.call(
         [
             member["discovery_address"] or member["address"]
             for member in params["members"] or []
@@ -971,7 +973,7 @@ def collect(module):
     result = look(params, module.check_mode)
     if not params["is_router"]:
         result["talker"] = (
-            {"running": False, "error": result["ros_missing"]} if result["ros_missing"] else _probe_ros.talker()
+            {"running": False, "error": result["ros_missing"]} if result["ros_missing"] else probe_ros.talker()
         )
     result["msg"] = "Looked at {} computers in {:.1f} s.".format(len(params["members"]), result["seconds"])
     return result
@@ -981,7 +983,7 @@ def stop(module):
     """End the talker, wherever there is one."""
     if module.check_mode:
         return {"msg": "Check mode: no talker was stopped."}
-    _probe_ros.stop_talker()
+    probe_ros.stop_talker()
     return {"msg": "No talker runs."}
 
 

@@ -366,9 +366,9 @@ msg:
 """
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
 
 BACKENDS = ["auto", "ifupdown", "networkd", "networkmanager", "netplan", "none"]
 FATES = {
@@ -398,7 +398,7 @@ def summary(run):
 def main():
     module = AnsibleModule(
         argument_spec=dict(
-            _deadman.OPTIONS,
+            deadman.OPTIONS,
             routes={
                 "type": "list",
                 "elements": "dict",
@@ -426,7 +426,7 @@ def main():
         ),
         supports_check_mode=True,
     )
-    guard = _deadman.Guard(module, "routes", "routes")
+    guard = deadman.Guard(module, "routes", "routes")
     result = {}
     try:
         run = Run(module.params, guard.begin())

@@ -270,9 +270,9 @@ msg:
 """
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.run import Run
 
 FATES = {
     "restored": "{name} is {runtime_after} again.",
@@ -295,7 +295,7 @@ def summary(run):
 def main():
     module = AnsibleModule(
         argument_spec=dict(
-            _deadman.OPTIONS,
+            deadman.OPTIONS,
             settings={
                 "type": "list",
                 "elements": "dict",
@@ -313,7 +313,7 @@ def main():
         ),
         supports_check_mode=True,
     )
-    guard = _deadman.Guard(module, "sysctl", "kernel settings")
+    guard = deadman.Guard(module, "sysctl", "kernel settings")
     result = {}
     try:
         run = Run(module.params, guard.begin())

@@ -269,10 +269,11 @@ def test_a_broken_off_run_is_taken_back_by_the_next_one(fleet):
 
 KILLED = """
 import os, signal
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _deadman, _routes
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run as routes
 options = {"routes": [%(route)s], "backends": {}, "on_conflict": "replace", "root": "/", "records": "/var/lib/rosfleet-multimaster"}
-run = _routes.Run(options)
-_deadman.Switch("routes").arm("word", 1, run.undo_commands(), run.undo_files(), run.memory)
+run = routes.Run(options)
+deadman.Switch("routes").arm("word", 1, run.undo_commands(), run.undo_files(), run.memory)
 if %(half)s:
     run.apply_runtime()
 os.kill(os.getpid(), signal.SIGKILL)

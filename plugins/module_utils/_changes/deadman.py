@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """The dead-man's switch: a change at run time that nobody confirms is taken back by the machine itself.
 
@@ -17,9 +16,11 @@ import os
 import re
 import shlex
 import time
+import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _owned
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 FOLDER = "/run/rosfleet-multimaster"
 UNIT = "multimaster-rollback-%s"
@@ -49,8 +50,7 @@ class TakenBack(Problem):
     """Nobody confirmed in time, so the former state has come back."""
 
 
-def connection(proc="/proc"):
-    # type: (str) -> str
+def connection(proc: str = "/proc") -> str:
     """Which connection started this process: the nearest ancestor that serves an ssh connection, as PID-START.
 
     Two sessions over one kept connection have the same one, a new TCP connection has another. Empty where there is
@@ -59,7 +59,7 @@ def connection(proc="/proc"):
     pid = os.getppid()
     while pid > 0:
         # proc(5): pid (name) state parent ... start; a name may hold blanks and brackets
-        found = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", _machine.text("%s/%d/stat" % (proc, pid)), re.S)
+        found = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", commands.text("%s/%d/stat" % (proc, pid)), re.S)
         if found is None:
             return ""
         name, parent, start = found.groups()
@@ -72,11 +72,10 @@ def connection(proc="/proc"):
 class Timer:
     """A timer of systemd that runs a command once and leaves nothing behind (systemd-run(1))."""
 
-    def start(self, unit, seconds, argv):
-        # type: (str, int, typing.Sequence[str]) -> None
+    def start(self, unit: str, seconds: int, argv: typing.Sequence[str]) -> None:
         """Run the command in so many seconds. Raises Problem where this machine cannot."""
         self.stop(unit)
-        answer = _machine.run(
+        answer = commands.run(
             [
                 "systemd-run",
                 "--quiet",
@@ -98,25 +97,29 @@ class Timer:
                 % (unit, " ".join(answer.error.split()) or "status %d" % answer.status)
             )
 
-    def stop(self, unit):
-        # type: (str) -> None
+    def stop(self, unit: str) -> None:
         """End the timer; that there is none is no error."""
-        _machine.run(["systemctl", "stop", unit + ".timer"], limit=_LIMIT)
-        _machine.run(["systemctl", "reset-failed", unit + ".timer", unit + ".service"], limit=_LIMIT)
+        commands.run(["systemctl", "stop", unit + ".timer"], limit=_LIMIT)
+        commands.run(["systemctl", "reset-failed", unit + ".timer", unit + ".service"], limit=_LIMIT)
 
 
 class Switch:
     """One dead-man's switch of this machine, by its name."""
 
-    def __init__(self, name, folder=FOLDER, timer=None):
-        # type: (str, str, typing.Optional[Timer]) -> None
+    def __init__(self, name: str, folder: str = FOLDER, timer: typing.Optional[Timer] = None) -> None:
         self.unit = UNIT % name
         self.base = folder
         self.folder = os.path.join(folder, "rollback-" + name)
         self.timer = timer or Timer()
 
-    def arm(self, token, seconds, undo, files=(), memory=None):
-        # type: (str, int, typing.Iterable[typing.Sequence[str]], typing.Iterable[typing.Tuple[str, typing.Optional[bytes]]], typing.Any) -> None
+    def arm(
+        self,
+        token: str,
+        seconds: int,
+        undo: typing.Iterable[typing.Sequence[str]],
+        files: typing.Iterable[typing.Tuple[str, typing.Optional[bytes]]] = (),
+        memory: typing.Any = None,
+    ) -> None:
         """From now on `undo` happens in so many seconds, unless it is released.
 
         `undo` are commands, run in their order, each even if an earlier one fails; then `files` get the content given
@@ -125,13 +128,13 @@ class Switch:
         """
         try:
             self.clear()
-            _owned.make_folders(self.base)
+            atomic.make_folders(self.base)
             os.mkdir(self.folder, 0o700)
             steps = [["try"] + list(argv) for argv in undo]
             for number, (path, content) in enumerate(files):
                 steps.append(["try", "rm", "-f", path] if content is None else self._keep(number, path, content))
             text = _SCRIPT.format(
-                path=_machine.BASE_PATH,
+                path=commands.BASE_PATH,
                 folder=shlex.quote(self.folder),
                 steps="".join(" ".join(shlex.quote(word) for word in step) + "\n" for step in steps),
             )
@@ -150,8 +153,7 @@ class Switch:
                 % (self.folder, problem.strerror)
             ) from problem
 
-    def look(self, token):
-        # type: (str) -> str
+    def look(self, token: str) -> str:
         """What became of the switch.
 
         none         there is none
@@ -173,21 +175,18 @@ class Switch:
             mark, mark
         )
 
-    def state(self):
-        # type: () -> typing.Dict[str, typing.Any]
+    def state(self) -> typing.Dict[str, typing.Any]:
         """What arming remembered: token, seconds, connection, memory. Empty where there is no switch."""
         try:
-            return json.loads((_owned.read_bytes(self._path("state.json")) or b"{}").decode("utf-8"))
+            return json.loads((atomic.read_bytes(self._path("state.json")) or b"{}").decode("utf-8"))
         except (OSError, ValueError):
             return {}
 
-    def failures(self):
-        # type: () -> typing.List[str]
+    def failures(self) -> typing.List[str]:
         """The commands of the way back that failed."""
-        return _machine.text(self._path("failures")).splitlines()
+        return commands.text(self._path("failures")).splitlines()
 
-    def release(self):
-        # type: () -> bool
+    def release(self) -> bool:
         """Keep the change: from now on nothing is taken back. False when the switch was faster, or there is none."""
         try:
             os.rename(self._path("armed"), self._path("confirmed"))
@@ -196,45 +195,39 @@ class Switch:
         self.timer.stop(self.unit)
         return True
 
-    def roll_back_now(self):
-        # type: () -> None
+    def roll_back_now(self) -> None:
         """Bring the former state back at once, also after a release. Raises Problem where commands of it failed."""
         try:
             os.rename(self._path("confirmed"), self._path("armed"))
         except FileNotFoundError:
             pass
-        _machine.run(["/bin/sh", self._path("undo.sh")], limit=_LIMIT)
+        commands.run(["/bin/sh", self._path("undo.sh")], limit=_LIMIT)
         self.look("")  # waits, where the timer was faster
         self.timer.stop(self.unit)
         if self._mark() not in ("rolled_back", "none"):
             raise Problem("The way back could not run: look at %s, and run it by hand." % self._path("undo.sh"))
 
-    def clear(self):
-        # type: () -> None
+    def clear(self) -> None:
         """Forget the switch: no timer, no script, no folder."""
         if not os.path.isdir(self.folder):
             return
         if not (self._mark() == "armed" and self.release()):
             self.timer.stop(self.unit)  # of a way back that was gone by hand
         for name in os.listdir(self.folder):
-            _owned.remove(self._path(name))
-        _owned.remove_folder_if_empty(self.folder)
-        _owned.remove_folder_if_empty(self.base)
+            atomic.remove(self._path(name))
+        atomic.remove_folder_if_empty(self.folder)
+        atomic.remove_folder_if_empty(self.base)
 
-    def _mark(self):
-        # type: () -> str
+    def _mark(self) -> str:
         return next((mark for mark in _MARKS if os.path.exists(self._path(mark))), "none")
 
-    def _path(self, name):
-        # type: (str) -> str
+    def _path(self, name: str) -> str:
         return os.path.join(self.folder, name)
 
-    def _write(self, name, content):
-        # type: (str, bytes) -> None
-        _owned.write_by_rename(self._path(name), content, mode=0o600)
+    def _write(self, name: str, content: bytes) -> None:
+        atomic.write_by_rename(self._path(name), content, mode=0o600)
 
-    def _keep(self, number, path, content):
-        # type: (int, str, bytes) -> typing.List[str]
+    def _keep(self, number: int, path: str, content: bytes) -> typing.List[str]:
         """Store a file as it shall be, with the permissions that it has now; the step that puts it back."""
         name = "file-%d" % number
         try:
@@ -243,7 +236,7 @@ class Switch:
             status = None
         owner = None if status is None else (status.st_uid, status.st_gid)
         mode = 0o644 if status is None else status.st_mode & 0o7777
-        _owned.write_by_rename(self._path(name), content, mode=mode, owner=owner)
+        atomic.write_by_rename(self._path(name), content, mode=mode, owner=owner)
         return ["try", "put", name, path]
 
 
@@ -256,8 +249,7 @@ class Guard:
     is not yet as planned: run time, then boot). Both take back what they did when they fail.
     """
 
-    def __init__(self, module, name, what, switch=None):
-        # type: (typing.Any, str, str, typing.Optional[Switch]) -> None
+    def __init__(self, module: typing.Any, name: str, what: str, switch: typing.Optional[Switch] = None) -> None:
         """`what` names the concern in a sentence, in the plural: kernel settings, routes."""
         self.module, self.what = module, what
         self.switch = switch or Switch(name)
@@ -266,8 +258,7 @@ class Guard:
         self.found = "none"
         self.unconfirmed = self.rolled_back = self.changed = False
 
-    def begin(self):
-        # type: () -> typing.Any
+    def begin(self) -> typing.Any:
         """Deal with what an earlier run left; the memory of that run, None where there is none.
 
         Ends the module where the connection is still the one from before the change. Raises Problem.
@@ -295,8 +286,7 @@ class Guard:
         self.changed = self.found in ("armed", "confirmed")
         return state.get("memory") if self.changed else None
 
-    def apply(self, run):
-        # type: (typing.Any) -> None
+    def apply(self, run: typing.Any) -> None:
         """Apply the plan as far as this run may. Raises Problem; then the machine is as it was before the first run."""
         if self.found == "armed":
             if not self.switch.release():
@@ -314,8 +304,7 @@ class Guard:
             self.switch.clear()
         return None
 
-    def _try_out(self, run):
-        # type: (typing.Any) -> None
+    def _try_out(self, run: typing.Any) -> None:
         self.switch.arm(self.token, self.seconds, run.undo_commands(), run.undo_files(), run.memory)
         try:
             run.apply_runtime()
@@ -324,8 +313,7 @@ class Guard:
             raise
         self.unconfirmed = True
 
-    def _take_back(self):
-        # type: () -> typing.List[str]
+    def _take_back(self) -> typing.List[str]:
         """The former state at once, and no switch any more; what failed of it."""
         try:
             self.switch.roll_back_now()
@@ -335,8 +323,7 @@ class Guard:
         self.switch.clear()
         return failures
 
-    def _was_taken_back(self, state):
-        # type: (typing.Mapping[str, typing.Any]) -> typing.NoReturn
+    def _was_taken_back(self, state: typing.Mapping[str, typing.Any]) -> typing.NoReturn:
         failures = self.switch.failures()
         self.rolled_back, self.changed = True, False
         if not self.module.check_mode:
@@ -352,8 +339,7 @@ class Guard:
             )
         )
 
-    def _leftover(self, state):
-        # type: (typing.Mapping[str, typing.Any]) -> None
+    def _leftover(self, state: typing.Mapping[str, typing.Any]) -> None:
         """An earlier play that was broken off."""
         waits = self.found == "other"
         if not self.module.check_mode:
@@ -377,8 +363,7 @@ class Guard:
             )
         )
 
-    def fail(self, problem, **result):
-        # type: (Problem, typing.Any) -> typing.NoReturn
+    def fail(self, problem: Problem, **result: typing.Any) -> typing.NoReturn:
         """End the module with a sentence; a change that was to be confirmed is taken back."""
         sentence = str(problem)
         if not self.module.check_mode and self.found == "armed" and not self.rolled_back:
@@ -391,7 +376,6 @@ class Guard:
             )
         self.module.fail_json(msg=sentence, unconfirmed=False, rolled_back=self.rolled_back, **result)
 
-    def exit(self, changed, **result):
-        # type: (bool, typing.Any) -> typing.NoReturn
+    def exit(self, changed: bool, **result: typing.Any) -> typing.NoReturn:
         """End the module with its result."""
         self.module.exit_json(changed=changed or self.changed, unconfirmed=self.unconfirmed, **result)

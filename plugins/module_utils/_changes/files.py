@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Files that are ours whole, and the folders made for them: read, plan (pure), apply, and the way back.
 
@@ -16,7 +15,10 @@ import re
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _owned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 _FILE = "a file"
 _FOLDER = "a folder"
@@ -57,53 +59,50 @@ Plan = typing.NamedTuple(
 )
 
 
-def wanted_files(files):
-    # type: (typing.Iterable[typing.Dict[str, typing.Any]]) -> typing.List[Wanted]
+def wanted_files(files: typing.Iterable[typing.Dict[str, typing.Any]]) -> typing.List[Wanted]:
     """The planned files out of mappings of path, content (text) and mode (octal text). Raises Problem."""
-    wanted = []  # type: typing.List[Wanted]
+    wanted: typing.List[Wanted] = []
     for entry in files:
         path, mode = entry["path"], entry["mode"]
         if not path.startswith("/") or os.path.normpath(path) != path or path == "/" or "\0" in path:
-            raise _owned.Problem(
+            raise Problem(
                 "The path %r of the files is not absolute and plain; expected for example /etc/example/file, "
                 "without '..', '//' or '/' at the end." % path
             )
         if not _MODE.fullmatch(mode):
-            raise _owned.Problem(
+            raise Problem(
                 "The mode %r of %s is not understood; expected four octal digits in quotes, for example '0644'."
                 % (mode, path)
             )
         wanted.append(Wanted(path, entry["content"].encode("utf-8", "surrogateescape"), int(mode, 8)))
-    seen = set()  # type: typing.Set[str]
+    seen: typing.Set[str] = set()
     for file in wanted:
         if file.path in seen:
-            raise _owned.Problem("The path %s is listed twice in the files; list it once." % file.path)
+            raise Problem("The path %s is listed twice in the files; list it once." % file.path)
         seen.add(file.path)
     for file in wanted:
         for folder in _above(file.path):
             if folder in seen:
-                raise _owned.Problem(
+                raise Problem(
                     "The files list %s and %s, but the first cannot be a file and the folder of the second; "
                     "change one of the two paths." % (folder, file.path)
                 )
     return wanted
 
 
-def record_of(kind, bundle, records):
-    # type: (str, str, str) -> _owned.Record
+def record_of(kind: str, bundle: str, records: str) -> Record:
     """The record of a bundle of this kind (files, services). Raises Problem for a label that is no file name."""
     if not _BUNDLE.fullmatch(bundle):
-        raise _owned.Problem(
+        raise Problem(
             "The bundle %r is not usable as a label; expected 1 to 64 letters, digits, '.', '_' and '-', "
             "for example nodes." % bundle
         )
     if not os.path.isabs(records):
-        raise _owned.Problem("records is %r, expected an absolute path." % records)
-    return _owned.Record("%s-%s" % (kind, bundle), records)
+        raise Problem("records is %r, expected an absolute path." % records)
+    return Record("%s-%s" % (kind, bundle), records)
 
 
-def digest(wanted):
-    # type: (typing.Iterable[Wanted]) -> str
+def digest(wanted: typing.Iterable[Wanted]) -> str:
     """One SHA-256 (hexadecimal) over the paths, modes and contents, whatever their order."""
     total = hashlib.sha256()
     for file in sorted(wanted):
@@ -111,19 +110,18 @@ def digest(wanted):
     return total.hexdigest()
 
 
-def read(wanted, remembered, record):
-    # type: (typing.List[Wanted], typing.Dict[str, typing.Any], _owned.Record) -> Machine
+def read(wanted: typing.List[Wanted], remembered: typing.Dict[str, typing.Any], record: Record) -> Machine:
     """What the machine holds of all that a plan of these files and this memory depends on."""
     folders = {folder for file in wanted for folder in _above(file.path)}
     ours = set(remembered.get("folders", []))
     paths = {file.path for file in wanted} | set(remembered.get("files", {}))
-    claimed = set()  # type: typing.Set[str]
+    claimed: typing.Set[str] = set()
     records = os.path.dirname(record.path)
     for kind in ("files", "services"):
         for path in glob.glob(os.path.join(glob.escape(records), kind + "-*.json")):
             if path != record.path:
                 name = os.path.basename(path)[: -len(".json")]
-                claimed.update(_owned.Record(name, records).load().get("folders", []))
+                claimed.update(Record(name, records).load().get("folders", []))
     return Machine(
         found={path: look(path) for path in paths},
         folders={folder: _kind(folder) for folder in folders},
@@ -137,15 +135,14 @@ def read(wanted, remembered, record):
             leftover
             for path, entry in remembered.get("files", {}).items()
             if "writing" in entry
-            for leftover in _owned.leftovers(path)
+            for leftover in atomic.leftovers(path)
         ),
         claimed=claimed,
         owner=(os.geteuid(), os.getegid()),
     )
 
 
-def look(path):
-    # type: (str) -> typing.Optional[Found]
+def look(path: str) -> typing.Optional[Found]:
     """What stands at a path itself, without following a symbolic link; None where nothing does."""
     try:
         status = os.lstat(path)
@@ -153,7 +150,7 @@ def look(path):
         return None
     kind, content = _FILE, b""
     if stat.S_ISREG(status.st_mode):
-        content = _owned.read_bytes(path) or b""
+        content = atomic.read_bytes(path) or b""
     elif stat.S_ISLNK(status.st_mode):
         content = os.readlink(os.fsencode(path))
         kind = "a symbolic link to %s" % os.fsdecode(content)
@@ -162,8 +159,7 @@ def look(path):
     return Found(kind, content, stat.S_IMODE(status.st_mode), (status.st_uid, status.st_gid))
 
 
-def owned_files(remembered, machine):
-    # type: (typing.Dict[str, typing.Any], Machine) -> typing.Dict[str, str]
+def owned_files(remembered: typing.Dict[str, typing.Any], machine: Machine) -> typing.Dict[str, str]:
     """The paths that are ours, with the print of what we wrote last, also after a run that was killed; pure."""
     owned = {}
     for path, entry in remembered.get("files", {}).items():
@@ -174,13 +170,12 @@ def owned_files(remembered, machine):
     return owned
 
 
-def plan(wanted, remembered, machine):
-    # type: (typing.List[Wanted], typing.Dict[str, typing.Any], Machine) -> Plan
+def plan(wanted: typing.List[Wanted], remembered: typing.Dict[str, typing.Any], machine: Machine) -> Plan:
     """What changes; pure. Raises Problem, with a sentence per path, where something that is not ours is in the way."""
     owned = owned_files(remembered, machine)
-    items = []  # type: typing.List[Item]
-    problems = []  # type: typing.List[str]
-    notes = []  # type: typing.List[str]
+    items: typing.List[Item] = []
+    problems: typing.List[str] = []
+    notes: typing.List[str] = []
     for file in wanted:
         state = _state(file, machine.found[file.path], owned.get(file.path), machine.owner)
         items.append(Item(file.path, state, file.mode))
@@ -201,7 +196,7 @@ def plan(wanted, remembered, machine):
         elif _print_of_found(machine.found[path]) != owned[path]:
             notes.append("%s, which goes, had been changed by hand since we wrote it." % path)
     if problems:
-        raise _owned.Problem(" ".join(problems))
+        raise Problem(" ".join(problems))
 
     needed = {folder for path in ours for folder in _above(path)}
     made = sorted(folder for folder in needed if not machine.folders[folder])
@@ -212,7 +207,7 @@ def plan(wanted, remembered, machine):
     folders = sorted((before | machine.claimed | set(made)) & needed)
 
     writes = [ours[item.path] for item in items if item.state in ("written", "edited")]
-    intent = {path: {"written": owned[path]} for path in owned}  # type: typing.Dict[str, typing.Dict[str, str]]
+    intent: typing.Dict[str, typing.Dict[str, str]] = {path: {"written": owned[path]} for path in owned}
     for file in writes:
         intent.setdefault(file.path, {})["writing"] = _print_of(file)
     return Plan(
@@ -228,16 +223,16 @@ def plan(wanted, remembered, machine):
     )
 
 
-def changes(planned):
-    # type: (Plan) -> bool
+def changes(planned: Plan) -> bool:
     """Whether a plan changes anything but the record."""
     return bool(
         planned.writes or planned.removals or planned.rubbish or planned.folders_made or planned.folders_removed
     )
 
 
-def differences(planned, machine, brief=()):
-    # type: (Plan, Machine, typing.Iterable[str]) -> typing.List[typing.Dict[str, str]]
+def differences(
+    planned: Plan, machine: Machine, brief: typing.Iterable[str] = ()
+) -> typing.List[typing.Dict[str, str]]:
     """The `diff` of a module: one entry per file that changes, and one for all that are below the `brief` folders."""
     entries = []
     named = ["", ""]  # lines before and after
@@ -248,7 +243,7 @@ def differences(planned, machine, brief=()):
             named[0] += _line(path, found)
             named[1] += _line(path, after)
             continue
-        entry = _owned.difference(path, found and found.content, after and after.content)
+        entry = difference(path, found and found.content, after and after.content)
         if found and after and found.kind == _FILE and found.content == after.content:
             entry["before"] = "mode %04o, owner %d:%d\n" % ((found.mode,) + found.owner)
             entry["after"] = "mode %04o, owner %d:%d\n" % ((after.mode,) + machine.owner)
@@ -261,8 +256,7 @@ def differences(planned, machine, brief=()):
     return entries
 
 
-def _line(path, file):
-    # type: (str, typing.Union[Found, Wanted, None]) -> str
+def _line(path: str, file: typing.Union[Found, Wanted, None]) -> str:
     if file is None:
         return ""
     return "%s, mode %04o, %d bytes, SHA-256 %s\n" % (
@@ -276,41 +270,39 @@ def _line(path, file):
 class Transaction:
     """A plan's changes on the machine, and the way back until they are settled."""
 
-    def __init__(self, planned, machine, record, remembered):
-        # type: (Plan, Machine, _owned.Record, typing.Dict[str, typing.Any]) -> None
+    def __init__(
+        self, planned: Plan, machine: Machine, record: Record, remembered: typing.Dict[str, typing.Any]
+    ) -> None:
         self.plan = planned
         self.machine = machine
         self.record = record
         self.remembered = remembered
-        self.touched = []  # type: typing.List[str]
-        self.made = []  # type: typing.List[str]
+        self.touched: typing.List[str] = []
+        self.made: typing.List[str] = []
 
-    def begin(self, more=None):
-        # type: (typing.Optional[typing.Dict[str, typing.Any]]) -> None
+    def begin(self, more: typing.Optional[typing.Dict[str, typing.Any]] = None) -> None:
         """Remember what is about to happen, with whatever else the caller remembers of this bundle."""
         intent = dict(self.plan.intent, **(more or {}))
         if intent != self.record.load():
             self.record.save(intent)
 
-    def apply(self):
-        # type: () -> None
+    def apply(self) -> None:
         """Make the changes. Raises OSError; then `take_back` is due."""
         for path in self.plan.removals:
             self.touched.append(path)
-            _owned.remove(path)
+            atomic.remove(path)
             if os.path.isdir(os.path.dirname(path)):
-                _owned.sync_folder(os.path.dirname(path))
+                atomic.sync_folder(os.path.dirname(path))
         for file in self.plan.writes:
-            self.made.extend(_owned.make_folders(os.path.dirname(file.path)))
+            self.made.extend(atomic.make_folders(os.path.dirname(file.path)))
             self.touched.append(file.path)
-            _owned.write_by_rename(file.path, file.content, file.mode, self.machine.owner)
+            atomic.write_by_rename(file.path, file.content, file.mode, self.machine.owner)
         for path in self.plan.rubbish:
-            _owned.remove(path)
+            atomic.remove(path)
         for folder in self.plan.folders_removed:
-            _owned.remove_folder_if_empty(folder)
+            atomic.remove_folder_if_empty(folder)
 
-    def settle(self, more=None):
-        # type: (typing.Optional[typing.Dict[str, typing.Any]]) -> None
+    def settle(self, more: typing.Optional[typing.Dict[str, typing.Any]] = None) -> None:
         """Remember what is ours now; after this there is no way back."""
         after = dict(self.plan.after, **(more or {}))
         if not any(after.values()):
@@ -318,8 +310,7 @@ class Transaction:
         if not after or after != self.record.load():
             self.record.save(after)
 
-    def take_back(self):
-        # type: () -> typing.List[str]
+    def take_back(self) -> typing.List[str]:
         """Put everything back as it was before `begin`; returns a sentence for each path where that failed."""
         failed = []
         for path in reversed(self.touched):
@@ -329,7 +320,7 @@ class Transaction:
                 failed.append("%s could not be put back (%s)." % (path, problem.strerror or problem))
         for folder in reversed(self.made):
             try:
-                _owned.remove_folder_if_empty(folder)
+                atomic.remove_folder_if_empty(folder)
             except OSError as problem:
                 failed.append("The folder %s could not be removed again (%s)." % (folder, problem.strerror or problem))
         try:
@@ -340,21 +331,21 @@ class Transaction:
             failed.append("The record %s could not be put back (%s)." % (self.record.path, problem.strerror or problem))
         return failed
 
-    def _put_back(self, path, before):
-        # type: (str, typing.Optional[Found]) -> None
+    def _put_back(self, path: str, before: typing.Optional[Found]) -> None:
         if before is None:
-            _owned.remove(path)
+            atomic.remove(path)
             return
-        _owned.make_folders(os.path.dirname(path))
+        atomic.make_folders(os.path.dirname(path))
         if before.kind == _FILE:
-            _owned.write_by_rename(path, before.content, before.mode, before.owner)
+            atomic.write_by_rename(path, before.content, before.mode, before.owner)
         else:
-            _owned.remove(path)
+            atomic.remove(path)
             os.symlink(before.content, os.fsencode(path))
 
 
-def _state(file, found, owned, owner):
-    # type: (Wanted, typing.Optional[Found], typing.Optional[str], typing.Tuple[int, int]) -> str
+def _state(
+    file: Wanted, found: typing.Optional[Found], owned: typing.Optional[str], owner: typing.Tuple[int, int]
+) -> str:
     """unchanged, written (to be), edited (by hand, to be put back), foreign (right, not ours) or taken (a problem)."""
     if found is None:
         return "edited" if owned else "written"
@@ -370,8 +361,9 @@ def _state(file, found, owned, owner):
     return "written" if there == owned else "edited"
 
 
-def _orphans(folders, gone, stays, entries):
-    # type: (typing.Set[str], typing.Set[str], typing.Set[str], typing.Dict[str, typing.Set[str]]) -> typing.List[str]
+def _orphans(
+    folders: typing.Set[str], gone: typing.Set[str], stays: typing.Set[str], entries: typing.Dict[str, typing.Set[str]]
+) -> typing.List[str]:
     """The byte code (PEP 3147) in these folders whose source is gone and is not about to be written."""
     orphans = []
     for folder in sorted(folders):
@@ -383,8 +375,9 @@ def _orphans(folders, gone, stays, entries):
     return orphans
 
 
-def _emptied(unneeded, ours, gone, entries):
-    # type: (typing.Set[str], typing.Set[str], typing.Set[str], typing.Dict[str, typing.Set[str]]) -> typing.Tuple
+def _emptied(
+    unneeded: typing.Set[str], ours: typing.Set[str], gone: typing.Set[str], entries: typing.Dict[str, typing.Set[str]]
+) -> typing.Tuple:
     """The folders and caches that are empty then, innermost first, and the unneeded folders that are not."""
     gone = set(gone)
     removed, kept = [], []
@@ -399,8 +392,7 @@ def _emptied(unneeded, ours, gone, entries):
     return removed, kept
 
 
-def _in_the_way(file, found):
-    # type: (Wanted, typing.Optional[Found]) -> str
+def _in_the_way(file: Wanted, found: typing.Optional[Found]) -> str:
     what = found.kind if found else "nothing"
     if found and found.kind == _FILE:
         what = "a file of %d bytes with mode %04o" % (len(found.content), found.mode)
@@ -410,8 +402,7 @@ def _in_the_way(file, found):
     )
 
 
-def _kind(folder):
-    # type: (str) -> str
+def _kind(folder: str) -> str:
     """What a folder above a planned path is; a symbolic link to a folder is a folder here, and missing is empty."""
     if os.path.isdir(folder):
         return _FOLDER
@@ -419,8 +410,7 @@ def _kind(folder):
     return found.kind if found else ""
 
 
-def _above(path):
-    # type: (str) -> typing.List[str]
+def _above(path: str) -> typing.List[str]:
     """The folders above a path without the root, innermost first."""
     folders = []
     path = os.path.dirname(path)
@@ -430,13 +420,11 @@ def _above(path):
     return folders
 
 
-def _print_of(file):
-    # type: (Wanted) -> str
+def _print_of(file: Wanted) -> str:
     return "%04o %s" % (file.mode, hashlib.sha256(file.content).hexdigest())
 
 
-def _print_of_found(found):
-    # type: (typing.Optional[Found]) -> str
+def _print_of_found(found: typing.Optional[Found]) -> str:
     """The print of a file that is there; empty for anything else."""
     if found is None or found.kind != _FILE:
         return ""

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Units of systemd: what they are and should be, the steps between (pure), and systemctl.
 
@@ -13,7 +12,9 @@ import shutil
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _owned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 RUNNING = ("active", "reloading", "refreshing", "activating")
 UP = ("active", "reloading", "refreshing")
@@ -61,21 +62,20 @@ State = typing.NamedTuple("State", [(field, str) for field, _prop in _PROPERTIES
 Step = typing.NamedTuple("Step", [("name", str), ("switch", str), ("run", str), ("why", str)])
 
 
-def wanted_units(units):
-    # type: (typing.Iterable[typing.Dict[str, typing.Any]]) -> typing.List[Unit]
+def wanted_units(units: typing.Iterable[typing.Dict[str, typing.Any]]) -> typing.List[Unit]:
     """The planned units out of mappings of name, content, enabled and started. Raises Problem."""
-    wanted = []  # type: typing.List[Unit]
+    wanted: typing.List[Unit] = []
     for entry in units:
         unit = Unit(entry["name"], entry["content"], entry["enabled"], entry["started"])
         if not _NAME.fullmatch(unit.name):
-            raise _owned.Problem(
+            raise Problem(
                 "The unit name %r is not usable; expected a name such as multimaster-sync.service, which ends in "
                 ".service, .socket, .timer, .path or .target." % unit.name
             )
         if unit.name in [other.name for other in wanted]:
-            raise _owned.Problem("The unit %s is listed twice in the units; list it once." % unit.name)
+            raise Problem("The unit %s is listed twice in the units; list it once." % unit.name)
         if unit.enabled and not _INSTALL.search(unit.content):
-            raise _owned.Problem(
+            raise Problem(
                 "The unit %s is to be enabled, but its content has no WantedBy= in a section [Install]; "
                 "add one, for example WantedBy=multi-user.target, or set enabled: false." % unit.name
             )
@@ -83,21 +83,18 @@ def wanted_units(units):
     return wanted
 
 
-def planned_inputs(content):
-    # type: (str) -> str
+def planned_inputs(content: str) -> str:
     """The digest in the last line Environment=ROSFLEET_INPUTS=... of a unit's text, or an empty text."""
     found = _INPUTS.findall(content)
     return found[-1] if found else ""
 
 
-def followed(content):
-    # type: (str) -> typing.Set[str]
+def followed(content: str) -> typing.Set[str]:
     """The units with which systemd restarts the unit of this text."""
     return {name for names in _FOLLOWS.findall(content) for name in names.split()}
 
 
-def check(units, states, owned):
-    # type: (typing.List[Unit], typing.Dict[str, State], typing.Container[str]) -> None
+def check(units: typing.List[Unit], states: typing.Dict[str, State], owned: typing.Container[str]) -> None:
     """Raises Problem, a sentence per unit, where a planned unit is masked or somebody else's; pure."""
     problems = []
     for unit in units:
@@ -114,17 +111,16 @@ def check(units, states, owned):
                 % (unit.name, state.fragment or "a unit without a file", state.active)
             )
     if problems:
-        raise _owned.Problem(" ".join(problems))
+        raise Problem(" ".join(problems))
 
 
 def plan(
-    units,  # type: typing.List[Unit]
-    removed,  # type: typing.List[str]
-    states,  # type: typing.Dict[str, State]
-    texts,  # type: typing.Dict[str, str]
-    pending,  # type: typing.Container[str]
-):
-    # type: (...) -> typing.List[Step]
+    units: typing.List[Unit],
+    removed: typing.List[str],
+    states: typing.Dict[str, State],
+    texts: typing.Dict[str, str],
+    pending: typing.Container[str],
+) -> typing.List[Step]:
     """The steps: stops of the removed units, last first, then the planned units in their order; pure.
 
     `texts` tells whose file is about to be written ("new", "changed"), `pending` who was not restarted after an
@@ -135,7 +131,7 @@ def plan(
         run = "" if states[name].active in ("inactive", "failed") else "stop"
         switch = "disable" if states[name].file_state in _ENABLED else ""
         steps.append(Step(name, switch, run, "it is no longer listed"))
-    restarted = set()  # type: typing.Set[str]
+    restarted: typing.Set[str] = set()
     for unit in units:
         state, text = states[unit.name], texts.get(unit.name, "")
         switch = ""
@@ -151,8 +147,7 @@ def plan(
     return steps
 
 
-def _run(unit, state, text, pending, restarted):
-    # type: (Unit, State, str, bool, typing.Set[str]) -> typing.Tuple[str, str]
+def _run(unit: Unit, state: State, text: str, pending: bool, restarted: typing.Set[str]) -> typing.Tuple[str, str]:
     """What is to be done with the process of a unit, and why."""
     running = state.active in RUNNING
     if not unit.started:
@@ -176,12 +171,11 @@ def _run(unit, state, text, pending, restarted):
     return "", ""
 
 
-def parse_show(text, names):
-    # type: (str, typing.Sequence[str]) -> typing.List[typing.Dict[str, str]]
+def parse_show(text: str, names: typing.Sequence[str]) -> typing.List[typing.Dict[str, str]]:
     """The properties of each unit in the output of `systemctl show`; raises Problem if it is not one block for each."""
     blocks = [block for block in text.strip("\n").split("\n\n") if block]
     if len(blocks) != len(names):
-        raise _owned.Problem(
+        raise Problem(
             "systemctl show told of %d units, expected %d (%s); look at what it says for them."
             % (len(blocks), len(names), " ".join(names))
         )
@@ -191,20 +185,19 @@ def parse_show(text, names):
 class Systemd:
     """The systemd of this computer, by systemctl and journalctl."""
 
-    def __init__(self, timeout):
-        # type: (float) -> None
+    def __init__(self, timeout: float) -> None:
         self.timeout = timeout
 
-    def properties(self, names, wanted):
-        # type: (typing.Sequence[str], typing.Sequence[str]) -> typing.List[typing.Dict[str, str]]
+    def properties(
+        self, names: typing.Sequence[str], wanted: typing.Sequence[str]
+    ) -> typing.List[typing.Dict[str, str]]:
         """These properties of these units, in one call."""
         if not names:
             return []
         answer = self._ask("show", "--property=" + ",".join(wanted), "--", *names)
         return parse_show(answer, names)
 
-    def show(self, names):
-        # type: (typing.Sequence[str]) -> typing.Dict[str, State]
+    def show(self, names: typing.Sequence[str]) -> typing.Dict[str, State]:
         """The state of these units, with the inputs of their running processes."""
         blocks = self.properties(names, [prop for _field, prop in _PROPERTIES])
         return {
@@ -212,32 +205,27 @@ class Systemd:
             for name, block in zip(names, blocks)
         }
 
-    def unit_path(self):
-        # type: () -> typing.List[str]
+    def unit_path(self) -> typing.List[str]:
         """The folders that systemd reads units from."""
         return self._ask("show", "--property=UnitPath").partition("=")[2].split()
 
-    def call(self, verb, *names):
-        # type: (str, *str) -> None
+    def call(self, verb: str, *names: str) -> None:
         """Run systemctl; raises Problem with what it said."""
         self._ask(verb, *names)
 
-    def try_call(self, verb, *names):
-        # type: (str, *str) -> None
+    def try_call(self, verb: str, *names: str) -> None:
         """Run systemctl where a failure means that there was nothing to do."""
         if names:
-            _machine.run(("systemctl", verb, "--") + names, limit=_QUICK)
+            commands.run(("systemctl", verb, "--") + names, limit=_QUICK)
 
-    def bring(self, verb, name):
-        # type: (str, str) -> None
+    def bring(self, verb: str, name: str) -> None:
         """Start or restart a unit and wait until it is there; raises Problem with its state and its journal."""
-        answer = _machine.run(("systemctl", verb, "--", name), limit=self.timeout)
+        answer = commands.run(("systemctl", verb, "--", name), limit=self.timeout)
         if answer.status != 0:
             late = " within %g s" % self.timeout if answer.status == -1 else ""
-            raise _owned.Problem("The unit %s did not %s%s%s" % (name, verb, late, self.explain(name)))
+            raise Problem("The unit %s did not %s%s%s" % (name, verb, late, self.explain(name)))
 
-    def explain(self, name):
-        # type: (str) -> str
+    def explain(self, name: str) -> str:
         """What became of a unit: its state, its exit status, and the last lines of its journal."""
         state = self.show([name])[name]
         ended = ""
@@ -254,25 +242,23 @@ class Systemd:
             " The end of its journal:\n  " + "\n  ".join(lines) + "\n" if lines else " Its journal is empty.",
         )
 
-    def _journal(self, name, invocation):
-        # type: (str, str) -> typing.List[str]
+    def _journal(self, name: str, invocation: str) -> typing.List[str]:
         """The last lines of this start; of the unit, where this start has written nothing yet."""
-        _machine.run(("journalctl", "--sync"), limit=_QUICK)
+        commands.run(("journalctl", "--sync"), limit=_QUICK)
         # journalctl --invocation is of systemd 257; the fields are older than all that we support.
         this_start = ("_SYSTEMD_INVOCATION_ID=" + invocation, "+", "INVOCATION_ID=" + invocation)
         for selection in (this_start if invocation else (), ("--unit=" + name,)):
             command = ("journalctl", "--quiet", "--no-pager", "--output=cat", "--lines=%d" % _JOURNAL_LINES)
-            answer = _machine.run(command + selection, limit=_QUICK) if selection else None
+            answer = commands.run(command + selection, limit=_QUICK) if selection else None
             if answer and answer.status == 0 and answer.output.strip():
                 return answer.output.decode("utf-8", "replace").splitlines()
         return []
 
-    def _ask(self, verb, *arguments):
-        # type: (str, *str) -> str
+    def _ask(self, verb: str, *arguments: str) -> str:
         limit = _QUICK if verb == "show" else max(_QUICK, self.timeout)
-        answer = _machine.run(("systemctl", verb) + arguments, limit=limit)
+        answer = commands.run(("systemctl", verb) + arguments, limit=limit)
         if answer.status != 0:
-            raise _owned.Problem(
+            raise Problem(
                 "'systemctl %s' failed: %s."
                 % (" ".join((verb,) + arguments), answer.error.rstrip(".") or answer.status)
             )
@@ -282,22 +268,28 @@ class Systemd:
 class Applier:
     """Takes the steps of a plan on the machine, and takes them back."""
 
-    def __init__(self, systemd, units, steps, before, transaction, memory):
-        # type: (Systemd, typing.List[Unit], typing.List[Step], typing.Dict[str, State], typing.Any, typing.Dict) -> None
+    def __init__(
+        self,
+        systemd: Systemd,
+        units: typing.List[Unit],
+        steps: typing.List[Step],
+        before: typing.Dict[str, State],
+        transaction: typing.Any,
+        memory: typing.Dict,
+    ) -> None:
         self.systemd = systemd
         self.units = units
         self.steps = steps
         self.before = before
         self.transaction = transaction
         self.memory = memory  # what the record holds beside the files: units, pending, directories, parents
-        self.new_directories = {}  # type: typing.Dict[str, typing.List[str]]
-        self.new_parents = []  # type: typing.List[str]
+        self.new_directories: typing.Dict[str, typing.List[str]] = {}
+        self.new_parents: typing.List[str] = []
         self.restarted = False  # whether this run has restarted a unit that others may follow
-        self.later = []  # type: typing.List[str]  # units that were stopped, to start after what they depend on
-        self.brought_back = []  # type: typing.List[str]  # units that `restore` has restarted
+        self.later: typing.List[str] = []  # units that were stopped, to start after what they depend on
+        self.brought_back: typing.List[str] = []  # units that `restore` has restarted
 
-    def apply(self, reload, fresh, paths):
-        # type: (bool, typing.List[str], typing.Dict[str, str]) -> typing.Dict[str, State]
+    def apply(self, reload: bool, fresh: typing.List[str], paths: typing.Dict[str, str]) -> typing.Dict[str, State]:
         """Take all steps and return the states read back; `fresh` units have a text that did not run yet.
 
         Raises Problem or OSError; then `restore` is due.
@@ -336,8 +328,7 @@ class Applier:
         self._check_up(after)
         return after
 
-    def clean(self):
-        # type: () -> None
+    def clean(self) -> None:
         """What systemd keeps of the removed units: failures, and the folders that it made for them."""
         wanted = [unit.name for unit in self.units]
         removed = [step.name for step in self.steps if step.name not in wanted]
@@ -349,16 +340,14 @@ class Applier:
         remove_parents(self.memory["parents"])
         self.memory["parents"] = [path for path in self.memory["parents"] if wanted and os.path.isdir(path)]
 
-    def restore(self):
-        # type: () -> typing.List[str]
+    def restore(self) -> typing.List[str]:
         """Bring files, links and processes back to what they were; returns a sentence for each failure."""
-        left = []  # type: typing.List[str]
+        left: typing.List[str] = []
 
-        def attempt(function, *arguments):
-            # type: (typing.Callable[..., typing.Any], *typing.Any) -> typing.Any
+        def attempt(function: typing.Callable[..., typing.Any], *arguments: typing.Any) -> typing.Any:
             try:
                 return function(*arguments)
-            except (OSError, _owned.Problem) as problem:
+            except (OSError, Problem) as problem:
                 left.append(str(problem))
                 return None
 
@@ -388,22 +377,19 @@ class Applier:
                 attempt(self._restart, name, state.invocation)
         return left
 
-    def _stop_and_switch(self, step):
-        # type: (Step) -> None
+    def _stop_and_switch(self, step: Step) -> None:
         if step.run:
             self.systemd.call(step.run, "--", step.name)
         if step.switch:
             self.systemd.call(step.switch, "--", step.name)
 
-    def _bring_up(self, step):
-        # type: (Step) -> None
+    def _bring_up(self, step: Step) -> None:
         if step.run == "restart" and step.name not in self.later:
             self._restart(step.name, self.before[step.name].invocation)
         else:
             self.systemd.bring("start", step.name)
 
-    def _restart(self, name, invocation):
-        # type: (str, str) -> None
+    def _restart(self, name: str, invocation: str) -> None:
         """Restart a unit whose present process is this invocation; only wait where systemd is already at it."""
         if self.restarted:
             # A start joins the restart that PartOf= and the like have begun; a second restart would repeat it.
@@ -413,23 +399,21 @@ class Applier:
         self.systemd.bring("restart", name)
         self.restarted = True
 
-    def _check_loaded(self, fresh, paths):
-        # type: (typing.List[str], typing.Dict[str, str]) -> None
+    def _check_loaded(self, fresh: typing.List[str], paths: typing.Dict[str, str]) -> None:
         """Before anything is started: systemd has read our files, and takes no others for these names."""
         for name, state in self.systemd.show(fresh).items():
             if state.load != "loaded":
-                raise _owned.Problem(
+                raise Problem(
                     "systemd does not accept the content of %s (%s%s); correct it, systemd-analyze verify tells more."
                     % (name, state.load, ": " + state.load_error if state.load_error else "")
                 )
             if os.path.realpath(state.fragment) != os.path.realpath(paths[name]):
-                raise _owned.Problem(
+                raise Problem(
                     "systemd reads the unit %s from %s, expected from %s; remove that file."
                     % (name, state.fragment or "nowhere", paths[name])
                 )
 
-    def _remember_directories(self, fresh):
-        # type: (typing.List[str]) -> None
+    def _remember_directories(self, fresh: typing.List[str]) -> None:
         """Remember, before the start, which folders systemd is about to make: only those are removed with the unit."""
         asked = ["DynamicUser", "RuntimeDirectoryPreserve"] + [prop for prop, _base in _DIRECTORIES]
         ours = {path for paths in self.memory["directories"].values() for path in paths}
@@ -444,23 +428,21 @@ class Applier:
         self.memory["parents"] = sorted(set(self.memory["parents"]) | set(self.new_parents))
         self.transaction.begin(self.memory)
 
-    def _check_up(self, states):
-        # type: (typing.Dict[str, State]) -> None
+    def _check_up(self, states: typing.Dict[str, State]) -> None:
         """Every unit that is planned to run does, and those that were started now did not end in between."""
         begun = [step.name for step in self.steps if step.run in ("start", "restart", "follow")]
         for unit in self.units:
             state = states[unit.name]
             if unit.started and state.active not in UP:
-                raise _owned.Problem("The unit %s did not stay up%s" % (unit.name, self.systemd.explain(unit.name)))
+                raise Problem("The unit %s did not stay up%s" % (unit.name, self.systemd.explain(unit.name)))
             if unit.name in begun and state.restarts not in ("", "0"):
-                raise _owned.Problem(
+                raise Problem(
                     "The unit %s ended %s times right after its start%s"
                     % (unit.name, state.restarts, self.systemd.explain(unit.name))
                 )
 
 
-def state_directories(properties):
-    # type: (typing.Dict[str, str]) -> typing.Tuple[typing.List[str], typing.List[str]]
+def state_directories(properties: typing.Dict[str, str]) -> typing.Tuple[typing.List[str], typing.List[str]]:
     """The folders that systemd makes for a unit with these properties, and the parents it may make for them; pure.
 
     With DynamicUser= the folder stands below `private`, with a symbolic link to it at its usual place.
@@ -484,27 +466,24 @@ def state_directories(properties):
     return paths, sorted(parents)
 
 
-def remove_trees(paths):
-    # type: (typing.Iterable[str]) -> None
+def remove_trees(paths: typing.Iterable[str]) -> None:
     """Remove folders with all they hold, and symbolic links to them; missing ones are no error."""
     for path in paths:
         if os.path.islink(path):
-            _owned.remove(path)
+            atomic.remove(path)
         elif os.path.isdir(path):
             shutil.rmtree(path)
 
 
-def remove_parents(paths):
-    # type: (typing.Iterable[str]) -> None
+def remove_parents(paths: typing.Iterable[str]) -> None:
     """Remove those of these folders that are empty, innermost first."""
     for path in sorted(paths, reverse=True):
-        _owned.remove_folder_if_empty(path)
+        atomic.remove_folder_if_empty(path)
 
 
-def _inputs_of(pid):
-    # type: (typing.Optional[str]) -> str
+def _inputs_of(pid: typing.Optional[str]) -> str:
     """ROSFLEET_INPUTS in the environment of a running process (proc(5)), or an empty text."""
-    environment = _owned.read_bytes("/proc/%s/environ" % pid) if pid and pid != "0" else None
+    environment = atomic.read_bytes("/proc/%s/environ" % pid) if pid and pid != "0" else None
     for variable in (environment or b"").split(b"\0"):
         if variable.startswith(b"ROSFLEET_INPUTS="):
             return variable.partition(b"=")[2].decode("utf-8", "replace")

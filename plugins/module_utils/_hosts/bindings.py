@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Bindings of an address to names: as the options of the module give them, and as libc reads them from a line."""
 
@@ -9,7 +8,7 @@ import re
 import socket
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 _LABEL = re.compile(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?\Z")
 _LOCAL_NAMES = frozenset(

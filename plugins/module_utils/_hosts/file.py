@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Reading and replacing the file, also where it is a mount point; what boots and what libc make of it."""
 
@@ -14,8 +13,10 @@ import stat
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _owned
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts_entries import Binding
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import Binding
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 # Renaming is refused on a mount point, and there is no writing beside a file that is mounted writable alone.
 _NO_RENAME = (errno.EBUSY, errno.EROFS)
@@ -31,8 +32,8 @@ class HostsFile:
 
     def __init__(self, path: str, records: str) -> None:
         self.path = os.path.realpath(path)
-        self.record = _owned.Record("hosts_entries", records)
-        self.found = _owned.read_bytes(self.path)
+        self.record = Record("hosts_entries", records)
+        self.found = atomic.read_bytes(self.path)
         self.content = self._repaired()
 
     @property
@@ -49,27 +50,27 @@ class HostsFile:
 
     def clean(self) -> None:
         """Remove what an ended run left beside the file and in the record."""
-        _owned.remove_leftovers(self.path)
-        _owned.remove_leftovers(self.record.path)
+        atomic.remove_leftovers(self.path)
+        atomic.remove_leftovers(self.record.path)
         self._remember(None)
 
     def replace(self, content: typing.Optional[bytes]) -> str:
         """Give the file this content (None: remove it); returns how, as V(written) says. Raises OSError, Problem."""
-        if _owned.read_bytes(self.path) != self.found:
-            raise _owned.Problem(
+        if atomic.read_bytes(self.path) != self.found:
+            raise Problem(
                 f"{self.path} was changed by something else while this module was looking at it; expected it to stand "
                 "still: run again. This module changed nothing."
             )
         if content is None:
             os.unlink(self.path)
-            _owned.sync_folder(os.path.dirname(self.path))
+            atomic.sync_folder(os.path.dirname(self.path))
             return "removed"
         if self.found is None:
-            _owned.write_by_rename(self.path, content)
+            atomic.write_by_rename(self.path, content)
             return "rename"
         old = os.stat(self.path)
         try:
-            _owned.write_by_rename(self.path, content, stat.S_IMODE(old.st_mode), (old.st_uid, old.st_gid))
+            atomic.write_by_rename(self.path, content, stat.S_IMODE(old.st_mode), (old.st_uid, old.st_gid))
             return "rename"
         except OSError as problem:
             if problem.errno not in _NO_RENAME:
@@ -86,8 +87,8 @@ class HostsFile:
             except OSError:
                 self._take_back(stream, before)
                 raise
-        if _owned.read_bytes(self.path) != content:
-            raise _owned.Problem(
+        if atomic.read_bytes(self.path) != content:
+            raise Problem(
                 f"{self.path} does not read back as it was written in place; expected the new content: look for what "
                 f"else writes it, and run again. The old content is kept in {self.record.path}."
             )
@@ -97,7 +98,7 @@ class HostsFile:
         try:
             _overwrite(stream, before)
         except OSError as problem:
-            raise _owned.Problem(
+            raise Problem(
                 f"{self.path} could neither be written in place nor given its old content again ({problem.strerror}); "
                 "expected a file system with room: make room and run again, which repairs the file. "
                 f"The old content is kept in {self.record.path}."
@@ -143,7 +144,7 @@ def boot_rewriter(folder: str = "/etc/cloud") -> str:
     winner = ""
     files = sorted(glob.glob(os.path.join(glob.escape(folder), "cloud.cfg.d", "*.cfg")))
     for path in itertools.chain([os.path.join(folder, "cloud.cfg")], files[:100]):
-        for value in re.findall(rb"(?m)^manage_etc_hosts[ \t]*:[ \t]*['\"]?(\w+)", _owned.read_bytes(path) or b""):
+        for value in re.findall(rb"(?m)^manage_etc_hosts[ \t]*:[ \t]*['\"]?(\w+)", atomic.read_bytes(path) or b""):
             winner = path if value.lower() in (b"true", b"yes", b"on", b"template", b"localhost") else ""
     return winner
 

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """The lines of /etc/hosts, and the plan of what becomes of them. Pure: bytes in, bytes and a report out.
 
@@ -20,7 +19,7 @@ Every other line is the user's, and is kept byte for byte. Taking back is theref
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts_entries import Binding, parse
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import Binding, parse
 
 # A mark is the first comment of its line, and all of it: a person's remark about us is not taken for one.
 _MARK = b"# rosfleet.multimaster"

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """What of multimaster_fkie is on a machine: executables of ROS packages, and Debian packages. Everything is only read."""
 
 import json
 import os
+import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run
 
 # The Debian packages that the collection installed, a name on each line; the role nodes writes it.
 INSTALLED = "/etc/rosfleet-multimaster/packages"
@@ -58,8 +58,9 @@ print(json.dumps(found))
 """
 
 
-def nodes(wanted, python, environment):
-    # type: (typing.List[typing.Dict[str, typing.Any]], str, typing.Dict[str, str]) -> typing.List[typing.Dict[str, str]]
+def nodes(
+    wanted: typing.List[typing.Dict[str, typing.Any]], python: str, environment: typing.Dict[str, str]
+) -> typing.List[typing.Dict[str, str]]:
     """Each wanted executable of a ROS package: its path, empty where it is not there, and why it would not run.
 
     `environment` is the whole one that the services have.
@@ -77,12 +78,11 @@ def nodes(wanted, python, environment):
         ]
 
 
-def packages(wanted, record=INSTALLED):
-    # type: (typing.List[str], str) -> typing.List[typing.Dict[str, typing.Any]]
+def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[typing.Dict[str, typing.Any]]:
     """The wanted Debian packages and those that the collection installed: the versions that are there and to be had."""
     ours = _recorded(record)
     names = wanted + [name for name in ours if name not in wanted]
-    known = {}  # type: typing.Dict[str, typing.Dict[str, str]]
+    known: typing.Dict[str, typing.Dict[str, str]] = {}
     if names:
         # As nobody, so that not even apt's cache is written.
         known = policy(
@@ -92,10 +92,9 @@ def packages(wanted, record=INSTALLED):
     return [dict(known.get(name, nothing), name=name, ours=name in ours) for name in names]
 
 
-def policy(output):
-    # type: (str) -> typing.Dict[str, typing.Dict[str, str]]
+def policy(output: str) -> typing.Dict[str, typing.Dict[str, str]]:
     """{package: versions} out of what apt-cache policy prints; a package that apt does not know is left out."""
-    known = {}  # type: typing.Dict[str, typing.Dict[str, str]]
+    known: typing.Dict[str, typing.Dict[str, str]] = {}
     name = ""
     for line in output.splitlines():
         word, colon, value = line.strip().partition(":")
@@ -107,8 +106,7 @@ def policy(output):
     return known
 
 
-def _recorded(path):
-    # type: (str) -> typing.List[str]
+def _recorded(path: str) -> typing.List[str]:
     if not os.path.isfile(path):
         return []
     with open(path, encoding="utf-8") as stream:

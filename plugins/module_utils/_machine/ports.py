@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Who holds a port: the kernel's tables of sockets, and the processes that have them open (proc(5))."""
 
@@ -11,7 +10,7 @@ import socket
 import struct
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text
 
 _TABLES = (("tcp", "tcp"), ("tcp", "tcp6"), ("udp", "udp"), ("udp", "udp6"))
 _LISTEN = "0A"  # include/net/tcp_states.h
@@ -20,8 +19,9 @@ _UNIT = re.compile(r"[^/]+\.(?:service|scope|socket)")
 Socket = typing.NamedTuple("Socket", [("protocol", str), ("port", int), ("address", str), ("uid", int), ("inode", str)])
 
 
-def holders(wanted, proc="/proc"):
-    # type: (typing.Iterable[typing.Dict[str, typing.Any]], str) -> typing.List[typing.Dict[str, typing.Any]]
+def holders(
+    wanted: typing.Iterable[typing.Dict[str, typing.Any]], proc: str = "/proc"
+) -> typing.List[typing.Dict[str, typing.Any]]:
     """The listening TCP and bound UDP sockets on the wanted {protocol, port}, with process, user and unit."""
     asked = {(entry["protocol"], entry["port"]) for entry in wanted}
     sockets = [
@@ -36,8 +36,7 @@ def holders(wanted, proc="/proc"):
     ]
 
 
-def parse(protocol, table):
-    # type: (str, str) -> typing.List[Socket]
+def parse(protocol: str, table: str) -> typing.List[Socket]:
     """The sockets of one table of /proc/net that wait for others: TCP in LISTEN, UDP in any state."""
     sockets = []
     for line in table.splitlines()[1:]:
@@ -49,22 +48,22 @@ def parse(protocol, table):
     return sockets
 
 
-def _address(digits):
-    # type: (str) -> str
+def _address(digits: str) -> str:
     # 32-bit words, each printed in the byte order of the machine
     words = [int(digits[start : start + 8], 16) for start in range(0, len(digits), 8)]
     family = socket.AF_INET if len(words) == 1 else socket.AF_INET6
     return socket.inet_ntop(family, struct.pack("=%dI" % len(words), *words))
 
 
-def _owners(inodes, proc):
-    # type: (typing.Set[str], str) -> typing.Tuple[typing.Dict[str, int], typing.Dict[int, typing.List[int]]]
+def _owners(
+    inodes: typing.Set[str], proc: str
+) -> typing.Tuple[typing.Dict[str, int], typing.Dict[int, typing.List[int]]]:
     """Which process has which socket open; of several, the last started, which is not systemd's own copy.
 
     Root in a container may not look into the processes of others: these are returned by their user.
     """
-    owners = {}  # type: typing.Dict[str, int]
-    closed = {}  # type: typing.Dict[int, typing.List[int]]
+    owners: typing.Dict[str, int] = {}
+    closed: typing.Dict[int, typing.List[int]] = {}
     if not inodes:
         return owners, closed
     wanted = {"socket:[%s]" % inode: inode for inode in inodes}
@@ -83,29 +82,25 @@ def _owners(inodes, proc):
     return owners, closed
 
 
-def _link(path):
-    # type: (str) -> str
+def _link(path: str) -> str:
     try:
         return os.readlink(path)
     except FileNotFoundError:
         return ""  # closed just now
 
 
-def _user_of(pid, proc):
-    # type: (int, str) -> int
+def _user_of(pid: int, proc: str) -> int:
     fields = re.search(r"^Uid:\s+(\d+)", text(os.path.join(proc, str(pid), "status")), re.MULTILINE)
     return int(fields.group(1)) if fields else -1
 
 
-def _only_one(pids, proc):
-    # type: (typing.List[int], str) -> int
+def _only_one(pids: typing.List[int], proc: str) -> int:
     """The first of a user's processes where all of them are of one unit, as with a service's own user; else 0."""
     units = {unit(text(os.path.join(proc, str(pid), "cgroup"))) for pid in pids}
     return pids[0] if len(units) == 1 else 0
 
 
-def _holder(entry, pid, proc):
-    # type: (Socket, int, str) -> typing.Dict[str, typing.Any]
+def _holder(entry: Socket, pid: int, proc: str) -> typing.Dict[str, typing.Any]:
     folder = os.path.join(proc, str(pid))
     try:
         user = pwd.getpwuid(entry.uid).pw_name
@@ -122,8 +117,7 @@ def _holder(entry, pid, proc):
     }
 
 
-def unit(cgroups):
-    # type: (str) -> str
+def unit(cgroups: str) -> str:
     """The systemd unit in the text of /proc/PID/cgroup: of systemd's hierarchy (version 1), or of the only one."""
     for line in cgroups.splitlines():
         _number, controllers, path = (line.split(":", 2) + ["", ""])[:3]

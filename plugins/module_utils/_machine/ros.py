@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Where ROS 1 is on a machine, and what it gives to a program.
 
@@ -16,8 +15,8 @@ import shlex
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _fkie
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import BASE_PATH, CLEAN, run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, CLEAN, run
 
 PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
 PYTHON2 = "/usr/bin/python2.7"  # what the ROS distributions before Noetic are built for
@@ -66,8 +65,9 @@ class NotFound(Exception):
     """One sentence: what was looked for, where, and what to do."""
 
 
-def find(choice="auto", nodes=(), root="/opt/ros", debian=_DEBIAN):
-    # type: (str, typing.Sequence[Record], str, str) -> Record
+def find(
+    choice: str = "auto", nodes: typing.Sequence[Record] = (), root: str = "/opt/ros", debian: str = _DEBIAN
+) -> Record:
     """`found`, `chosen` and `problem`: the installations of ROS, the one to use, and one sentence where that fails.
 
     `choice` is "auto", "debian", or the path of a set-up file or of the folder that holds it; `nodes` are executables
@@ -79,12 +79,11 @@ def find(choice="auto", nodes=(), root="/opt/ros", debian=_DEBIAN):
         return {"found": [], "chosen": None, "problem": str(problem)}
     chosen, problem = choose(found, root)
     if chosen:
-        chosen["nodes"] = _fkie.nodes(list(nodes), chosen["python"], full(chosen["environment"]))
+        chosen["nodes"] = fkie.nodes(list(nodes), chosen["python"], full(chosen["environment"]))
     return {"found": found, "chosen": chosen, "problem": problem}
 
 
-def candidates(choice, root="/opt/ros", debian=_DEBIAN):
-    # type: (str, str, str) -> typing.List[typing.Tuple[str, str]]
+def candidates(choice: str, root: str = "/opt/ros", debian: str = _DEBIAN) -> typing.List[typing.Tuple[str, str]]:
     """(kind, set-up file) of what `choice` may mean, in the order of preference. Raises NotFound."""
     if choice == "auto":
         prefixes = [("prefix", setup_file(os.path.dirname(path))) for path in sorted(glob.glob(root + "/*/setup.sh"))]
@@ -100,8 +99,7 @@ def candidates(choice, root="/opt/ros", debian=_DEBIAN):
     return [("prefix" if os.path.dirname(os.path.dirname(setup)) == root else "workspace", setup)]
 
 
-def setup_file(path):
-    # type: (str) -> str
+def setup_file(path: str) -> str:
     """The set-up file that a path names, itself or as its folder. Raises NotFound."""
     path = os.path.normpath(path)
     if os.path.isfile(path):
@@ -115,8 +113,7 @@ def setup_file(path):
     )
 
 
-def choose(found, root="/opt/ros"):
-    # type: (typing.List[Record], str) -> typing.Tuple[typing.Any, str]
+def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[typing.Any, str]:
     """The installation to use, or None, and the sentence that says what is wrong with it."""
     ros1 = [record for record in found if record["version"] != "2"]
     prefixes = [record for record in ros1 if record["kind"] == "prefix"]
@@ -138,8 +135,7 @@ def choose(found, root="/opt/ros"):
     return ros1[0], ros1[0]["problem"]
 
 
-def examine(kind, setup):
-    # type: (str, str) -> Record
+def examine(kind: str, setup: str) -> Record:
     """One installation: its environment, its commands, and whether rospy is there for an unprivileged user."""
     environment, problem = source(setup) if setup else ({}, "")
     fallback = {"prefix": os.path.basename(os.path.dirname(setup)), "workspace": "", "debian": "debian"}
@@ -164,8 +160,7 @@ def examine(kind, setup):
     return record
 
 
-def source(setup):
-    # type: (str) -> typing.Tuple[typing.Dict[str, str], str]
+def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
     """What sourcing a set-up file as nobody adds to a clean environment, and one sentence where it fails."""
     shell = _SHELLS.get(os.path.splitext(setup)[1], "bash")
     # No positional parameters: catkin's files hand theirs on. What they print is not the environment.
@@ -178,8 +173,7 @@ def source(setup):
     return {}, closed([setup]) or "The set-up file %s, sourced by %s, sets no variables: %s." % (setup, shell, said)
 
 
-def added(output):
-    # type: (bytes) -> typing.Dict[str, str]
+def added(output: bytes) -> typing.Dict[str, str]:
     """The variables in the output of `env -0` that a set-up file made; of PATH only the entries that it added.
 
     A value with a line break or another control character fits into no file of an environment and is left out.
@@ -197,15 +191,13 @@ def added(output):
     return variables
 
 
-def full(environment):
-    # type: (typing.Dict[str, str]) -> typing.Dict[str, str]
+def full(environment: typing.Dict[str, str]) -> typing.Dict[str, str]:
     """A whole environment for a process out of the variables that a set-up file adds."""
     path = ":".join(filter(None, [environment.get("PATH", ""), BASE_PATH]))
     return dict(environment, **dict(CLEAN, PATH=path))
 
 
-def hooks(environment):
-    # type: (typing.Dict[str, str]) -> str
+def hooks(environment: typing.Dict[str, str]) -> str:
     """The folder of shell files that the prefix's set-up file sources at its end, or an empty text."""
     for prefix in reversed(environment.get("CMAKE_PREFIX_PATH", "").split(":")):
         if prefix and os.path.isdir(os.path.join(prefix, HOOKS)):
@@ -213,8 +205,7 @@ def hooks(environment):
     return ""
 
 
-def _import(setup, environment):
-    # type: (str, typing.Dict[str, str]) -> Record
+def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
     where = setup or "Debian's packages"
     old = environment.get("ROS_PYTHON_VERSION") == "2" or "/python2." in environment.get("PYTHONPATH", "")
     python = PYTHON2 if old else PYTHON
@@ -246,8 +237,7 @@ def _import(setup, environment):
     return result
 
 
-def closed(paths):
-    # type: (typing.Iterable[str]) -> str
+def closed(paths: typing.Iterable[str]) -> str:
     """A sentence about the first folder or file on the way to these paths that is closed to the user nobody."""
     answer = run([PYTHON, "-c", _CLOSED] + [path for path in paths if os.path.exists(path)], unprivileged=True)
     part = answer.output.decode("utf-8", "replace").strip()

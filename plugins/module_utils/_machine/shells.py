@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Where shells get their variables from on a machine: older assignments, sshd's SetEnv, and what really arrives."""
 
@@ -13,7 +12,7 @@ import shutil
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import BASE_PATH, run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, run, text
 
 Found = typing.List[typing.Dict[str, typing.Any]]
 
@@ -51,8 +50,7 @@ _DEEPEST = 16  # sshd refuses files that include each other more deeply
 _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "TERM")
 
 
-def exports(root="/"):
-    # type: (str) -> Found
+def exports(root: str = "/") -> Found:
     """Older assignments of the variables that name a master or this computer, in the files that shells read."""
     under = os.path.join(root, "")
     people = homes(text(under + "etc/passwd"))
@@ -63,8 +61,7 @@ def exports(root="/"):
     ]
 
 
-def homes(passwd):
-    # type: (str) -> typing.List[str]
+def homes(passwd: str) -> typing.List[str]:
     """The home folders of root and of the people in the text of /etc/passwd."""
     found = []
     for line in passwd.splitlines():
@@ -76,8 +73,7 @@ def homes(passwd):
     return found
 
 
-def assignments(content):
-    # type: (str) -> Found
+def assignments(content: str) -> Found:
     """The lines of a shell's file (sh, csh, pam_env.conf(5)) that assign one of VARIABLES."""
     found = []
     for number, line in enumerate(content.splitlines(), 1):
@@ -87,8 +83,7 @@ def assignments(content):
     return found
 
 
-def _assigned(line):
-    # type: (str) -> typing.List[typing.Tuple[str, str]]
+def _assigned(line: str) -> typing.List[typing.Tuple[str, str]]:
     words = _words(line)
     other = None if not words else _SETENV.match(" ".join(words)) or _PAM.match(" ".join(words))
     if other:
@@ -97,8 +92,7 @@ def _assigned(line):
     return [(name, value) for name, equals, value in pairs if equals and name in VARIABLES]
 
 
-def _words(line):
-    # type: (str) -> typing.List[str]
+def _words(line: str) -> typing.List[str]:
     lexer = shlex.shlex(line, posix=True, punctuation_chars=";&|(){}")
     lexer.wordchars += ":$@%+,`!^[]\\"
     try:
@@ -107,8 +101,7 @@ def _words(line):
         return line.partition("#")[0].split()
 
 
-def sshd(root="/"):
-    # type: (str) -> typing.Dict[str, typing.Any]
+def sshd(root: str = "/") -> typing.Dict[str, typing.Any]:
     """Whether sshd is here and reads drop-ins, which SetEnv lines it has, and whether it has read our file as it is."""
     directives = list(_directives(os.path.join(root, "etc/ssh/sshd_config"), os.path.join(root, ""), False))
     path = re.search(r"^PATH=[\"']?([^\"'\n]+)", text(os.path.join(root, "etc/environment")), re.MULTILINE)
@@ -133,8 +126,9 @@ def sshd(root="/"):
     }
 
 
-def _directives(path, root, match, depth=0):
-    # type: (str, str, bool, int) -> typing.Iterator[typing.Tuple[str, int, str, str, bool]]
+def _directives(
+    path: str, root: str, match: bool, depth: int = 0
+) -> typing.Iterator[typing.Tuple[str, int, str, str, bool]]:
     """(file, line, keyword, arguments, inside a Match) of sshd_config(5) and its includes, in the order of reading."""
     for number, line in enumerate(text(path).splitlines(), 1):
         found = re.match(r"\s*([A-Za-z]+)[\s=]+(.*?)\s*$", line)
@@ -150,13 +144,11 @@ def _directives(path, root, match, depth=0):
                     yield from _directives(included, root, match, depth + 1)
 
 
-def _patterns(rest):
-    # type: (str) -> typing.List[str]
+def _patterns(rest: str) -> typing.List[str]:
     return [os.path.join("/etc/ssh", word.strip('"')) for word in rest.split()]
 
 
-def _listener():
-    # type: () -> typing.Tuple[str, float]
+def _listener() -> typing.Tuple[str, float]:
     """The active unit of sshd's daemon, or an empty text, and when (s since 1970) it last read its files."""
     shown = run(
         ["systemctl", "show", "-p", "Id,ActiveState,StateChangeTimestampMonotonic", "ssh.service", "sshd.service"]
@@ -170,8 +162,7 @@ def _listener():
     return "", 0.0
 
 
-def _changed(path):
-    # type: (str) -> float
+def _changed(path: str) -> float:
     """When a file was last written, or removed from its folder; a time in the future tells nothing."""
     for place in (path, os.path.dirname(path)):
         try:
@@ -182,8 +173,7 @@ def _changed(path):
     return 0.0
 
 
-def seen():
-    # type: () -> typing.Dict[str, typing.Optional[typing.Dict[str, str]]]
+def seen() -> typing.Dict[str, typing.Optional[typing.Dict[str, str]]]:
     """The variables that really reach a new login shell, a command by ssh and a desktop's terminal.
 
     They are read by the programs that read the files; as the user nobody, who has no files of his own.
@@ -192,8 +182,7 @@ def seen():
     return {"login": _login(), "ssh": _ssh(), "desktop": _desktop()}
 
 
-def _login():
-    # type: () -> typing.Optional[typing.Dict[str, str]]
+def _login() -> typing.Optional[typing.Dict[str, str]]:
     clean = {"HOME": "/nonexistent", "PATH": BASE_PATH, "TERM": "dumb"}
     # Whatever the files print comes before the mark.
     answer = run(["bash", "-lc", "printf '\\0\\0'; exec /usr/bin/env -0"], clean, unprivileged=True)
@@ -204,8 +193,7 @@ def _login():
     return {name: value for name, equals, value in pairs if equals and name not in _OF_THE_SHELL}
 
 
-def _ssh():
-    # type: () -> typing.Optional[typing.Dict[str, str]]
+def _ssh() -> typing.Optional[typing.Dict[str, str]]:
     daemon = shutil.which("sshd", path=BASE_PATH)
     if not daemon:
         return None
@@ -220,8 +208,7 @@ def _ssh():
     return dict(line.partition("=")[::2] for line in lines)
 
 
-def _desktop():
-    # type: () -> typing.Optional[typing.Dict[str, str]]
+def _desktop() -> typing.Optional[typing.Dict[str, str]]:
     for folder in ("/usr/lib", "/lib"):
         if os.path.exists(folder + _GENERATOR):
             answer = run([folder + _GENERATOR], {"HOME": "/nonexistent", "PATH": BASE_PATH}, unprivileged=True)
@@ -229,8 +216,7 @@ def _desktop():
     return None
 
 
-def unquoted(output):
-    # type: (str) -> typing.Dict[str, str]
+def unquoted(output: str) -> typing.Dict[str, str]:
     """Variables out of what an environment generator of systemd prints (systemd.environment-generator(7))."""
     variables = {}
     for line in output.splitlines():

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """The kernel's routes: what a route is, how `ip` shows it, and the words with which `ip` makes it.
 
@@ -11,8 +10,8 @@ import ipaddress
 import json
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 MAIN = 254  # the table main, linux/rtnetlink.h
 DEFAULTS = {4: "0.0.0.0/0", 6: "::/0"}
@@ -23,6 +22,9 @@ NO_WAY = ("blackhole", "unreachable", "prohibit")
 _LIMIT = 30.0  # seconds; a command takes a few thousandths on a machine that is not overloaded
 
 Raw = typing.Dict[str, typing.Any]  # one route as `ip -json -details route show` has it
+
+
+Key = typing.Tuple[int, str, int, int]
 
 
 class Route(typing.NamedTuple):
@@ -38,25 +40,19 @@ class Route(typing.NamedTuple):
     type: str = "unicast"
 
     @property
-    def version(self):
-        # type: () -> int
+    def version(self) -> int:
         """4 or 6."""
         return 6 if ":" in self.destination else 4
 
     @property
-    def key(self):
-        # type: () -> Key
+    def key(self) -> Key:
         """What the kernel tells routes apart by: of one key there is one way (ip-route(8), `replace`)."""
         return (self.version, self.destination, self.table, self.metric)
 
     @property
-    def way(self):
-        # type: () -> typing.Tuple[typing.Any, ...]
+    def way(self) -> typing.Tuple[typing.Any, ...]:
         """Key and way. `onlink` only allows a gateway that the kernel would refuse, so it makes no other way."""
         return self.key + (self.type, self.gateway, self.device, self.source)
-
-
-Key = typing.Tuple[int, str, int, int]
 
 
 class Held(typing.NamedTuple):
@@ -68,14 +64,12 @@ class Held(typing.NamedTuple):
     strange: typing.Tuple[str, ...]  # what it has and these words do not say
 
     @property
-    def text(self):
-        # type: () -> str
+    def text(self) -> str:
         """As `ip route` writes it."""
         return " ".join(self.words)
 
 
-def words_of(route):
-    # type: (Route) -> typing.List[str]
+def words_of(route: Route) -> typing.List[str]:
     """The words behind `ip route replace` that make a route."""
     words = [] if route.type == "unicast" else [route.type]
     words.append("default" if route.destination in DEFAULTS.values() else route.destination)
@@ -95,14 +89,12 @@ def words_of(route):
     return words
 
 
-def command(verb, version, words):
-    # type: (str, int, typing.Iterable[str]) -> typing.List[str]
+def command(verb: str, version: int, words: typing.Iterable[str]) -> typing.List[str]:
     """The command for a change; verb is replace, append or del."""
     return ["ip", "-%d" % version, "route", verb] + list(words)
 
 
-def text_of(route):
-    # type: (Route) -> str
+def text_of(route: Route) -> str:
     """A route of ours as `ip route` writes it."""
     return " ".join(words_of(route))
 
@@ -117,8 +109,7 @@ _KNOWN = {
 _PATH_METRICS = ("mtu", "advmss", "window", "rtt", "rttvar", "cwnd", "initcwnd", "initrwnd", "ssthresh", "hoplimit")
 
 
-def held(raw, version, table):
-    # type: (Raw, int, int) -> Held
+def held(raw: Raw, version: int, table: int) -> Held:
     """A route as `ip` shows it."""
     kind, destination = raw.get("type", "unicast"), raw["dst"]
     if destination == "default":
@@ -166,8 +157,7 @@ def held(raw, version, table):
     return Held(route, protocol, tuple(words), tuple(strange))
 
 
-def _hop(raw):
-    # type: (Raw) -> typing.List[str]
+def _hop(raw: Raw) -> typing.List[str]:
     words = []
     if "via" in raw:
         words += ["via", raw["via"]["family"], raw["via"]["host"]]
@@ -182,14 +172,12 @@ _NAMES = {"proto": "protocol", "src": "prefsrc"}
 _NUMBERS = ("metric", "weight", "error")
 
 
-def from_text(output):
-    # type: (str) -> typing.List[Raw]
+def from_text(output: str) -> typing.List[Raw]:
     """The same out of the text of `ip -oneline -details route show`."""
     return [_line(line) for line in output.splitlines() if line.strip()]
 
 
-def _line(line):
-    # type: (str) -> Raw
+def _line(line: str) -> Raw:
     head, *hops = [part.split() for part in line.replace("\\", " ").split("nexthop ")]
     raw = {"type": head[0], "dst": head[1], "flags": []}
     _pairs(head[2:], raw)
@@ -200,8 +188,7 @@ def _line(line):
     return raw
 
 
-def _pairs(words, raw):
-    # type: (typing.List[str], Raw) -> None
+def _pairs(words: typing.List[str], raw: Raw) -> None:
     words = list(words)
     while words:
         name = words.pop(0)
@@ -226,8 +213,7 @@ def _pairs(words, raw):
 class Kernel:
     """The kernel's routes, read and changed by the command ip."""
 
-    def read(self, version, table):
-        # type: (int, int) -> typing.List[Held]
+    def read(self, version: int, table: int) -> typing.List[Held]:
         """The routes of a table. Raises Problem where they cannot be read."""
         show = ["-details", "-%d" % version, "route", "show", "table", str(table)]
         answer = run(["ip", "-json"] + show, limit=_LIMIT)
@@ -245,8 +231,7 @@ class Kernel:
         # Routes for a kind of service or for some senders only are others in the kernel's eyes, and never ours.
         return [held(raw, version, table) for raw in found if "dst" in raw and not {"tos", "from"} & set(raw)]
 
-    def change(self, verb, version, words):
-        # type: (str, int, typing.Iterable[str]) -> None
+    def change(self, verb: str, version: int, words: typing.Iterable[str]) -> None:
         """One change. Raises Problem with the kernel's own words."""
         argv = command(verb, version, words)
         answer = run(argv, limit=_LIMIT)

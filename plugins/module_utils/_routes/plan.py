@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """From the options to routes, and from the kernel's routes to those: the pure part of the module routes."""
 
@@ -8,8 +7,8 @@ import ipaddress
 import shlex
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_kernel import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
     DEFAULTS,
     MAIN,
     METRICS,
@@ -68,14 +67,12 @@ class Plan(typing.NamedTuple):
 # What is wanted
 
 
-def name_of(destination):
-    # type: (str) -> str
+def name_of(destination: str) -> str:
     """A destination as a person writes it."""
     return "default" if destination == DEFAULTS[4] else destination
 
 
-def items_of(wanted, interfaces):
-    # type: (typing.Iterable[typing.Mapping[str, typing.Any]], Interfaces) -> typing.List[Item]
+def items_of(wanted: typing.Iterable[typing.Mapping[str, typing.Any]], interfaces: Interfaces) -> typing.List[Item]:
     """The routes of the option, with the interface of each. Raises Problem with the item that cannot be meant."""
     items, keys = [], {}
     for number, given in enumerate(wanted, 1):
@@ -91,8 +88,7 @@ def items_of(wanted, interfaces):
     return items
 
 
-def _item(given, where, interfaces):
-    # type: (typing.Mapping[str, typing.Any], str, Interfaces) -> Item
+def _item(given: typing.Mapping[str, typing.Any], where: str, interfaces: Interfaces) -> Item:
     destination = _destination(given["destination"], where)
     version, kind = (6 if ":" in destination else 4), given["type"]
     gateway = _address(given["gateway"], version, where, "gateway")
@@ -131,8 +127,7 @@ def _item(given, where, interfaces):
     return Item(route, device, given["backend"])
 
 
-def _destination(value, where):
-    # type: (str, str) -> str
+def _destination(value: str, where: str) -> str:
     if value == "default":
         return DEFAULTS[4]
     try:
@@ -144,8 +139,7 @@ def _destination(value, where):
         ) from problem
 
 
-def _address(value, version, where, option):
-    # type: (typing.Optional[str], int, str, str) -> str
+def _address(value: typing.Optional[str], version: int, where: str, option: str) -> str:
     if not value:
         return ""
     try:
@@ -160,26 +154,23 @@ def _address(value, version, where, option):
     return str(address)
 
 
-def _names(interfaces):
-    # type: (typing.Iterable[str]) -> str
+def _names(interfaces: typing.Iterable[str]) -> str:
     return ", ".join(sorted(interfaces)) or "none"
 
 
-def networks(link):
-    # type: (typing.Mapping[str, typing.Any]) -> typing.List[typing.Any]
+def networks(link: typing.Mapping[str, typing.Any]) -> typing.List[typing.Any]:
     """The addresses of an interface with their networks (ipaddress)."""
     return [ipaddress.ip_interface("%(address)s/%(prefix)d" % entry) for entry in link["addresses"]]
 
 
-def _device_towards(gateway, where, interfaces):
-    # type: (str, str, Interfaces) -> str
+def _device_towards(gateway: str, where: str, interfaces: Interfaces) -> str:
     """The interface whose connected network holds the gateway: the smallest such network decides."""
     address = ipaddress.ip_address(gateway)
     if address.is_link_local:
         raise Problem(
             "%s: the gateway %s is link-local, so every interface could be meant: add device." % (where, gateway)
         )
-    found = {}  # type: typing.Dict[int, typing.Set[str]]
+    found: typing.Dict[int, typing.Set[str]] = {}
     for name, link in interfaces.items():
         for own in networks(link):
             if not link["loopback"] and address in own.network:
@@ -195,8 +186,7 @@ def _device_towards(gateway, where, interfaces):
     return nearest.pop()
 
 
-def _addresses(interfaces):
-    # type: (Interfaces) -> str
+def _addresses(interfaces: Interfaces) -> str:
     found = [
         "%s %s" % (name, own)
         for name, link in sorted(interfaces.items())
@@ -206,8 +196,7 @@ def _addresses(interfaces):
     return ", ".join(found) or "no address"
 
 
-def check_usable(items, interfaces, current):
-    # type: (typing.List[Item], Interfaces, Current) -> None
+def check_usable(items: typing.List[Item], interfaces: Interfaces, current: Current) -> None:
     """Raises Problem for a route that the kernel would refuse as the interfaces are now."""
     own = {str(address.ip) for link in interfaces.values() for address in networks(link)}
     routes = [item.route for item in items] + [held.route for there in current.values() for held in there]
@@ -245,14 +234,21 @@ def check_usable(items, interfaces, current):
 # The plan
 
 
-def plan(routes, current, entries, replace, interfaces):
-    # type: (typing.List[Route], Current, typing.Dict[Key, Entry], bool, typing.Iterable[str]) -> Plan
+def plan(
+    routes: typing.List[Route],
+    current: Current,
+    entries: typing.Dict[Key, Entry],
+    replace: bool,
+    interfaces: typing.Iterable[str],
+) -> Plan:
     """What leads from the kernel's routes and the record to these routes.
 
     `current` has every key of routes and entries that the kernel holds. No key is without a route on the way: `replace` of
     ip-route(8) is one step of the kernel, and what goes, goes after everything that comes.
     """
-    adds, returns, removals = [], [], []  # type: typing.List[Change], typing.List[Change], typing.List[Change]
+    adds: typing.List[Change] = []
+    returns: typing.List[Change] = []
+    removals: typing.List[Change] = []
     interim, final, after = dict(entries), {}, {}
     results, taken_back = [], []
 
@@ -326,31 +322,28 @@ def plan(routes, current, entries, replace, interfaces):
     return Plan(changes, _undo(changes, routes, current, after), interim, final, after, results, taken_back)
 
 
-def _make(route):
-    # type: (Route) -> Change
+def _make(route: Route) -> Change:
     return Change("replace", route.version, tuple(words_of(route)))
 
 
-def _put(key, words, first):
-    # type: (Key, typing.Tuple[str, ...], bool) -> Change
+def _put(key: Key, words: typing.Tuple[str, ...], first: bool) -> Change:
     """One of several routes of a key: the first takes the place of what is there, the others join it."""
     return Change("replace" if first else "append", key[0], words, may_fail=not first)
 
 
-def remove(held):
-    # type: (Held) -> Change
+def remove(held: Held) -> Change:
     """What removes a route and no other of its key: with IPv6 the type does not tell them apart, but the device does."""
     lo = ("dev", "lo") if held.route.version == 6 and held.route.type in NO_WAY else ()
     return Change("del", held.route.version, held.words + lo, may_fail=True)
 
 
-def _device(words):
-    # type: (typing.Sequence[str]) -> typing.Optional[str]
+def _device(words: typing.Sequence[str]) -> typing.Optional[str]:
     return words[words.index("dev") + 1] if "dev" in words else None
 
 
-def _judge(route, there, foreign, replace):
-    # type: (Route, typing.List[Held], typing.List[Held], bool) -> typing.Tuple[str, typing.Optional[str]]
+def _judge(
+    route: Route, there: typing.List[Held], foreign: typing.List[Held], replace: bool
+) -> typing.Tuple[str, typing.Optional[str]]:
     """Whether others' routes of this key stand against it."""
     name = text_of(route)
     connected = [held for held in there if held.protocol == "kernel"]
@@ -373,8 +366,12 @@ def _judge(route, there, foreign, replace):
     return "ok", None
 
 
-def _undo(changes, routes, current, after):
-    # type: (typing.List[Change], typing.List[Route], Current, typing.Dict[Key, typing.List[str]]) -> typing.List[Change]
+def _undo(
+    changes: typing.List[Change],
+    routes: typing.List[Route],
+    current: Current,
+    after: typing.Dict[Key, typing.List[str]],
+) -> typing.List[Change]:
     """What brings the keys that the changes touch back to what they hold now: first what comes, then what goes."""
     if not changes:
         return []
@@ -392,25 +389,22 @@ def _undo(changes, routes, current, after):
     return _links_first(comes) + goes
 
 
-def _links_first(changes):
-    # type: (typing.List[Change]) -> typing.List[Change]
+def _links_first(changes: typing.List[Change]) -> typing.List[Change]:
     """Networks on a link before what is behind them; within a key the order stays."""
-    behind = {}  # type: typing.Dict[typing.Tuple[int, str], bool]
+    behind: typing.Dict[typing.Tuple[int, str], bool] = {}
     for change in changes:
         place = _place(change)
         behind[place] = behind.get(place, False) or bool({"via", "nexthop"} & set(change.words))
     return sorted(changes, key=lambda change: behind[_place(change)])
 
 
-def _place(change):
-    # type: (Change) -> typing.Tuple[int, str]
+def _place(change: Change) -> typing.Tuple[int, str]:
     words = [word for word in change.words if word not in NO_WAY]
     numbers = [words[words.index(name) + 1] if name in words else "" for name in ("metric", "table")]
     return (change.version, " ".join([words[0]] + numbers))
 
 
-def undo_command(change):
-    # type: (Change) -> typing.List[str]
+def undo_command(change: Change) -> typing.List[str]:
     """A change of `Plan.undo` as a command that fails only where the state is not as it was."""
     argv = command(change.verb, change.version, change.words)
     if change.verb != "del":
@@ -426,13 +420,11 @@ def undo_command(change):
     return ["sh", "-c", '%s 2>/dev/null || test -z "$(%s 2>/dev/null)"' % (_quoted(argv), _quoted(show))]
 
 
-def _quoted(argv):
-    # type: (typing.Iterable[str]) -> str
+def _quoted(argv: typing.Iterable[str]) -> str:
     return " ".join(shlex.quote(word) for word in argv)
 
 
-def other_defaults(routes, current):
-    # type: (typing.Iterable[Route], typing.Iterable[Held]) -> typing.List[Held]
+def other_defaults(routes: typing.Iterable[Route], current: typing.Iterable[Held]) -> typing.List[Held]:
     """Default routes of others beside those that are wanted, in the same table. (`current`: as it will be.)"""
     wanted = [route for route in routes if route.destination in DEFAULTS.values() and route.type == "unicast"]
     places = {(route.destination, route.table) for route in wanted}

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Routes of ours: one run of the module, over the kernel's routes and what brings them back at boot.
 
@@ -9,17 +8,27 @@ ours is on disk before either: whatever ends a run, the next one finds what it n
 """
 
 import os
+import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _owned, _routes_boot, _routes_plan
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_kernel import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
     DEFAULTS,
     Kernel,
     Route,
     command,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_managers import BACKENDS, NONE, Boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_plan import Entry, name_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import (
+    BACKENDS,
+    NONE,
+    Boot,
+    Choice,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.plan import Entry, name_of
 
 RUN_TIME = "routes at run time"
 # Protocols of routes that managers make from their configuration; a person's `ip route add` gives "boot".
@@ -31,8 +40,9 @@ _RETURNING = ("kernel", "dhcp", "ra", "redirect")
 class Run:
     """One run of the module: looks at the machine and plans, then applies the plan or says what stands against it."""
 
-    def __init__(self, options, memory=None):
-        # type: (typing.Mapping[str, typing.Any], typing.Optional[typing.Dict[str, typing.Any]]) -> None
+    def __init__(
+        self, options: typing.Mapping[str, typing.Any], memory: typing.Optional[typing.Dict[str, typing.Any]] = None
+    ) -> None:
         """`memory` is that of an earlier run that changed the run time alone. Changes nothing.
 
         Raises Problem for options, files or a record that cannot be used.
@@ -40,10 +50,10 @@ class Run:
         for option in ("root", "records"):
             if not os.path.isabs(options[option]):
                 raise Problem("%s is %r, expected an absolute path." % (option, options[option]))
-        self.machine = _routes_boot.machine(options["root"])
+        self.machine = contract.machine(options["root"])
         self.overrides = _overrides(options["backends"] or {}, self.machine.interfaces)
-        items = _routes_plan.items_of(options["routes"], self.machine.interfaces)
-        self.record = _owned.Record("routes", options["records"])
+        items = plan.items_of(options["routes"], self.machine.interfaces)
+        self.record = Record("routes", options["records"])
         self.stored = self.record.load()
         self.recorded = self.stored if memory is None else memory
         try:
@@ -59,25 +69,23 @@ class Run:
         self.kernel = Kernel()
         self.keys = [item.route.key for item in items] + list(self.entries)
         self.current = self._read()
-        _routes_plan.check_usable(items, self.machine.interfaces, self.current)
+        plan.check_usable(items, self.machine.interfaces, self.current)
         self.routes = [item.route for item in items]
         replace = options["on_conflict"] == "replace"
-        self.plan = _routes_plan.plan(self.routes, self.current, self.entries, replace, self.machine.interfaces)
+        self.plan = plan.plan(self.routes, self.current, self.entries, replace, self.machine.interfaces)
         self.boot = Boot(self.machine, options["root"], self.recorded.get("boot", {}))
         self.boot_begun = False
         self.items = self._items([self._carried(item, items) for item in items])
 
-    def _read(self):
-        # type: () -> _routes_plan.Current
+    def _read(self) -> plan.Current:
         """Everything in the tables that we have to do with."""
-        current = {}  # type: _routes_plan.Current
+        current: plan.Current = {}
         for version, table in sorted({(key[0], key[2]) for key in self.keys}):
             for held in self.kernel.read(version, table):
                 current.setdefault(held.route.key, []).append(held)
         return current
 
-    def _carried(self, item, items):
-        # type: (_routes_plan.Item, typing.List[_routes_plan.Item]) -> _routes_plan.Item
+    def _carried(self, item: plan.Item, items: typing.List[plan.Item]) -> plan.Item:
         """A route without a device comes back with that of another route of the list, else of the default route."""
         if item.carrier:
             return item
@@ -87,11 +95,10 @@ class Run:
         devices += sorted(name for name, link in self.machine.interfaces.items() if link["up"] and not link["loopback"])
         return item._replace(carrier=next((device for device in devices if device), ""))
 
-    def _items(self, items):
-        # type: (typing.List[_routes_plan.Item]) -> typing.List[typing.Dict[str, typing.Any]]
+    def _items(self, items: typing.List[plan.Item]) -> typing.List[typing.Dict[str, typing.Any]]:
         """Plans the boot part; what the module returns per route."""
         chosen = [self.boot.backend_of(item, self.overrides) for item in items]
-        choice = {}  # type: _routes_managers.Choice
+        choice: Choice = {}
         for item, name in zip(items, chosen):
             if name != NONE:
                 choice.setdefault(name, {}).setdefault(item.carrier, []).append(item.route)
@@ -127,8 +134,7 @@ class Run:
             )
         return found
 
-    def _maker(self, route):
-        # type: (Route) -> typing.Optional[str]
+    def _maker(self, route: Route) -> typing.Optional[str]:
         """The sentence for somebody else's route that a manager would make again at boot, beside ours."""
         made = {other.way for other in self.entries.get(route.key, Entry((), ())).made}
         for held in self.current.get(route.key, []):
@@ -138,27 +144,24 @@ class Run:
                     return (
                         "routes: %s: '%s' comes from %s, which would make it again at the next boot, beside this one: remove "
                         "it from the configuration of %s, or give this one another metric."
-                        % (_routes_plan.text_of(route), held.text, owner, held.route.device)
+                        % (plan.text_of(route), held.text, owner, held.route.device)
                     )
         return None
 
     # What it comes to
 
     @property
-    def refused(self):
-        # type: () -> typing.List[str]
+    def refused(self) -> typing.List[str]:
         """One sentence per route that stands against others' routes."""
         return [item["problem"] for item in self.items if item["problem"]]
 
     @property
-    def conflicts(self):
-        # type: () -> typing.List[str]
+    def conflicts(self) -> typing.List[str]:
         """The sentences of the conflicts that on_conflict decides."""
         return [item["problem"] for item in self.items if item["state"] == "conflict"]
 
     @property
-    def other_defaults(self):
-        # type: () -> typing.List[typing.Dict[str, typing.Any]]
+    def other_defaults(self) -> typing.List[typing.Dict[str, typing.Any]]:
         """Default routes of others that stay beside ours."""
         staying = [held for key, there in self.current.items() if key not in self.plan.after for held in there]
         return [
@@ -171,24 +174,21 @@ class Run:
                 "protocol": held.protocol,
                 "text": held.text,
             }
-            for held in _routes_plan.other_defaults(self.routes, staying)
+            for held in plan.other_defaults(self.routes, staying)
         ]
 
     @property
-    def runtime_changes(self):
-        # type: () -> bool
+    def runtime_changes(self) -> bool:
         """Whether the kernel's routes change."""
         return bool(self.plan.changes)
 
     @property
-    def changed(self):
-        # type: () -> bool
+    def changed(self) -> bool:
         """Whether anything changes: routes, places of the boot part, or what an ended run has left undone."""
         return self.runtime_changes or bool(self.boot.changes)
 
     @property
-    def difference(self):
-        # type: () -> typing.List[typing.Dict[str, str]]
+    def difference(self) -> typing.List[typing.Dict[str, str]]:
         """The routes and the files that change, for `diff`; of the routes those that the kernel did not make."""
         before, after = [], []
         for key in set(self.current) | set(self.plan.after):
@@ -196,63 +196,54 @@ class Run:
             before += texts
             after += self.plan.after.get(key, texts)
         lines = [("".join(line + "\n" for line in sorted(texts))).encode("utf-8") for texts in (before, after)]
-        routes = [_owned.difference(RUN_TIME, lines[0], lines[1])] if lines[0] != lines[1] else []
+        routes = [difference(RUN_TIME, lines[0], lines[1])] if lines[0] != lines[1] else []
         return routes + self.boot.difference
 
     # How
 
     @property
-    def memory(self):
-        # type: () -> typing.Dict[str, typing.Any]
+    def memory(self) -> typing.Dict[str, typing.Any]:
         """What the run after `apply_runtime` has to know: the record as it has to be while the change is on its way."""
         return _data(self.plan.interim, self.recorded.get("boot", {}))
 
-    def undo_commands(self):
-        # type: () -> typing.List[typing.List[str]]
+    def undo_commands(self) -> typing.List[typing.List[str]]:
         """Commands that bring the kernel's routes back to what they were when this run looked, also from half way."""
-        return [_routes_plan.undo_command(change) for change in self.plan.undo]
+        return [plan.undo_command(change) for change in self.plan.undo]
 
-    def undo_files(self):
-        # type: () -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]
+    def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
         """What goes with it: no file, since `apply_runtime` writes none."""
         return []
 
-    def apply_runtime(self):
-        # type: () -> None
+    def apply_runtime(self) -> None:
         """Change the kernel's routes alone. Raises Problem, with everything as it was before."""
         self._guarded(self._change_kernel)
 
-    def apply(self):
-        # type: () -> None
+    def apply(self) -> None:
         """Change what is not yet as planned, the kernel first. Raises Problem, with everything as it was before."""
         self._guarded(self._announce, self._change_kernel, self._change_boot)
 
-    def _guarded(self, *steps):
-        # type: (typing.Callable[[], None]) -> None
+    def _guarded(self, *steps: typing.Callable[[], None]) -> None:
         try:
             for step in steps:
                 step()
         except (OSError, Problem) as problem:
             failures = self._take_back()
             end = "Not put back: %s." % ", ".join(failures) if failures else "Everything is as it was before."
-            raise Problem("%s %s" % (_owned.sentence(problem), end)) from problem
+            raise Problem("%s %s" % (sentence(problem), end)) from problem
 
-    def _announce(self):
-        # type: () -> None
+    def _announce(self) -> None:
         """Have the record on disk before the first change."""
         if self.plan.changes:
             self._remember(self.memory)
 
-    def _change_kernel(self):
-        # type: () -> None
+    def _change_kernel(self) -> None:
         for change in self.plan.changes:
             self._do(change)
         if self.plan.changes:
             self._expect()
             self._look_for_given_back()
 
-    def _look_for_given_back(self):
-        # type: () -> None
+    def _look_for_given_back(self) -> None:
         """Whose gateway or interface is no longer there, cannot be given back, and keeps nothing from being removed."""
         restored = [item for item in self.plan.taken_back if item["state"] == "restored"]
         if not restored:
@@ -262,8 +253,7 @@ class Run:
             if item["after"] not in now:
                 item.update(state="lost")
 
-    def _change_boot(self):
-        # type: () -> None
+    def _change_boot(self) -> None:
         if self.boot.changes:
             self._remember(_data(self.plan.interim, self.boot.interim()))
             before = self._read()
@@ -272,26 +262,23 @@ class Run:
             self._settle(before)
         self._remember(_data(self.plan.final, self.boot.memory()))
 
-    def _do(self, change):
-        # type: (_routes_plan.Change) -> None
+    def _do(self, change: plan.Change) -> None:
         try:
             self.kernel.change(change.verb, change.version, change.words)
         except Problem:
             if not change.may_fail:
                 raise
 
-    def _settle(self, before):
-        # type: (_routes_plan.Current) -> None
+    def _settle(self, before: plan.Current) -> None:
         """Give back what a manager has dropped all the same when it was told."""
         after = self._read()
         for key, there in before.items():
             for held in there:
                 if held.protocol not in _RETURNING and key not in after:
-                    self._do(_routes_plan.Change("replace", key[0], held.words))
+                    self._do(plan.Change("replace", key[0], held.words))
         self._expect()
 
-    def _expect(self):
-        # type: () -> None
+    def _expect(self) -> None:
         """Raises Problem where the kernel does not hold what was planned."""
         now = self._read()
         for route, item in zip(self.routes, self.items):
@@ -300,16 +287,14 @@ class Run:
             if not same:
                 raise Problem(
                     "routes: %s: the kernel holds %s afterwards, expected this route: something else changes it at the same "
-                    "time."
-                    % (_routes_plan.text_of(route), " and ".join("'%s'" % held.text for held in there) or "nothing")
+                    "time." % (plan.text_of(route), " and ".join("'%s'" % held.text for held in there) or "nothing")
                 )
             item["after"] = same[0].text
             for held in there:  # kernels differ in what replace leaves beside a route of IPv6
                 if held not in same:
-                    self._do(_routes_plan.remove(held))
+                    self._do(plan.remove(held))
 
-    def _take_back(self):
-        # type: () -> typing.List[str]
+    def _take_back(self) -> typing.List[str]:
         """Everything as it was when this run looked; returns what could not be put back."""
         failures = self.boot.undo() if self.boot_begun else []
         for change in self.plan.undo:
@@ -324,15 +309,13 @@ class Run:
                 failures.append("the record %s (%s)" % (self.record.path, problem.strerror))
         return failures
 
-    def _remember(self, data):
-        # type: (typing.Dict[str, typing.Any]) -> None
-        _owned.remove_leftovers(self.record.path)
+    def _remember(self, data: typing.Dict[str, typing.Any]) -> None:
+        atomic.remove_leftovers(self.record.path)
         if data != self.record.load():
             self.record.save(data)
 
 
-def _data(entries, boot):
-    # type: (typing.Dict[_routes_plan.Key, Entry], typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]
+def _data(entries: typing.Dict[plan.Key, Entry], boot: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
     """The record's object."""
     routes = [
         {"made": [dict(route._asdict()) for route in entry.made], "replaced": [list(words) for words in entry.replaced]}
@@ -341,8 +324,7 @@ def _data(entries, boot):
     return {name: value for name, value in (("routes", routes), ("boot", boot)) if value}
 
 
-def _entries(listed):
-    # type: (typing.Iterable[typing.Mapping[str, typing.Any]]) -> typing.Dict[_routes_plan.Key, Entry]
+def _entries(listed: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typing.Dict[plan.Key, Entry]:
     """The record's routes by key."""
     entries = {}
     for item in listed:
@@ -351,8 +333,7 @@ def _entries(listed):
     return entries
 
 
-def _overrides(backends, interfaces):
-    # type: (typing.Mapping[str, str], typing.Container[str]) -> typing.Mapping[str, str]
+def _overrides(backends: typing.Mapping[str, str], interfaces: typing.Container[str]) -> typing.Mapping[str, str]:
     """The option backends. Raises Problem for what is no interface or no back end."""
     names = ["auto"] + list(BACKENDS) + [NONE]
     for interface, name in backends.items():

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Which file decides a kernel setting at boot: every place that sets it, in the order in which they run.
 
@@ -17,7 +16,8 @@ import re
 import shlex
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem, read_bytes
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.atomic import read_bytes
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 # In the order of precedence: a file hides those of the same name in later folders (sysctl.d(5)).
 SYSCTL_FOLDERS = ("/etc/sysctl.d", "/run/sysctl.d", "/usr/local/lib/sysctl.d", "/usr/lib/sysctl.d", "/lib/sysctl.d")
@@ -52,8 +52,7 @@ class Assignment(typing.NamedTuple):
 # Names and values
 
 
-def key_of(name):
-    # type: (str) -> str
+def key_of(name: str) -> str:
     """The identity of a setting. The first separator decides what `/` and `.` mean (sysctl.d(5)):
     `net.ipv4.conf.eth0/100.rp_filter` and `net/ipv4/conf/eth0.100/rp_filter` are one key."""
     separator = re.search(r"[/.]", name)
@@ -62,33 +61,28 @@ def key_of(name):
     return "/".join(part for part in name.split("/") if part)
 
 
-def name_of(key):
-    # type: (str) -> str
+def name_of(key: str) -> str:
     """The name of a key as people write it: `net.ipv4.ip_forward`."""
     return key.translate({ord("."): "/", ord("/"): "."})
 
 
-def variable_of(key):
-    # type: (str) -> str
+def variable_of(key: str) -> str:
     """The key under which the kernel's variable is known here, where it has two names."""
     return _OTHER_NAME.get(key, key)
 
 
-def normal(value):
-    # type: (str) -> str
+def normal(value: str) -> str:
     """A value as it is compared: the kernel separates several numbers by tabs, people by spaces."""
     return " ".join(value.split())
 
 
-def matches(pattern, key):
-    # type: (str, str) -> bool
+def matches(pattern: str, key: str) -> bool:
     """Whether a pattern of a file means a key; `*` stays within one level (glob(7))."""
     patterns, parts = pattern.split("/"), key.split("/")
     return len(patterns) == len(parts) and all(map(fnmatch.fnmatchcase, parts, patterns))
 
 
-def parse(text, file):
-    # type: (str, str) -> typing.List[Assignment]
+def parse(text: str, file: str) -> typing.List[Assignment]:
     """The assignments of a file in the format of sysctl.d(5); lines that are none are left out, as at boot."""
     found = []
     for number, line in enumerate(text.split("\n"), 1):
@@ -103,23 +97,21 @@ def parse(text, file):
     return found
 
 
-def last_write(assignments, names):
-    # type: (typing.Iterable[Assignment], typing.Collection[str]) -> typing.Optional[Assignment]
+def last_write(assignments: typing.Iterable[Assignment], names: typing.Collection[str]) -> typing.Optional[Assignment]:
     """Which of the assignments that are read together decides a variable with these names. Where nothing sets it, but
     a line keeps patterns (and earlier lines) from doing so, it is that line.
 
     As systemd-sysctl does it: a later assignment replaces an earlier one of the same key and is then applied later,
     unless it says the same; patterns leave out every key that is named itself.
     """
-    options = collections.OrderedDict()  # type: typing.Dict[str, Assignment]
+    options: typing.Dict[str, Assignment] = collections.OrderedDict()
     for assignment in assignments:
         earlier = options.get(assignment.key)
         if earlier is None or earlier.value != assignment.value:
             options.pop(assignment.key, None)
             options[assignment.key] = assignment
 
-    def sets(option, key):
-        # type: (Assignment, str) -> bool
+    def sets(option: Assignment, key: str) -> bool:
         return option.key == key or (key not in options and matches(option.key, key))
 
     deciding = [option for option in options.values() if any(sets(option, key) for key in names)]
@@ -133,13 +125,13 @@ def last_write(assignments, names):
 class Tree:
     """The configuration files below a root folder, as they will be: with the planned files in place."""
 
-    def __init__(self, root="/", planned=None):
-        # type: (str, typing.Optional[typing.Mapping[str, typing.Optional[str]]]) -> None
+    def __init__(
+        self, root: str = "/", planned: typing.Optional[typing.Mapping[str, typing.Optional[str]]] = None
+    ) -> None:
         self.root = root
         self.planned = planned or {}
 
-    def real(self, path):
-        # type: (str) -> str
+    def real(self, path: str) -> str:
         """Where a path lies on this machine; links lead to where they will lead when the root is `/`."""
         here, parts, links = self.root, path.split("/"), 0
         while parts:
@@ -158,8 +150,7 @@ class Tree:
                 here = there
         return here
 
-    def read(self, path):
-        # type: (str) -> str
+    def read(self, path: str) -> str:
         """The text of a file; nothing where there is none, as for a link to /dev/null. Raises Problem."""
         if path in self.planned:
             return self.planned[path] or ""
@@ -173,8 +164,7 @@ class Tree:
                 "run as root (become: true)." % (path, problem.strerror)
             ) from problem
 
-    def names(self, folder):
-        # type: (str) -> typing.Set[str]
+    def names(self, folder: str) -> typing.Set[str]:
         """The names in a folder."""
         try:
             found = set(os.listdir(self.real(folder)))
@@ -185,20 +175,17 @@ class Tree:
                 (found.discard if content is None else found.add)(os.path.basename(path))
         return found
 
-    def exists(self, path):
-        # type: (str) -> bool
+    def exists(self, path: str) -> bool:
         """Whether there is a file or folder."""
         return os.path.exists(self.real(path))
 
-    def is_masked(self, unit):
-        # type: (str) -> bool
+    def is_masked(self, unit: str) -> bool:
         """Whether systemd never starts a unit: an empty file or a link to /dev/null takes its place."""
         return any(
             unit in self.names(folder) and not self.read("%s/%s" % (folder, unit)) for folder in _UNIT_FOLDERS[:2]
         )
 
-    def enabled_by(self, unit):
-        # type: (str) -> typing.Optional[str]
+    def enabled_by(self, unit: str) -> typing.Optional[str]:
         """The link by which a unit starts at boot, or None."""
         for folder in _UNIT_FOLDERS:
             for wants in sorted(name for name in self.names(folder) if name.endswith((".wants", ".requires"))):
@@ -207,10 +194,9 @@ class Tree:
         return None
 
 
-def configuration_files(tree, folders, suffix=".conf"):
-    # type: (Tree, typing.Iterable[str], str) -> typing.List[str]
+def configuration_files(tree: Tree, folders: typing.Iterable[str], suffix: str = ".conf") -> typing.List[str]:
     """The files that are read from a list of folders: per name the one of the first folder, sorted by name."""
-    chosen = {}  # type: typing.Dict[str, str]
+    chosen: typing.Dict[str, str] = {}
     for folder in folders:
         for name in tree.names(folder):
             if name.endswith(suffix) and not name.startswith("."):
@@ -218,8 +204,7 @@ def configuration_files(tree, folders, suffix=".conf"):
     return [chosen[name] for name in sorted(chosen, key=os.fsencode)]
 
 
-def hidden_by(tree, drop_in):
-    # type: (Tree, str) -> typing.Optional[str]
+def hidden_by(tree: Tree, drop_in: str) -> typing.Optional[str]:
     """What keeps the drop-in from being read at all: a file of its name in an earlier folder, or the masked service."""
     if boots_with_systemd(tree) and tree.is_masked("systemd-sysctl.service"):
         return "/etc/systemd/system/systemd-sysctl.service"
@@ -233,16 +218,14 @@ def hidden_by(tree, drop_in):
 # Who sets kernel settings at boot
 
 
-def boots_with_systemd(tree):
-    # type: (Tree) -> bool
+def boots_with_systemd(tree: Tree) -> bool:
     """Whether systemd-sysctl applies the settings: systemd runs (sd_booted(3)), or it is what the image will start."""
     if tree.exists("/run/systemd/system"):
         return True
     return os.path.basename(tree.real("/sbin/init")) == "systemd"
 
 
-def sysctl_d(tree):
-    # type: (Tree) -> typing.List[Assignment]
+def sysctl_d(tree: Tree) -> typing.List[Assignment]:
     """systemd-sysctl.service(8), or `sysctl --system` of procps, which alone reads /etc/sysctl.conf by itself."""
     files = configuration_files(tree, SYSCTL_FOLDERS)
     if not boots_with_systemd(tree):
@@ -252,8 +235,7 @@ def sysctl_d(tree):
     return [assignment for path in files for assignment in parse(tree.read(path), path)]
 
 
-def ufw(tree):
-    # type: (Tree) -> typing.List[Assignment]
+def ufw(tree: Tree) -> typing.List[Assignment]:
     """ufw's own file: ufw-init runs `sysctl -e -q -p $IPT_SYSCTL` when it starts (ufw-init-functions)."""
     if _shell_variable(tree.read("/etc/ufw/ufw.conf"), "ENABLED").lower() != "yes":
         return []
@@ -261,8 +243,7 @@ def ufw(tree):
     return parse(tree.read(path), path) if path else []
 
 
-def networkd(tree):
-    # type: (Tree) -> typing.List[Assignment]
+def networkd(tree: Tree) -> typing.List[Assignment]:
     """systemd-networkd: IPForward= of a *.network file turns forwarding on and never off (systemd.network(5), up to
     systemd 255); IPv4Forwarding= and IPv6Forwarding= of networkd.conf set it both ways (networkd.conf(5), from 256)."""
     if not tree.enabled_by("systemd-networkd.service"):
@@ -283,8 +264,7 @@ def networkd(tree):
     return found
 
 
-def docker(tree):
-    # type: (Tree) -> typing.List[Assignment]
+def docker(tree: Tree) -> typing.List[Assignment]:
     """dockerd turns forwarding on unless its `ip-forward` is false (dockerd(8))."""
     unit = tree.enabled_by("docker.service") or tree.enabled_by("docker.socket")
     if not unit:
@@ -303,11 +283,10 @@ def docker(tree):
 READERS = (sysctl_d, ufw, networkd, docker)
 
 
-def at_boot(tree, keys):
-    # type: (Tree, typing.Iterable[str]) -> typing.Dict[str, typing.Optional[Assignment]]
+def at_boot(tree: Tree, keys: typing.Iterable[str]) -> typing.Dict[str, typing.Optional[Assignment]]:
     """Per key the assignment that decides it at boot (its value is None where it excludes the key), or None."""
     keys = list(keys)
-    decides = dict.fromkeys(keys)  # type: typing.Dict[str, typing.Optional[Assignment]]
+    decides: typing.Dict[str, typing.Optional[Assignment]] = dict.fromkeys(keys)
     for reader in READERS:
         assignments = reader(tree)
         for key in keys:
@@ -318,8 +297,7 @@ def at_boot(tree, keys):
     return decides
 
 
-def _shell_variable(text, name):
-    # type: (str, str) -> str
+def _shell_variable(text: str, name: str) -> str:
     """The value of a variable in a file that a shell reads, empty where it is not set."""
     value = ""
     for found in re.finditer(r"(?m)^[ \t]*(?:export[ \t]+)?%s=(.*)$" % re.escape(name), text):
@@ -330,15 +308,13 @@ def _shell_variable(text, name):
     return value
 
 
-def _with_drop_ins(tree, file):
-    # type: (Tree, str) -> typing.List[str]
+def _with_drop_ins(tree: Tree, file: str) -> typing.List[str]:
     """A file of networkd and the drop-ins in its NAME.network.d folders, which are read after it."""
     folders = ["%s/%s.d" % (folder, os.path.basename(file)) for folder in _NETWORK_FOLDERS]
     return [file] + configuration_files(tree, folders)
 
 
-def _ini(tree, files, option):
-    # type: (Tree, typing.Iterable[str], str) -> typing.Tuple[str, str, int]
+def _ini(tree: Tree, files: typing.Iterable[str], option: str) -> typing.Tuple[str, str, int]:
     """The last value of an option of the section [Network] (in small letters), its file and its line."""
     decides = ("", "", 0)
     for path in files:

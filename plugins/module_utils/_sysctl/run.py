@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Kernel settings of ours: the plan from what the kernel holds to what is wanted, and the steps that apply it.
 
@@ -13,9 +12,11 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _owned
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl_boot import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import (
     SYSCTL_FOLDERS,
     Tree,
     at_boot,
@@ -34,13 +35,11 @@ Values = typing.Dict[str, typing.Optional[str]]
 Step = typing.Tuple[str, typing.Callable[[], typing.Any], typing.Callable[[], typing.Any]]
 
 
-def _same(value):
-    # type: (str) -> str
+def _same(value: str) -> str:
     return value
 
 
-def _opposite(value):
-    # type: (str) -> str
+def _opposite(value: str) -> str:
     return "1" if value == "0" else "0"
 
 
@@ -106,10 +105,9 @@ class Plan(typing.NamedTuple):
 # What is wanted
 
 
-def settings_of(items):
-    # type: (typing.Iterable[typing.Mapping[str, str]]) -> typing.List[Setting]
+def settings_of(items: typing.Iterable[typing.Mapping[str, str]]) -> typing.List[Setting]:
     """The settings of a list of {name, value}, each key once. Raises Problem with the item that cannot be meant."""
-    wanted = {}  # type: typing.Dict[str, typing.Tuple[str, Setting]]
+    wanted: typing.Dict[str, typing.Tuple[str, Setting]] = {}
     for item in items:
         name, key, value = item["name"], key_of(item["name"].lstrip("-").strip()), normal(item["value"])
         plain = re.match(r"[^\s=#;*?\[\]/]+(/[^\s=*?\[\]/]+)+$", key) and key.isprintable()
@@ -129,15 +127,13 @@ def settings_of(items):
     return sorted((setting for name, setting in wanted.values()), key=lambda setting: setting.key not in BESIDE)
 
 
-def drop_in_text(settings):
-    # type: (typing.Iterable[Setting]) -> typing.Optional[str]
+def drop_in_text(settings: typing.Iterable[Setting]) -> typing.Optional[str]:
     """The drop-in for these settings, None for no drop-in."""
     lines = ["%s = %s\n" % (name_of(setting.key), setting.value) for setting in settings]
     return HEADER + "".join(lines) if lines else None
 
 
-def check_drop_in(path):
-    # type: (str) -> None
+def check_drop_in(path: str) -> None:
     """Raises Problem where a drop-in would not be read at boot, or not be there any more."""
     lasting = [folder for folder in SYSCTL_FOLDERS if not folder.startswith("/run/")]
     name = os.path.basename(path)
@@ -149,8 +145,7 @@ def check_drop_in(path):
 # The plan
 
 
-def beside(key, value, values):
-    # type: (str, str, typing.Iterable[str]) -> typing.Dict[str, str]
+def beside(key: str, value: str, values: typing.Iterable[str]) -> typing.Dict[str, str]:
     """What else the kernel sets when this key changes to this value, among the keys of `values`."""
     return {
         other: rule(value)
@@ -160,8 +155,13 @@ def beside(key, value, values):
     }
 
 
-def plan(settings, current, record, drop_in, folders=()):
-    # type: (typing.List[Setting], Values, typing.Dict[str, typing.Any], str, typing.Iterable[str]) -> Plan
+def plan(
+    settings: typing.List[Setting],
+    current: Values,
+    record: typing.Dict[str, typing.Any],
+    drop_in: str,
+    folders: typing.Iterable[str] = (),
+) -> Plan:
     """What leads from the kernel's current values and the record to the settings.
 
     `current` holds the value of every key of settings and record and of every key that these change beside them, None
@@ -171,10 +171,9 @@ def plan(settings, current, record, drop_in, folders=()):
     kept = {variable_of(setting.key) for setting in settings}
     start = {key: value for key, value in current.items() if value is not None}
     state = dict(start)
-    writes = []  # type: typing.List[Setting]
+    writes: typing.List[Setting] = []
 
-    def write(key, value):
-        # type: (str, str) -> None
+    def write(key: str, value: str) -> None:
         if state[key] != value:
             writes.append(Setting(key, value))
             state.update(beside(key, value, state))
@@ -244,12 +243,12 @@ def plan(settings, current, record, drop_in, folders=()):
     )
 
 
-def _entry(setting, start, owned):
-    # type: (Setting, typing.Dict[str, str], typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]
+def _entry(
+    setting: Setting, start: typing.Dict[str, str], owned: typing.Dict[str, typing.Any]
+) -> typing.Dict[str, typing.Any]:
     """What to remember of a key that becomes ours: its value from before, and those that it changes beside it."""
 
-    def before(key):
-        # type: (str) -> typing.Optional[str]
+    def before(key: str) -> typing.Optional[str]:
         if variable_of(key) in owned:
             return owned[variable_of(key)]["before"]
         for entry in owned.values():
@@ -270,23 +269,19 @@ def _entry(setting, start, owned):
 class Kernel:
     """The kernel's settings, read and written through the folder /proc/sys."""
 
-    def __init__(self, proc="/proc/sys"):
-        # type: (str) -> None
+    def __init__(self, proc: str = "/proc/sys") -> None:
         self.proc = proc
 
-    def path(self, key):
-        # type: (str) -> str
+    def path(self, key: str) -> str:
         """The file of a key."""
         return os.path.join(self.proc, key)
 
-    def read(self, key):
-        # type: (str) -> str
+    def read(self, key: str) -> str:
         """The current value in normal form. Raises OSError."""
         with open(self.path(key), "rb") as stream:
             return normal(stream.read().decode("utf-8", "surrogateescape"))
 
-    def write(self, key, value):
-        # type: (str, str) -> None
+    def write(self, key: str, value: str) -> None:
         """Set a value. Raises OSError with the errno of the kernel."""
         descriptor = os.open(self.path(key), os.O_WRONLY | os.O_TRUNC)
         try:
@@ -294,8 +289,7 @@ class Kernel:
         finally:
             os.close(descriptor)
 
-    def look(self, key):
-        # type: (str) -> Found
+    def look(self, key: str) -> Found:
         """The value and whether it can be written, tried by opening the file, which changes nothing."""
         value = None
         try:
@@ -305,8 +299,7 @@ class Kernel:
             return Found(value, problem.errno)
         return Found(value, 0)
 
-    def keys(self, pattern):
-        # type: (str) -> typing.List[str]
+    def keys(self, pattern: str) -> typing.List[str]:
         """The keys that a pattern means here; `*` stands for one whole level."""
         folder, star, rest = pattern.partition("/*/")
         if not star:
@@ -316,8 +309,7 @@ class Kernel:
         except OSError:
             return []
 
-    def current(self, keys):
-        # type: (typing.Iterable[str]) -> typing.Dict[str, Found]
+    def current(self, keys: typing.Iterable[str]) -> typing.Dict[str, Found]:
         """What these keys hold, and the keys that the kernel changes beside them."""
         patterns = [pattern for key in keys for pattern, rule in BESIDE.get(key, ())]
         others = [other for pattern in patterns for other in self.keys(pattern)]
@@ -325,8 +317,7 @@ class Kernel:
         found.update((key, self.look(key)) for key in others if key not in found)
         return found
 
-    def restore(self, values):
-        # type: (Values) -> None
+    def restore(self, values: Values) -> None:
         """Bring values back; those that change others first. Raises OSError."""
         for key in sorted(values, key=lambda key: (key not in BESIDE, key)):
             value = values[key]
@@ -334,8 +325,7 @@ class Kernel:
                 self.write(key, value)
 
 
-def refusal(path, setting, found, number):
-    # type: (str, Setting, typing.Optional[str], int) -> typing.Tuple[str, str]
+def refusal(path: str, setting: Setting, found: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
     """The state and the sentence for a setting that the kernel refuses with this errno."""
     state = STATES.get(number, "invalid")
     return state, SENTENCES[state].format(
@@ -354,8 +344,9 @@ def refusal(path, setting, found, number):
 class Run:
     """One run of the module: looks at the machine and plans, then applies the plan or says what stands against it."""
 
-    def __init__(self, options, memory=None):
-        # type: (typing.Mapping[str, typing.Any], typing.Optional[typing.Dict[str, typing.Any]]) -> None
+    def __init__(
+        self, options: typing.Mapping[str, typing.Any], memory: typing.Optional[typing.Dict[str, typing.Any]] = None
+    ) -> None:
         """Changes nothing. `memory` is that of the run whose change at run time this one confirms, and stands for the record.
 
         Raises Problem for options, files or a record that cannot be used.
@@ -367,7 +358,7 @@ class Run:
         self.drop_in = options["drop_in"]
         check_drop_in(self.drop_in)
         self.kernel = Kernel(options["proc"])
-        self.record = _owned.Record("sysctl", options["records"])
+        self.record = Record("sysctl", options["records"])
         self.on_disk = self.record.load()
         self.recorded = self.on_disk if memory is None else memory
         self.tree = Tree(options["root"])
@@ -382,13 +373,11 @@ class Run:
         self.plan = plan(self.settings, self.current, self.recorded, self.drop_in, self._missing_folders())
         self.items = self._items()
 
-    def _place(self, path):
-        # type: (str) -> str
+    def _place(self, path: str) -> str:
         """Where a drop-in lies on this machine: links of folders are followed, the file itself is not."""
         return os.path.join(self.tree.real(os.path.dirname(path)), os.path.basename(path))
 
-    def _own_text(self):
-        # type: () -> typing.Optional[str]
+    def _own_text(self) -> typing.Optional[str]:
         """The text of our drop-in, None where there is none. Raises Problem where the file is somebody else's."""
         if not os.path.lexists(self.file):
             return None
@@ -401,25 +390,22 @@ class Run:
             "this module wrote: move it away, or name another file in drop_in." % self.drop_in
         )
 
-    def _stale(self):
-        # type: () -> typing.Dict[str, str]
+    def _stale(self) -> typing.Dict[str, str]:
         """Our drop-ins under earlier names, with their text; what is no longer ours stays."""
         others = [path for path in self.on_disk.get("drop_ins", []) if path != self.drop_in]
         texts = {path: self.tree.read(path) for path in others if not os.path.islink(self._place(path))}
         return {path: text for path, text in texts.items() if text.startswith(HEADER)}
 
-    def _missing_folders(self):
-        # type: () -> typing.List[str]
+    def _missing_folders(self) -> typing.List[str]:
         missing, folder = [], os.path.dirname(self.file)
         while not os.path.isdir(folder):
             missing.append(folder)
             folder = os.path.dirname(folder)
         return missing[::-1]
 
-    def _items(self):
-        # type: () -> typing.List[typing.Dict[str, typing.Any]]
+    def _items(self) -> typing.List[typing.Dict[str, typing.Any]]:
         """What the module returns per setting."""
-        planned = dict.fromkeys(self.stale, None)  # type: typing.Dict[str, typing.Optional[str]]
+        planned: typing.Dict[str, typing.Optional[str]] = dict.fromkeys(self.stale, None)
         planned[self.drop_in] = self.plan.text
         after = Tree(self.tree.root, planned)
         boot = at_boot(after, [setting.key for setting in self.settings])
@@ -461,26 +447,22 @@ class Run:
         return items
 
     @property
-    def changed(self):
-        # type: () -> bool
+    def changed(self) -> bool:
         """Whether there is anything to do: in the kernel, in the drop-in or in the record."""
         return bool(self.plan.writes or self.stale or self.before != self.plan.text or self.on_disk != self.plan.final)
 
     @property
-    def runtime_changes(self):
-        # type: () -> bool
+    def runtime_changes(self) -> bool:
         """Whether values of the kernel change."""
         return bool(self.plan.writes)
 
     @property
-    def memory(self):
-        # type: () -> typing.Dict[str, typing.Any]
+    def memory(self) -> typing.Dict[str, typing.Any]:
         """What the run that confirms has to know: the values from before this one, which keeps no record of them."""
         return self.plan.interim
 
     @property
-    def problems(self):
-        # type: () -> typing.List[str]
+    def problems(self) -> typing.List[str]:
         """One sentence per setting that the kernel refuses, known before anything changes."""
         found = [item["problem"] for item in self.items if item["problem"]]
         listed = {setting.key for setting in self.settings}
@@ -491,23 +473,20 @@ class Run:
         return found
 
     @property
-    def conflicts(self):
-        # type: () -> typing.List[str]
+    def conflicts(self) -> typing.List[str]:
         """One sentence per setting that will have another value after the next boot."""
         return [_conflict_sentence(item, self.drop_in) for item in self.items if item["conflict"]]
 
     @property
-    def difference(self):
-        # type: () -> typing.List[typing.Dict[str, str]]
+    def difference(self) -> typing.List[typing.Dict[str, str]]:
         """The files and the kernel's values, before and after."""
 
-        def encoded(text):
-            # type: (typing.Optional[str]) -> typing.Optional[bytes]
+        def encoded(text: typing.Optional[str]) -> typing.Optional[bytes]:
             return None if text is None else text.encode("utf-8", "surrogateescape")
 
         changes = [(self.drop_in, self.before, self.plan.text)]
         changes += [(path, text, None) for path, text in self.stale.items()]
-        found = [_owned.difference(path, encoded(old), encoded(new)) for path, old, new in changes if old != new]
+        found = [difference(path, encoded(old), encoded(new)) for path, old, new in changes if old != new]
         keys = sorted({write.key for write in self.plan.writes})
         if keys:
             header = "%s (values at run time)" % self.kernel.proc
@@ -515,11 +494,10 @@ class Run:
                 encoded("".join("%s = %s\n" % (name_of(key), values[key]) for key in keys))
                 for values in (self.current, self.plan.after)
             )
-            found.append(_owned.difference(header, before, after))
+            found.append(difference(header, before, after))
         return found
 
-    def undo_commands(self):
-        # type: () -> typing.List[typing.List[str]]
+    def undo_commands(self) -> typing.List[typing.List[str]]:
         """The commands that bring the present values back; those that change others first."""
         program = '[ ! -e "$1" ] || printf "%s\\n" "$2" >"$1"'
         return [
@@ -528,16 +506,14 @@ class Run:
             if not self.found[key].refusal
         ]
 
-    def undo_files(self):
-        # type: () -> typing.Sequence[typing.Tuple[str, typing.Optional[bytes]]]
+    def undo_files(self) -> typing.Sequence[typing.Tuple[str, typing.Optional[bytes]]]:
         """The files to be put back with the values: none, since apply_runtime() touches no file."""
         return ()
 
-    def apply(self):
-        # type: () -> None
+    def apply(self) -> None:
         """Do it: record, kernel, files, record. Raises Problem; then everything is as it was, or the sentence says what
         is not."""
-        steps = [("leftovers of a killed run", self._tidy, lambda: None)]  # type: typing.List[Step]
+        steps: typing.List[Step] = [("leftovers of a killed run", self._tidy, lambda: None)]
         if self.changed:
             steps += [
                 (self.record.path, lambda: self.record.save(self.plan.interim), lambda: self.record.save(self.on_disk)),
@@ -546,17 +522,14 @@ class Run:
             ]
         self._do(steps)
 
-    def apply_runtime(self):
-        # type: () -> None
+    def apply_runtime(self) -> None:
         """The kernel alone: no record, no file. Raises Problem as apply()."""
         self._do([self._values()])
 
-    def _values(self):
-        # type: () -> Step
+    def _values(self) -> Step:
         return "the values in " + self.kernel.proc, self._write_values, lambda: self.kernel.restore(self.current)
 
-    def _do(self, steps):
-        # type: (typing.List[Step]) -> None
+    def _do(self, steps: typing.List[Step]) -> None:
         """Do steps, each given as (what it changes, do, undo), or none of them."""
         begun = []
         try:
@@ -571,18 +544,16 @@ class Run:
                 except (OSError, ValueError) as failure:
                     kept.append("%s (%s)" % (what, getattr(failure, "strerror", None) or failure))
             end = "Not put back: %s." % ", ".join(kept) if kept else "Everything is as it was before."
-            raise Problem("%s %s" % (_owned.sentence(problem), end)) from problem
+            raise Problem("%s %s" % (sentence(problem), end)) from problem
 
-    def _tidy(self):
-        # type: () -> None
+    def _tidy(self) -> None:
         """Remove what a killed run left of its writing."""
         for path in (self.record.path, self.file):
-            _owned.remove_leftovers(path)
+            atomic.remove_leftovers(path)
         if not self.on_disk:
             self.record.save({})
 
-    def _write_values(self):
-        # type: () -> None
+    def _write_values(self) -> None:
         for write in self.plan.writes:
             try:
                 self.kernel.write(write.key, write.value)
@@ -597,38 +568,35 @@ class Run:
                     % (name_of(setting.key), setting.value, held)
                 )
 
-    def _write_files(self):
-        # type: () -> None
+    def _write_files(self) -> None:
         text = self.plan.text
         if text is not None and text != self.before:
-            _owned.make_folders(os.path.dirname(self.file))
-            _owned.write_by_rename(self.file, text.encode("utf-8", "surrogateescape"))
+            atomic.make_folders(os.path.dirname(self.file))
+            atomic.write_by_rename(self.file, text.encode("utf-8", "surrogateescape"))
         for path in self.stale:
-            _owned.remove(self._place(path))
+            atomic.remove(self._place(path))
         if text is None:
-            _owned.remove(self.file)
+            atomic.remove(self.file)
             for folder in reversed(self.plan.interim["folders"]):
-                _owned.remove_folder_if_empty(folder)
+                atomic.remove_folder_if_empty(folder)
         self.record.save(self.plan.final)
 
-    def _restore_files(self):
-        # type: () -> None
-        before = dict(self.stale)  # type: typing.Dict[str, typing.Optional[str]]
+    def _restore_files(self) -> None:
+        before: typing.Dict[str, typing.Optional[str]] = dict(self.stale)
         before[self.drop_in] = self.before
         for path, text in before.items():
             place = self._place(path)
             if text is None:
-                _owned.remove(place)
-            elif _owned.read_bytes(place) != text.encode("utf-8", "surrogateescape"):
-                _owned.make_folders(os.path.dirname(place))
-                _owned.write_by_rename(place, text.encode("utf-8", "surrogateescape"))
+                atomic.remove(place)
+            elif atomic.read_bytes(place) != text.encode("utf-8", "surrogateescape"):
+                atomic.make_folders(os.path.dirname(place))
+                atomic.write_by_rename(place, text.encode("utf-8", "surrogateescape"))
         if self.before is None:
             for folder in reversed(self.plan.interim["folders"]):
-                _owned.remove_folder_if_empty(folder)
+                atomic.remove_folder_if_empty(folder)
 
 
-def _conflict_sentence(item, drop_in):
-    # type: (typing.Mapping[str, typing.Any], str) -> str
+def _conflict_sentence(item: typing.Mapping[str, typing.Any], drop_in: str) -> str:
     conflict = item["conflict"]
     where = conflict["file"] + (" line %d" % conflict["line"] if conflict["line"] else "")
     if conflict["value"] is None and conflict["masks"]:

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """What a robot has in its roscore: what its own nodes registered, what is registered for others, and who is connected."""
 
@@ -11,13 +10,9 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe, _probe_types
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe_network import (
-    concurrently,
-    resolve,
-    server,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe_ros import CALLER, NO_SCRIPT, Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types, texts
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import concurrently, resolve, server
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import CALLER, NO_SCRIPT, Ros
 
 IMPORTS = "/rosfleet_multimaster/imports"  # the bundled master_sync writes there what it registers, and for whom
 SYNC_INFO = "/get_sync_info"  # how the service ends by which upstream's tells it
@@ -95,7 +90,7 @@ def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str,
 def _ask(ros: Ros, questions: typing.Dict[str, typing.Any]) -> typing.Tuple[typing.Dict[str, typing.Any], str]:
     """What `_probe_types` answers under the Python of ROS, and an error or ''."""
     paths = [os.path.join(ros.folder, name) for name in ("asked.py", "questions.json")]
-    for path, text in zip(paths, (inspect.getsource(_probe_types), json.dumps(questions))):
+    for path, text in zip(paths, (inspect.getsource(message_types), json.dumps(questions))):
         with open(path, "w") as stream:
             stream.write(text)
         os.chmod(path, 0o644)
@@ -156,10 +151,10 @@ def _connections(
     for node, answer in zip(sorted(nodes), answers):
         if answer is None:
             silent.append(node)
-        for link in _probe.links(answer or []):
+        for link in texts.links(answer or []):
             link = link._replace(peer=named.get(link.peer, link.peer))
             other = places.robot(link.host)
-            if other in ("", robot) or (link.peer in nodes and places.robot(_probe.host(nodes[link.peer])) == other):
+            if other in ("", robot) or (link.peer in nodes and places.robot(texts.host(nodes[link.peer])) == other):
                 continue
             found.append(dict(link._asdict(), node=node, robot=other))
     return found, _still_registered(ros, silent, nodes)

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """What only the Python of ROS can tell: the md5 sums of message types, and what upstream's master_sync has registered.
 

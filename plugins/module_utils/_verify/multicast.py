@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 """What multicast_verify knows without a socket or a clock: the kernel's tables, the record, the accounting.
 
 Every computer's helper sends empty datagrams ("probes") to the group: a discovery node ignores an empty datagram

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 """The sockets and the process of multicast_verify's helper, and the ICMP rounds; _multicast.py decides what they mean.
 
 A discovery node that holds the port is not disturbed. A second socket on its port would need its user (SO_REUSEPORT),
@@ -22,7 +21,7 @@ import syslog
 import time
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast import (
     Helper,
     echo_reply,
     echo_request,

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """What a computer sees of the others on the network: names, echo replies, routes, the ports of the discovery nodes.
 
@@ -16,9 +15,10 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import interfaces, run, text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import echo_request
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import interfaces
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import texts
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast import echo_request
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
 ANSWER = 1.0  # seconds that an echo reply may take
@@ -175,7 +175,7 @@ def ping(
 def _note(link: socket.socket, identifier: int, sent: typing.Dict, results: typing.Dict) -> None:
     """Read one packet, and write down what it says."""
     try:
-        heard = _probe.echo(link.recv(2048), identifier)
+        heard = texts.echo(link.recv(2048), identifier)
     except OSError:
         return
     if heard is None or heard.sequence not in sent:
@@ -198,13 +198,13 @@ def way(address: str) -> typing.Dict[str, typing.Optional[str]]:
     answer = run(["ip", "-4", "route", "get", address])
     if answer.status != 0:
         return dict(_NO_WAY, error=answer.error.replace("RTNETLINK answers: ", "") or "no route")
-    return dict(_probe.route(answer.output.decode("utf-8", "replace")), error="")
+    return dict(texts.route(answer.output.decode("utf-8", "replace")), error="")
 
 
 def default_routes() -> typing.List[typing.Dict[str, typing.Optional[str]]]:
     """The default routes of the main table."""
     output = run(["ip", "-4", "route", "show", "default"]).output.decode("utf-8", "replace")
-    return [_probe.route(line) for line in output.splitlines() if line.startswith("default")]
+    return [texts.route(line) for line in output.splitlines() if line.startswith("default")]
 
 
 def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]:

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """What a computer sees of the others through ROS, with the commands of section 3.3 of the report, and its own services.
 
@@ -17,9 +16,9 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe, _probe_listener
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import BASE_PATH, run, text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe_network import PAUSE, TRIES, awaited, server
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import listener, texts
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import PAUSE, TRIES, awaited, server
 
 CALLER = "/multimaster_verify"
 SHORTEST = 10  # seconds that a command of ROS may take at least: rospy alone needs several to start on a small computer
@@ -39,7 +38,7 @@ class Ros:
 
     def __init__(self, environment_file: str) -> None:
         self.file = environment_file
-        self.variables = _probe.environment(text(environment_file))
+        self.variables = texts.environment(text(environment_file))
         self.uri = self.variables.get("ROS_MASTER_URI", "")
         self.folder = ""
 
@@ -75,7 +74,7 @@ class Ros:
     def python(self) -> typing.List[str]:
         """The words that run the Python of this computer's ROS; empty where rostopic is no script. Raises NoRos."""
         with open(self.command("rostopic"), "rb") as stream:
-            return _probe.interpreter(stream.readline())
+            return texts.interpreter(stream.readline())
 
     def run(self, name: str, arguments: typing.List[str], seconds: float) -> typing.Tuple[str, str]:
         """Output and error of a command; when its time is over it is interrupted, so that its node unregisters."""
@@ -132,7 +131,7 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
             output, error = ros.run("rosservice", ["call", LIST_MASTERS], deadline - time.monotonic())
         except NoRos as problem:
             return {"masters": [], "error": str(problem), "hopeless": True}
-        return {"masters": _probe.masters(output), "error": error, "hopeless": False}
+        return {"masters": texts.masters(output), "error": error, "hopeless": False}
 
     seen = awaited(
         look,
@@ -160,7 +159,7 @@ def topics(
         said = heard.get(entry["topic"], {})
         nodes = published.get(entry["topic"]) or ([said["node"]] if said.get("node") else [])
         entry["publishers"] = [{"node": node, "uri": _uri(ros, node)} for node in nodes]
-        entry["heard"] = said.get("text") == _probe.sentence_of(label, talker)
+        entry["heard"] = said.get("text") == texts.sentence_of(label, talker)
         entry.update((key, said[key]) for key in ("text", "seconds") if key in said)
         if said and not entry["heard"]:
             entry["error"] = "heard '{}' instead".format(entry["text"])
@@ -203,11 +202,11 @@ def listen(
         return {}, NO_SCRIPT
     path = os.path.join(ros.folder, "listener.py")
     with open(path, "w") as stream:
-        stream.write(inspect.getsource(_probe_listener))
+        stream.write(inspect.getsource(listener))
     os.chmod(path, 0o644)
-    wanted = {_probe.topic_of(talker): _probe.sentence_of(label, talker) for talker in talkers}
+    wanted = {texts.topic_of(talker): texts.sentence_of(label, talker) for talker in talkers}
     limit = max(deadline - time.monotonic(), SHORTEST)
-    words += [path, _probe.listener_of(own), f"{time.time() + limit - LAST:.1f}", json.dumps(wanted)]
+    words += [path, texts.listener_of(own), f"{time.time() + limit - LAST:.1f}", json.dumps(wanted)]
     output, error = ros.program("the listener", words, limit)
     try:
         return json.loads(output), error
@@ -218,7 +217,7 @@ def listen(
 def _topic(talker: str) -> typing.Dict[str, typing.Any]:
     return {
         "computer": talker,
-        "topic": _probe.topic_of(talker),
+        "topic": texts.topic_of(talker),
         "publishers": [],
         "heard": False,
         "text": "",
@@ -253,7 +252,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
         if pid != "0":
             try:
                 with open(f"/proc/{pid}/environ", "rb") as stream:
-                    entry["differing"] = _probe.differing(stream.read(), variables)
+                    entry["differing"] = texts.differing(stream.read(), variables)
             except OSError:
                 entry["differing"] = None  # it ended since, or is not ours to look at
         found.append(entry)
@@ -262,13 +261,13 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
 
 def _show(unit: str) -> typing.Dict[str, str]:
     answer = run(["systemctl", "show", unit, "--property=" + ",".join(_PROPERTIES)])
-    return _probe.properties(answer.output.decode("utf-8", "replace"))
+    return texts.properties(answer.output.decode("utf-8", "replace"))
 
 
 def start_talker(ros: Ros, label: str, computer: str, lifetime: int) -> str:
     """Start `rostopic pub` as a unit that ends by itself; an older one of ours ends first. Returns an error or ''."""
     stop_talker()
-    folder = _probe.TALKER[: -len(".service")]
+    folder = texts.TALKER[: -len(".service")]
     options = {
         "DynamicUser": "yes",
         "RuntimeDirectory": folder,
@@ -277,28 +276,28 @@ def start_talker(ros: Ros, label: str, computer: str, lifetime: int) -> str:
         "KillSignal": "SIGINT",  # so that its node unregisters
         "TimeoutStopSec": str(FAREWELL),
     }
-    argv = ["systemd-run", "--quiet", "--collect", "--unit=" + _probe.TALKER]
+    argv = ["systemd-run", "--quiet", "--collect", "--unit=" + texts.TALKER]
     argv += ["--description=Talker of the verification of rosfleet.multimaster"]
     argv += ["--property={}={}".format(*option) for option in sorted(options.items())]
     argv += [f"--setenv={name}=/run/{folder}" for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR")]
     argv += ["--setenv=PYTHONDONTWRITEBYTECODE=1", "--"]
-    message = f"data: '{_probe.sentence_of(label, computer)}'"
-    argv += [ros.command("rostopic"), "pub", "-r", "5", _probe.topic_of(computer), "std_msgs/String", message]
-    argv.append("__name:=" + _probe.node_of(label, computer))
+    message = f"data: '{texts.sentence_of(label, computer)}'"
+    argv += [ros.command("rostopic"), "pub", "-r", "5", texts.topic_of(computer), "std_msgs/String", message]
+    argv.append("__name:=" + texts.node_of(label, computer))
     answer = run(argv, limit=30)
     return "" if answer.status == 0 else answer.error or f"systemd-run ended with status {answer.status}"
 
 
 def stop_talker() -> None:
     """End the talker, if there is one."""
-    run(["systemctl", "stop", _probe.TALKER], limit=30)
+    run(["systemctl", "stop", texts.TALKER], limit=30)
 
 
 def talker() -> typing.Dict[str, typing.Any]:
     """Whether the talker runs, and the last line that it wrote where it does not."""
-    state = _show(_probe.TALKER).get("ActiveState", "")
+    state = _show(texts.TALKER).get("ActiveState", "")
     if state == "active":
         return {"running": True, "error": ""}
-    lines = run(["journalctl", "--quiet", "--no-pager", "--output=cat", "--lines=5", "--unit=" + _probe.TALKER])
+    lines = run(["journalctl", "--quiet", "--no-pager", "--output=cat", "--lines=5", "--unit=" + texts.TALKER])
     said = lines.output.decode("utf-8", "replace").strip().splitlines()
     return {"running": False, "error": said[-1] if said else "it did not run"}

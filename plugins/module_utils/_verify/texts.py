@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """What multimaster_verify knows without a socket, a process or a clock: texts and packets in, facts out."""
 
@@ -9,7 +8,7 @@ import shlex
 import struct
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import packet
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast import packet
 
 TALKER = "multimaster-verify-talker.service"
 

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """What declarations of data flow and filters say against each other.
 
@@ -14,8 +13,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _flows
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exports import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
     FROM_CLIENT,
     FROM_SERVER,
     KINDS,
@@ -24,7 +23,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exports impo
     matches,
     topics_of,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._values import nearest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import nearest
 
 
 @dataclass(frozen=True)
@@ -142,11 +141,11 @@ _WHITE_LISTS = ("sync_actions", "sync_nodes", "sync_services", "sync_topics")
 
 def _second_white_lists(parties: Sequence[Party]) -> list[str]:
     """A declared flow is a white list for its master, and the nodes add lists up: a second one would widen it."""
-    flows = _flows.flows({party.name: party.declared for party in parties})
+    flows = flows_module.flows({party.name: party.declared for party in parties})
     found = []
     for party in parties:
         lists = ", ".join(name for name in _WHITE_LISTS if party.filters.get(name))
-        givers = list(_flows.received(flows, party.name)) if lists else []
+        givers = list(flows_module.received(flows, party.name)) if lists else []
         if givers:
             found.append(
                 f"{party.host}: multimaster_filters has {lists}, but multimaster_exports of {_some(givers)} says already what "

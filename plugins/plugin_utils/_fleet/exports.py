@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """Declared data flow: which topics, services and actions a robot gives to which others.
 
@@ -15,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._values import Unexpected, nearest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected, nearest
 
 # What an entry names: its key, and one of it.
 KINDS = {"topics": "topic", "services": "service", "actions": "action"}

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """The fleet: robots, their computers and what they share, read from the inventory's variables and validated.
 
@@ -17,9 +16,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _contradictions, _flows, _networks, _variables
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exports import Export
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._values import Unexpected, nearest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import contradictions, networks
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import variables as variables_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import Export
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected, nearest
 
 
 class InventoryProblems(Exception):
@@ -124,9 +125,9 @@ class Fleet:
         return tuple(computer for robot in self.robots for computer in robot.computers)
 
     @cached_property
-    def flows(self) -> tuple[_flows.Flow, ...]:
+    def flows(self) -> tuple[flows_module.Flow, ...]:
         """What flows by declaration; robots that declare nothing give everything to everybody."""
-        return _flows.flows({robot.name: robot.exports for robot in self.robots})
+        return flows_module.flows({robot.name: robot.exports for robot in self.robots})
 
     @cached_property
     def declared(self) -> bool:
@@ -165,16 +166,16 @@ def read_fleet(inventory: Inventory) -> Fleet:
             if "multimaster_address" in values[host]
         ]
     )
-    problems += _networks.problems(
+    problems += networks.problems(
         common=shared.get("multimaster_common_network", ""),
         addresses={host: read["multimaster_address"] for host, read in values.items() if "multimaster_address" in read},
         robots={
-            name: _networks.Layout.of(hosts, own.get(name, {}), inventory.variables.get(hosts[0], {}) if hosts else {})
+            name: networks.Layout.of(hosts, own.get(name, {}), inventory.variables.get(hosts[0], {}) if hosts else {})
             for name, hosts in inventory.robots.items()
         },
         router=(router.name, router.address) if router else None,
     )
-    problems += _contradictions.problems(
+    problems += contradictions.problems(
         [_party(name, hosts, values, own[name]) for name, hosts in inventory.robots.items() if hosts], inventory.robots
     )
     problems += _too_few_heartbeats(shared)
@@ -201,7 +202,7 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict
     """The host's variables of the right kind, defaults filled in; what is wrong goes to problems and stays out."""
     read: dict[str, Any] = {}
     problems += _unknown(host, given)
-    for variable in _variables.VARIABLES:
+    for variable in variables_module.VARIABLES:
         value = given.get(variable.name)
         value = variable.default if value is None else value  # "name:" without a value is not set
         if value is None:
@@ -227,10 +228,10 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict
 
 def _unknown(host: str, given: Mapping[str, Any]) -> list[str]:
     return [
-        f"{host}: the variable {name} is not known{nearest(name, _variables.BY_NAME)}; expected one of the "
+        f"{host}: the variable {name} is not known{nearest(name, variables_module.BY_NAME)}; expected one of the "
         "variables in the README: correct its name or remove it."
         for name in given
-        if name not in _variables.BY_NAME and name not in _variables.RESERVED
+        if name not in variables_module.BY_NAME and name not in variables_module.RESERVED
     ]
 
 
@@ -249,7 +250,7 @@ def _collapsed(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
 
 def _is_name(host: str) -> bool:
     try:
-        _variables.BY_NAME["multimaster_master"].read(host)
+        variables_module.BY_NAME["multimaster_master"].read(host)
     except Unexpected:
         return False
     return host.lower() != "localhost"
@@ -281,7 +282,7 @@ def _no_strays(strays: Sequence[str]) -> list[str]:
 
 def _shared_values(values: Mapping[str, Mapping[str, Any]], problems: list[str]) -> dict[str, Any]:
     """The variables of the whole fleet; hosts that disagree are a problem."""
-    names = [variable.name for variable in _variables.VARIABLES if variable.scope == "fleet"]
+    names = [variable.name for variable in variables_module.VARIABLES if variable.scope == "fleet"]
     return _agreed(names, list(values), values, "all computers of the fleet", "group_vars/robots.yml", problems)
 
 
@@ -311,7 +312,7 @@ def _own_values(
     name: str, hosts: Sequence[str], values: Mapping[str, Mapping[str, Any]], problems: list[str]
 ) -> dict[str, Any]:
     """The variables of one robot; hosts that disagree are a problem."""
-    names = [variable.name for variable in _variables.VARIABLES if variable.scope == "robot"]
+    names = [variable.name for variable in variables_module.VARIABLES if variable.scope == "robot"]
     return _agreed(names, hosts, values, f"the computers of the robot {name}", f"group_vars/{name}.yml", problems)
 
 
@@ -428,7 +429,7 @@ def _read_router(inventory: Inventory, shared: Mapping[str, Any], problems: list
         return None
     problems += _unknown(name, variables)
     address = variables.get("multimaster_address")
-    variable = _variables.BY_NAME["multimaster_address"]
+    variable = variables_module.BY_NAME["multimaster_address"]
     try:
         read = str(variable.read(address))
     except Unexpected as expected:
@@ -445,13 +446,13 @@ def _read_router(inventory: Inventory, shared: Mapping[str, Any], problems: list
 
 def _party(
     name: str, hosts: Sequence[str], values: Mapping[str, Mapping[str, Any]], own: Mapping[str, Any]
-) -> _contradictions.Party:
+) -> contradictions.Party:
     """A robot as far as it can be read; what its computers disagree about counts as not set."""
     declared = {values[host]["multimaster_exports"] for host in hosts if "multimaster_exports" in values[host]}
     filters = [values[host].get("multimaster_filters", {}) for host in hosts]
     master = own.get("multimaster_master", hosts[0])
     known = master in hosts and "multimaster_roscore_port" in own
-    return _contradictions.Party(
+    return contradictions.Party(
         name=name,
         host=master if master in hosts else hosts[0],
         master=master_name(master, own["multimaster_roscore_port"]) if known else "",

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """What flows from robot to robot, and the nodes' parameters on both sides of it.
 
@@ -13,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exports import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
     FROM_CLIENT,
     FROM_SERVER,
     Export,

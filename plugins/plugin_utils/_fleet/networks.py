@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """Whether the addresses and networks of an inventory can be routed (section 4.1 of the report).
 

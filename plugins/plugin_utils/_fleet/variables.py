@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """The variables of the fleet, specified once: what may be set, where, how it is read, what it means.
 
@@ -15,8 +14,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _exports
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._values import Unexpected, nearest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected, nearest
 
 PREFIX = "multimaster_"
 # Set by the preflight role for the other roles; not for an inventory.
@@ -352,7 +351,7 @@ VARIABLES = (
     Variable(
         "multimaster_exports",
         "robot",
-        _exports.read,
+        exports.read,
         None,
         "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` "
         "stands for any text) and `to`, a list of robots (default: every other). Default: everything to everybody, as in the "

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """One environment of ROS, rendered for everything that reads one.
 
@@ -16,7 +15,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._providers import CONFIGURATION, LIBRARY
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.providers import CONFIGURATION, LIBRARY
 
 # Lists of folders: ours come first, what a person has stays.
 LISTS = (

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """What each computer needs, computed from the fleet: the only place where the layout becomes configuration.
 
@@ -12,9 +11,14 @@ from __future__ import annotations
 import ipaddress
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _flows, _providers
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exports import FROM_CLIENT, FROM_SERVER, topics_of
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import Computer, Fleet, Robot, Router
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
+    FROM_CLIENT,
+    FROM_SERVER,
+    topics_of,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.fleet import Computer, Fleet, Robot, Router
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
 
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
 LOOKED_AT = ["system", "owned", "interfaces", "ways", "multicast_routing"]
@@ -31,7 +35,7 @@ def plan(fleet: Fleet) -> dict[str, Any]:
             {"address": computer.address, "names": [computer.name, *computer.aliases]} for computer in fleet.computers
         ],
         "masters": [_master(fleet, robot) for robot in fleet.robots],
-        "flows": _flows.listed(fleet.flows, [robot.name for robot in fleet.robots]),
+        "flows": flows.listed(fleet.flows, [robot.name for robot in fleet.robots]),
         "common_network": fleet.common_network,
         "networks": [
             {
@@ -126,7 +130,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, Any]:
         "look_at": {
             "parts": LOOKED_AT + LOOKED_AT_WITH_ROS,
             "destinations": [str(ipaddress.ip_network(route["destination"])[1]) for route in expected],
-            **_providers.looked_for(robot.provider, is_master),
+            **providers.looked_for(robot.provider, is_master),
         },
         "multicast_routing": _multicast_routing(fleet, computer) if is_gateway else {},
         "environment": {
@@ -147,9 +151,9 @@ def _parameters(fleet: Fleet, robot: Robot, is_master: bool) -> dict[str, Any]:
     discovery, sync = _discovery(fleet, robot), _sync(fleet, robot)
     hidden = [other.master_name for other in fleet.robots if other != robot and _restricted(fleet, other)]
     return {
-        "discovery": _providers.discovery(robot.provider, discovery),
-        "sync": _providers.sync(robot.provider, fleet, robot, sync, hidden),
-        "limits": _providers.limits(robot, discovery) if robot.provider in _providers.UPSTREAM else [],
+        "discovery": providers.discovery(robot.provider, discovery),
+        "sync": providers.sync(robot.provider, fleet, robot, sync, hidden),
+        "limits": providers.limits(robot, discovery) if robot.provider in providers.UPSTREAM else [],
     }
 
 
@@ -175,7 +179,7 @@ def _router(fleet: Fleet, router: Router) -> dict[str, Any]:
             if robot.gateway
         ],
         "routes_expected": [],
-        "look_at": {"parts": LOOKED_AT, "destinations": [], **_providers.looked_for("bundled", False)},
+        "look_at": {"parts": LOOKED_AT, "destinations": [], **providers.looked_for("bundled", False)},
         "multicast_routing": {},
         "environment": {},
         "ports": [],
@@ -283,7 +287,7 @@ def _exports(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     if robot.exports is None:
         return {}
     addresses = {other.name: _addresses(other) for other in fleet.robots}
-    return {"exports": _flows.served(fleet.flows, robot.name, addresses)}
+    return {"exports": flows.served(fleet.flows, robot.name, addresses)}
 
 
 def _addresses(robot: Robot) -> list[str]:
@@ -305,7 +309,7 @@ def _sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     parameters = _filters(robot)
     if _restricted(fleet, robot):
         parameters["ignore_subscribers"] = ["*"]
-    received = _flows.received(fleet.flows, robot.name)
+    received = flows.received(fleet.flows, robot.name)
     for other in fleet.robots:
         if other.exports is None or other == robot:
             continue
@@ -329,5 +333,5 @@ def _filters(robot: Robot) -> dict[str, list[str]]:
             target = "ignore_type" if name == "ignore_types" else name
             parameters.setdefault(target, []).extend(patterns)
     if any(parameters.get(name) for name in ("sync_nodes", "sync_services", "sync_topics")):
-        parameters.setdefault("sync_topics", []).append(_flows.VERIFICATION_TOPICS)
+        parameters.setdefault("sync_topics", []).append(flows.VERIFICATION_TOPICS)
     return parameters

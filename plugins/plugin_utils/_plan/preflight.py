@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """The plan of a computer compared with the machine as `multimaster_info` found it, before anything changes.
 
@@ -14,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _providers
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
 
 # The units of the collection: what they hold is no stranger's.
 OWN_UNITS = ("multimaster-roscore.service", "multimaster-discovery.service", "multimaster-sync.service")
@@ -45,13 +44,13 @@ def compare(plan: Mapping[str, Any], info: Mapping[str, Any]) -> Comparison:
         problems += found
     problems += _systemd(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
     warnings = _own_name(plan, info)
-    provided: dict[str, Any] = {"programs": _providers.NO_PROGRAMS, "packages": []}
+    provided: dict[str, Any] = {"programs": providers.NO_PROGRAMS, "packages": []}
     limits = list(plan["limits"])
     if not plan["is_router"]:
         warnings += _exports(plan, info) + _sshd(plan, info)
         ros = _ros(plan, info)
         if not ros:
-            nodes = _providers.find(plan, info["ros"]["chosen"], info)
+            nodes = providers.find(plan, info["ros"]["chosen"], info)
             provided, ros = _provided(plan, info, nodes), list(nodes.problems)
             limits += nodes.limits(plan)
         if plan["is_master"]:
@@ -62,11 +61,11 @@ def compare(plan: Mapping[str, Any], info: Mapping[str, Any]) -> Comparison:
     return Comparison(tuple(problems), tuple(warnings), {**_with_interfaces(plan, interfaces), **provided})
 
 
-def _provided(plan: Mapping[str, Any], info: Mapping[str, Any], found: _providers.Found) -> dict[str, Any]:
+def _provided(plan: Mapping[str, Any], info: Mapping[str, Any], found: providers.Found) -> dict[str, Any]:
     """What only the machine knows of the nodes: their programs, and the packages to install."""
     ready = plan["is_master"] and not found.problems
     python = info["ros"]["chosen"]["python"]
-    programs = _providers.programs(plan["provider"], python, found.paths) if ready else _providers.NO_PROGRAMS
+    programs = providers.programs(plan["provider"], python, found.paths) if ready else providers.NO_PROGRAMS
     return {"programs": programs, "packages": [] if found.problems else list(found.packages)}
 
 

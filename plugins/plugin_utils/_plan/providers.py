@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """Whose discovery and sync nodes run: the bundled ones, or multimaster_fkie, called upstream here.
 
@@ -14,8 +13,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import Fleet, Robot
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._flows import VERIFICATION_TOPICS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.fleet import Fleet, Robot
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS
 
 UPSTREAM = ("fkie_apt", "fkie_existing")
 # Where the roles install.

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """The way to the networks of the robots, in the language of routers and gateways of other makes.
 

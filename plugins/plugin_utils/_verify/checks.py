@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """What must hold in a fleet that talks, and why it does not where it does not: checks as data over observations.
 
@@ -16,8 +15,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exchange import Conflict, Exchanges, Item
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._ways import Gateway, Layout, Way
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Conflict, Exchanges, Item
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import Gateway, Layout, Way
 
 OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
 VERDICTS = (OK, WARNING, FAILED, UNKNOWN)

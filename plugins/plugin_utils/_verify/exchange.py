@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """What robots are to get of each other, and what they have: the declared flows and the filters over what roscores hold.
 
@@ -16,8 +15,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exports import NEVER
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._flows import VERIFICATION_TOPICS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import NEVER
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS
 
 TEST_NODES = "/multimaster_verify_"  # how the verification's own nodes begin
 

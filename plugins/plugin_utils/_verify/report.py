@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-# Private to this collection: may change at any time.
 
 """Findings as a table for the terminal and as data for a file.
 
@@ -16,7 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import (
     CHECKS,
     FAILED,
     OK,

@@ -14,12 +14,12 @@ import xmlrpc.client
 
 import pytest
 from rosfleet_multimaster import program
-from rosfleet_multimaster.discovery_core import Ask, Contact, Discovery, Event, Master, Say, Send, Settings
-from rosfleet_multimaster.filters import NAMES, Filters, InvalidPattern, Rules
-from rosfleet_multimaster.graph import Policy, State, build, document, graph_of, own_types, stamp_text, stamped
-from rosfleet_multimaster.heartbeat import Heartbeat, Kind, Stamp, decode, encode
-from rosfleet_multimaster.parameters import DISCOVERY, ParameterError, overlay
-from rosfleet_multimaster.sockets import PerCaller, Refused, Rpc, RpcServer
+from rosfleet_multimaster.core.discovery import Ask, Contact, Discovery, Event, Master, Say, Send, Settings
+from rosfleet_multimaster.core.filters import NAMES, Filters, InvalidPattern, Rules
+from rosfleet_multimaster.core.graph import Policy, State, build, document, graph_of, own_types, stamp_text, stamped
+from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, decode, encode
+from rosfleet_multimaster.core.parameters import DISCOVERY, ParameterError, overlay
+from rosfleet_multimaster.edge.sockets import PerCaller, Refused, Rpc, RpcServer
 from virtual_time import Robot, World
 
 NODES = pathlib.Path(__file__).parents[3] / "roles/nodes/files/python"
@@ -96,8 +96,8 @@ def told(caller, **parameters):
 
 ON_THE_WIRE = """
 import socket
-from rosfleet_multimaster.heartbeat import Heartbeat, Kind, Stamp, encode
-from rosfleet_multimaster.sockets import Udp
+from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, encode
+from rosfleet_multimaster.edge.sockets import Udp
 udp = Udp("226.0.0.0", 11511, "192.168.1.1", True)
 second = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # upstream's options
 second.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)

@@ -17,11 +17,13 @@ import types
 
 import pytest
 import rosfleet_multimaster
-from rosfleet_multimaster import parameters, program
-from rosfleet_multimaster.filters import Filters
-from rosfleet_multimaster.graph import Node, State
-from rosfleet_multimaster.sockets import Refused, RpcServer
-from rosfleet_multimaster.sync_core import MISSING, Announced, Sync
+from rosfleet_multimaster import program
+from rosfleet_multimaster.core import parameters
+from rosfleet_multimaster.core.filters import Filters
+from rosfleet_multimaster.core.graph import Node, State
+from rosfleet_multimaster.core.sync import MISSING, Announced, Sync
+from rosfleet_multimaster.edge import patience
+from rosfleet_multimaster.edge.sockets import Refused, RpcServer
 
 FOLDER = pathlib.Path(rosfleet_multimaster.__file__).parent
 R2 = "http://robot2:11311/"
@@ -154,7 +156,7 @@ class Lab:
         self.roscore.call("registerService", DISCOVERY, f"{DISCOVERY}/list_masters", "rosrpc://own:2", "http://own:2/")
         self.nodes, self.asked_list = [], []
         self.listed = [self.other.announced()]
-        ros = types.ModuleType("rosfleet_multimaster.ros")
+        ros = types.ModuleType("rosfleet_multimaster.edge.ros")
         ros.CHANGES_TYPE, ros.LIST_MASTERS, ros.GET_SYNC_INFO = "MasterState", "list_masters", "get_sync_info"
         ros.master_uri = lambda: self.roscore.uri
         ros.node_name = lambda default: SYNC
@@ -164,7 +166,7 @@ class Lab:
         ros.SyncNode = lambda held: self.nodes.append(SyncNode(self.roscore, held)) or self.nodes[-1]
         ros.Diagnosis = lambda *parts: parts
         ros.list_masters = lambda service: self.asked_list.append(service) or list(self.listed)
-        monkeypatch.setitem(sys.modules, "rosfleet_multimaster.ros", ros)
+        monkeypatch.setitem(sys.modules, "rosfleet_multimaster.edge.ros", ros)
         monkeypatch.setattr(rosfleet_multimaster, "ros", ros, raising=False)
         monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_sync", raising=False)
         monkeypatch.setattr(program, "on_signals", lambda loop, end: None)
@@ -219,7 +221,7 @@ def _lab(monkeypatch, tmp_path):
 
 
 def test_16_b1_the_service_that_discovery_asks_ends_with_get_sync_info():
-    tree = ast.parse((FOLDER / "ros.py").read_text(encoding="utf-8"))
+    tree = ast.parse((FOLDER / "edge/ros.py").read_text(encoding="utf-8"))
     calls = [
         node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "Service"
     ]
@@ -392,7 +394,7 @@ def test_15_9_masters_of_one_name_do_not_take_each_other_away():
 
 
 def test_15_10_and_13_no_wall_clock_and_no_process_wide_time_limit():
-    for name in ("sync_core", "message_types", "losses", "master_sync", "program", "connections"):
+    for name in ("core/sync", "core/message_types", "core/losses", "master_sync", "program", "edge/connections"):
         text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
         assert "time.time" not in text and "setdefaulttimeout" not in text
     text = (FOLDER / "master_sync.py").read_text(encoding="utf-8")
@@ -402,7 +404,7 @@ def test_15_10_and_13_no_wall_clock_and_no_process_wide_time_limit():
 def test_15_14_filters_are_parameters_and_no_yaml_file_is_loaded():
     _values, warnings = parameters.overlay(parameters.SYNC, {"interface_url": "file:///x.yaml"})
     assert warnings == ["~interface_url has no effect: filters are parameters here: give the lists themselves"]
-    assert not any("import yaml" in path.read_text(encoding="utf-8") for path in FOLDER.glob("*.py"))
+    assert not any("import yaml" in path.read_text(encoding="utf-8") for path in FOLDER.rglob("*.py"))
 
 
 @pytest.mark.parametrize(
@@ -424,14 +426,14 @@ def test_a_hung_service_of_discovery_does_not_stop_the_exchange_for_ever():
     forever, started = threading.Event(), time.monotonic()
     for _count in range(6):
         with pytest.raises(TimeoutError):
-            program.within(0.05, forever.wait)
+            patience.within(0.05, forever.wait)
     assert time.monotonic() - started < 2
-    assert sum(1 for thread in threading.enumerate() if thread in program._hanging) == 4
+    assert sum(1 for thread in threading.enumerate() if thread in patience._hanging) == 4
     forever.set()
-    until(lambda: not any(thread.is_alive() for thread in program._hanging))
-    assert program.within(1.0, lambda: "answer") == "answer"
+    until(lambda: not any(thread.is_alive() for thread in patience._hanging))
+    assert patience.within(1.0, lambda: "answer") == "answer"
     with pytest.raises(ZeroDivisionError):
-        program.within(1.0, lambda: 1 / 0)
+        patience.within(1.0, lambda: 1 / 0)
 
 
 def test_while_a_slow_roscore_is_waited_for_nothing_spins(lab):

@@ -16,9 +16,9 @@ SYNC, FAR = ("/upstream_sync", "http://robot1:1/"), ("/far", "http://robot2:2/")
 
 @pytest.fixture(name="module")
 def _module(monkeypatch):
-    ros = types.ModuleType("rosfleet_multimaster.ros")
+    ros = types.ModuleType("rosfleet_multimaster.edge.ros")
     ros.GET_SYNC_INFO = "get_sync_info"
-    monkeypatch.setitem(sys.modules, "rosfleet_multimaster.ros", ros)
+    monkeypatch.setitem(sys.modules, "rosfleet_multimaster.edge.ros", ros)
     monkeypatch.setattr(rosfleet_multimaster, "ros", ros, raising=False)
     monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_discovery", raising=False)
     yield importlib.import_module("rosfleet_multimaster.master_discovery")

@@ -6,7 +6,7 @@ import heapq
 import itertools
 import random
 
-from rosfleet_multimaster.discovery_core import Ask, Contact, Discovery, Event, Master, Send, Settings
+from rosfleet_multimaster.core.discovery import Ask, Contact, Discovery, Event, Master, Send, Settings
 
 PORT, RPC = 11511, 11611
 LATENCY = 0.001  # seconds

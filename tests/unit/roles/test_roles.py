@@ -8,7 +8,7 @@ import pathlib
 import pytest
 import yaml
 
-ROLES = sorted((pathlib.Path(__file__).resolve().parents[2] / "roles").iterdir())
+ROLES = sorted((pathlib.Path(__file__).resolve().parents[3] / "roles").iterdir())
 
 
 def read(path):

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Routes at boot: the managers that can bring them back, and which of them owns an interface.
 
@@ -12,8 +11,10 @@ import socket
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _owned
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 
 NAME = "rosfleet-multimaster"
 HEADER = "# Managed by Ansible: rosfleet.multimaster.routes writes this whole file, so changes here do not last.\n"
@@ -23,7 +24,7 @@ Wanted = typing.Dict[str, typing.Optional[str]]  # place -> what shall be there,
 
 
 class Machine(typing.NamedTuple):
-    """What every back end may know: the interfaces by name (as _machine.interfaces(), with their `index`)."""
+    """What every back end may know: the interfaces by name (as network.interfaces(), with their `index`)."""
 
     interfaces: typing.Dict[str, typing.Dict[str, typing.Any]]
     booted: bool  # this is the running system with systemd, so its managers can be asked and told
@@ -40,30 +41,25 @@ class BackEnd:
     mode = 0o644
     has_last_word = False  # whether its routes of ours take the place of others' routes at boot, too
 
-    def __init__(self, machine, root, recorded):
-        # type: (Machine, str, typing.Dict[str, typing.List[str]]) -> None
+    def __init__(self, machine: Machine, root: str, recorded: typing.Dict[str, typing.List[str]]) -> None:
         """`recorded`: place -> every text that earlier runs may have left there (two after a run that was killed)."""
         self.machine = machine
         self.root = root
         self.recorded = recorded
 
-    def owns(self):
-        # type: () -> typing.Set[str]
+    def owns(self) -> typing.Set[str]:
         """The interfaces that this manager really manages now."""
         raise NotImplementedError
 
-    def read(self):
-        # type: () -> Places
+    def read(self) -> Places:
         """What is there now of ours. Raises Problem where something in our place is not ours."""
         raise NotImplementedError
 
-    def place(self, interface):
-        # type: (str) -> str
+    def place(self, interface: str) -> str:
         """Where the routes of this interface go. Raises Problem where the manager has no place for it."""
         raise NotImplementedError
 
-    def render(self, routes):
-        # type: (typing.Dict[str, typing.List[_routes_kernel.Route]]) -> Wanted
+    def render(self, routes: typing.Dict[str, typing.List[Route]]) -> Wanted:
         """What shall be in our places for these routes by interface: every place of `read` and of these interfaces.
 
         A route without a device (blackhole and its like) is with the interface that carries it at boot.
@@ -71,44 +67,38 @@ class BackEnd:
         """
         raise NotImplementedError
 
-    def check(self, wanted):
-        # type: (Wanted) -> None
+    def check(self, wanted: Wanted) -> None:
         """Raises Problem where the manager's own tool refuses this, or would not use it at boot."""
 
-    def write(self, place, content):
-        # type: (str, typing.Optional[str]) -> None
+    def write(self, place: str, content: typing.Optional[str]) -> None:
         """Put a text into a place, None to leave nothing there. The folders of files are made by the caller."""
         path = self.path(place)
         if content is None:
-            _owned.remove_leftovers(path)
+            atomic.remove_leftovers(path)
             if os.path.lexists(path):
-                _owned.remove(path)
+                atomic.remove(path)
         else:
-            _owned.write_by_rename(path, content.encode("utf-8"), mode=self.mode)
+            atomic.write_by_rename(path, content.encode("utf-8"), mode=self.mode)
 
-    def wrong_mode(self, place):
-        # type: (str) -> bool
+    def wrong_mode(self, place: str) -> bool:
         """Whether a file of ours has lost its permissions: a hook that cannot be executed is not run, and says nothing."""
         path = self.path(place)
         return place.startswith("/") and os.path.isfile(path) and stat.S_IMODE(os.stat(path).st_mode) != self.mode
 
-    def activate(self, places):
-        # type: (typing.List[str]) -> None
+    def activate(self, places: typing.List[str]) -> None:
         """Tell the running manager about changed places, with every link staying up. Raises Problem."""
 
-    def path(self, place):
-        # type: (str) -> str
+    def path(self, place: str) -> str:
         """A file's path, below `root`."""
         return os.path.join(self.root, place.lstrip("/"))
 
-    def own_text(self, place):
-        # type: (str) -> typing.Optional[str]
+    def own_text(self, place: str) -> typing.Optional[str]:
         """The text of a file of ours, None where there is none. Raises Problem where the file is somebody else's."""
         path = self.path(place)
         if not os.path.lexists(path):
             return None
         regular = os.path.isfile(path) and not os.path.islink(path)
-        text = (_owned.read_bytes(path) or b"").decode("utf-8", "replace") if regular else ""
+        text = (atomic.read_bytes(path) or b"").decode("utf-8", "replace") if regular else ""
         if HEADER in text or text in self.recorded.get(place, []):
             return text
         raise Problem(
@@ -117,19 +107,17 @@ class BackEnd:
         )
 
 
-def machine(root="/"):
-    # type: (str) -> Machine
+def machine(root: str = "/") -> Machine:
     """This machine's interfaces. Raises Problem where it cannot be asked."""
     try:
-        found = _machine.interfaces()
+        found = network.interfaces()
     except OSError as problem:
         raise Problem("routes: %s; expected the command ip (package iproute2)." % problem) from problem
     interfaces = {link["name"]: dict(link, index=_index(link["name"])) for link in found}
     return Machine(interfaces, root == "/" and os.path.isdir("/run/systemd/system"))
 
 
-def _index(name):
-    # type: (str) -> int
+def _index(name: str) -> int:
     try:
         return socket.if_nametoindex(name)
     except OSError:  # gone since

@@ -1,18 +1,19 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Routes at boot by ifupdown: the hook in /etc/network/if-up.d of the report's Fig. 11."""
 
 import os
 import shlex
+import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _routes_boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_kernel import words_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, words_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 
 # run-parts(8) passes over names with a dot, so the name has none.
-HOOK = "/etc/network/if-up.d/" + _routes_boot.NAME
+HOOK = "/etc/network/if-up.d/" + contract.NAME
 # ifupdown of Debian; ifupdown-ng and ifupdown2, which run the same hooks.
 STATES = ("run/network/ifstate", "run/ifstate")
 
@@ -20,7 +21,7 @@ STATES = ("run/network/ifstate", "run/ifstate")
 # `replace` may be repeated, and what fails is silent, since ifup takes a failing hook for a failing interface.
 _BEGIN = (
     "#!/bin/sh\n"
-    + _routes_boot.HEADER
+    + contract.HEADER
     + """PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
 
 replace() {
@@ -32,27 +33,24 @@ replace() {
 )
 
 
-class BackEnd(_routes_boot.BackEnd):
+class BackEnd(contract.BackEnd):
     """ifupdown, and what is compatible with it."""
 
     name = "ifupdown"
     mode = 0o755
     has_last_word = True  # hooks run after everything that the stanza of an interface asks for
 
-    def owns(self):
-        # type: () -> typing.Set[str]
+    def owns(self) -> typing.Set[str]:
         """The interfaces that ifup has brought up, from its own list of them."""
-        lines = [line for path in STATES for line in _machine.text(self.path(path)).splitlines()]
+        lines = [line for path in STATES for line in commands.text(self.path(path)).splitlines()]
         names = {line.partition("=")[0].split()[0] for line in lines if line.strip()}
         return {name for name in names if name in self.machine.interfaces}
 
-    def read(self):
-        # type: () -> _routes_boot.Places
+    def read(self) -> contract.Places:
         text = self.own_text(HOOK)
         return {} if text is None else {HOOK: text}
 
-    def place(self, interface):
-        # type: (str) -> str
+    def place(self, interface: str) -> str:
         if not os.path.isdir(self.path("/etc/network")):
             raise Problem(
                 "routes: %s shall have its routes by ifupdown, and there is no /etc/network, expected ifupdown installed: "
@@ -60,8 +58,7 @@ class BackEnd(_routes_boot.BackEnd):
             )
         return HOOK
 
-    def render(self, routes):
-        # type: (typing.Dict[str, typing.List[_routes_kernel.Route]]) -> _routes_boot.Wanted
+    def render(self, routes: typing.Dict[str, typing.List[Route]]) -> contract.Wanted:
         if not any(routes.values()):
             return {HOOK: None}
         # A route without a device belongs to no interface: whichever comes up first makes it.
@@ -78,6 +75,5 @@ class BackEnd(_routes_boot.BackEnd):
         return {HOOK: text}
 
 
-def _line(route):
-    # type: (_routes_kernel.Route) -> str
+def _line(route: Route) -> str:
     return " ".join(["replace", "-%d" % route.version] + [shlex.quote(word) for word in words_of(route)])

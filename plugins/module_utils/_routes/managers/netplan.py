@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Routes at boot by netplan: a file of ours that adds routes to the definitions of other files (netplan(5)).
 
@@ -15,16 +14,14 @@ import shutil
 import tempfile
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import (
-    _machine,
-    _owned,
-    _routes_boot,
-    _routes_networkd,
-    _routes_networkmanager,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract, networkmanager
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkd as routes_networkd
 
-FILE = "/etc/netplan/90-%s.yaml" % _routes_boot.NAME
+FILE = "/etc/netplan/90-%s.yaml" % contract.NAME
 FOLDERS = ("etc/netplan", "run/netplan", "lib/netplan")  # what netplan reads
 _GENERATED = "/run/systemd/network/10-netplan-"
 _LIMIT = 60.0  # seconds; netplan generate takes a few tenths
@@ -53,63 +50,56 @@ class Definition(typing.NamedTuple):
     file: str
 
 
-class BackEnd(_routes_boot.BackEnd):
+class BackEnd(contract.BackEnd):
     """netplan, with either of its renderers."""
 
     name = "netplan"
     mode = 0o600
 
-    def __init__(self, machine, root, recorded):
-        # type: (_routes_boot.Machine, str, typing.Dict[str, typing.List[str]]) -> None
+    def __init__(self, machine: contract.Machine, root: str, recorded: typing.Dict[str, typing.List[str]]) -> None:
         super().__init__(machine, root, recorded)
-        self._known = None  # type: typing.Optional[typing.Dict[str, Definition]]
+        self._known: typing.Optional[typing.Dict[str, Definition]] = None
 
     # Who
 
-    def _definitions(self):
-        # type: () -> typing.Dict[str, Definition]
+    def _definitions(self) -> typing.Dict[str, Definition]:
         """The definitions by the interface on which they are in effect."""
         if self._known is None:
             self._known = dict(self._of_networkmanager())
             self._known.update(self._of_networkd())
         return self._known
 
-    def _of_networkd(self):
-        # type: () -> typing.Iterator[typing.Tuple[str, Definition]]
-        networkd = _routes_networkd.BackEnd(self.machine, self.root, {})
+    def _of_networkd(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
+        networkd = routes_networkd.BackEnd(self.machine, self.root, {})
         for interface in self.machine.interfaces:
             file = networkd.network_file(interface)
             if file.startswith(_GENERATED):
                 name = file[len(_GENERATED) : -len(".network")]
-                kind = _setting(_machine.text(self.path("%s%s.netdev" % (_GENERATED, name))), "Kind")
+                kind = _setting(commands.text(self.path("%s%s.netdev" % (_GENERATED, name))), "Kind")
                 wifi = os.path.exists(self.path("/run/netplan/wpa-%s.conf" % name))
                 yield interface, Definition(_section("wifi" if wifi else kind), name, file)
 
-    def _of_networkmanager(self):
-        # type: () -> typing.Iterator[typing.Tuple[str, Definition]]
-        if not self.machine.booted or not glob.glob(_routes_networkmanager.NETPLANS + "*"):
+    def _of_networkmanager(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
+        if not self.machine.booted or not glob.glob(networkmanager.NETPLANS + "*"):
             return
-        for interface, active in _routes_networkmanager.active_profiles().items():
+        for interface, active in networkmanager.active_profiles().items():
             if active.netplan:
-                text = _machine.text(active.file)
+                text = commands.text(active.file)
                 name = _setting(text, "id")[len("netplan-") :]
                 kind = _setting(text, "type")
                 if kind == "wifi":  # one profile per access point
                     name = name[: -len("-" + _setting(text, "ssid"))]
                 yield interface, Definition(_section(kind), name, active.file)
 
-    def owns(self):
-        # type: () -> typing.Set[str]
+    def owns(self) -> typing.Set[str]:
         """The interfaces that are configured by what netplan has generated."""
         return set(self._definitions())
 
-    def read(self):
-        # type: () -> _routes_boot.Places
+    def read(self) -> contract.Places:
         text = self.own_text(FILE)
         return {} if text is None else {FILE: text}
 
-    def place(self, interface):
-        # type: (str) -> str
+    def place(self, interface: str) -> str:
         definition = self._definitions().get(interface)
         where = "routes: %s shall have its routes by netplan, and" % interface
         if definition is None:
@@ -129,9 +119,8 @@ class BackEnd(_routes_boot.BackEnd):
 
     # What
 
-    def render(self, routes):
-        # type: (typing.Dict[str, typing.List[_routes_kernel.Route]]) -> _routes_boot.Wanted
-        sections = {}  # type: typing.Dict[str, typing.Dict[str, typing.List[str]]]
+    def render(self, routes: typing.Dict[str, typing.List[Route]]) -> contract.Wanted:
+        sections: typing.Dict[str, typing.Dict[str, typing.List[str]]] = {}
         for interface, listed in sorted(routes.items()):
             if listed:
                 self.place(interface)
@@ -145,12 +134,11 @@ class BackEnd(_routes_boot.BackEnd):
             lines.append("  %s:" % section)
             for name, entries in sorted(definitions.items()):
                 lines += ["    %s:" % _quoted(name), "      routes:"] + entries
-        return {FILE: _routes_boot.HEADER + "".join(line + "\n" for line in lines)}
+        return {FILE: contract.HEADER + "".join(line + "\n" for line in lines)}
 
-    def check(self, wanted):
-        # type: (_routes_boot.Wanted) -> None
+    def check(self, wanted: contract.Wanted) -> None:
         """Have netplan generate from a copy of its folders with our file as it shall be."""
-        copy = tempfile.mkdtemp(prefix="%s-netplan-" % _routes_boot.NAME)
+        copy = tempfile.mkdtemp(prefix="%s-netplan-" % contract.NAME)
         try:
             for folder in FOLDERS:
                 if os.path.isdir(self.path(folder)):
@@ -158,11 +146,11 @@ class BackEnd(_routes_boot.BackEnd):
             path = os.path.join(copy, FILE.lstrip("/"))
             text = wanted.get(FILE)
             if text is None:
-                _owned.remove(path)
+                atomic.remove(path)
             else:
-                _owned.make_folders(os.path.dirname(path))
-                _owned.write_by_rename(path, text.encode("utf-8"), mode=self.mode)
-            answer = _machine.run(["netplan", "generate", "--root-dir", copy], limit=_LIMIT)
+                atomic.make_folders(os.path.dirname(path))
+                atomic.write_by_rename(path, text.encode("utf-8"), mode=self.mode)
+            answer = commands.run(["netplan", "generate", "--root-dir", copy], limit=_LIMIT)
             if answer.status != 0:
                 raise Problem(
                     "routes: netplan refuses %s as it would be (%s): correct the routes, or set backend to none for those that "
@@ -173,8 +161,7 @@ class BackEnd(_routes_boot.BackEnd):
 
     # How
 
-    def activate(self, places):
-        # type: (typing.List[str]) -> None
+    def activate(self, places: typing.List[str]) -> None:
         """Generate, and let the manager behind it read what was generated; never `netplan apply`, which takes links down.
 
         Measured with netplan 0.106: `netplan generate` touches no interface. networkd then gets to know the routes by a
@@ -182,43 +169,39 @@ class BackEnd(_routes_boot.BackEnd):
         """
         if not self.machine.booted:
             return
-        answer = _machine.run(["netplan", "generate"], limit=_LIMIT)
+        answer = commands.run(["netplan", "generate"], limit=_LIMIT)
         if answer.status != 0:
             raise Problem("routes: 'netplan generate' failed (%s), expected it to work." % _said(answer))
         files = [definition.file for definition in self._definitions().values()]
-        if any(file.startswith(_routes_networkmanager.NETPLANS) for file in files):
+        if any(file.startswith(networkmanager.NETPLANS) for file in files):
             # A definition of a wifi has one profile per access point.
-            profiles = sorted(glob.glob(_routes_networkmanager.NETPLANS + "*"))
-            answer = _routes_networkmanager.nmcli("connection", "load", *profiles)
+            profiles = sorted(glob.glob(networkmanager.NETPLANS + "*"))
+            answer = networkmanager.nmcli("connection", "load", *profiles)
             if answer.status != 0:
                 raise Problem(
                     "routes: NetworkManager cannot load what netplan has generated (%s), expected it running."
                     % _said(answer)
                 )
         if any(file.startswith(_GENERATED) for file in files):
-            _routes_networkd.BackEnd(self.machine, self.root, {}).activate(places)
+            routes_networkd.BackEnd(self.machine, self.root, {}).activate(places)
 
 
-def _section(kind):
-    # type: (str) -> str
+def _section(kind: str) -> str:
     return _SECTIONS.get(kind, "tunnels")
 
 
-def _setting(text, key):
-    # type: (str, str) -> str
+def _setting(text: str, key: str) -> str:
     """The first value of a key in a file of networkd or NetworkManager."""
     found = re.search(r"^%s=(.*)$" % re.escape(key), text, re.MULTILINE)
     return found.group(1).strip() if found else ""
 
 
-def _said(answer):
-    # type: (_machine.Answer) -> str
+def _said(answer: commands.Answer) -> str:
     lines = [line for line in answer.error.splitlines() if line.strip() and "WARNING" not in line]
     return " ".join(" ".join(lines).split()).rstrip(".") or "without a word"
 
 
-def _quoted(text):
-    # type: (str) -> str
+def _quoted(text: str) -> str:
     """A text as a scalar of YAML; none of these texts has anything to be escaped."""
     return '"%s"' % text
 
@@ -236,8 +219,7 @@ _KEYS = (
 _PLAIN = {"table": 254, "on_link": False, "type": "unicast"}  # what needs no line
 
 
-def _entry(route):
-    # type: (_routes_kernel.Route) -> typing.List[str]
+def _entry(route: Route) -> typing.List[str]:
     lines = []
     for key, field in _KEYS:
         value = getattr(route, field)

@@ -1,42 +1,41 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Routes at boot by systemd-networkd: a drop-in of the .network file that configures the interface (systemd.network(5))."""
 
 import os
+import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _routes_boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 
 FOLDER = "/etc/systemd/network"
-DROP_IN = "90-%s.conf" % _routes_boot.NAME
+DROP_IN = "90-%s.conf" % contract.NAME
 _UNIT = "systemd-networkd.service"
 _LIMIT = 60.0  # seconds; a restart takes a few tenths
 _NETPLAN = "10-netplan-"
 _FREE = ("unmanaged", "linger", "initialized", "pending", "")  # states in which networkd does nothing with a link
 
 
-class BackEnd(_routes_boot.BackEnd):
+class BackEnd(contract.BackEnd):
     """systemd-networkd."""
 
     name = "networkd"
 
-    def owns(self):
-        # type: () -> typing.Set[str]
+    def owns(self) -> typing.Set[str]:
         """The interfaces that networkd configures with a .network file."""
         return {name for name in self.machine.interfaces if self.network_file(name)}
 
-    def network_file(self, interface):
-        # type: (str) -> str
+    def network_file(self, interface: str) -> str:
         """The .network file that networkd has chosen for an interface, "" for none."""
         # The command networkctl says the same in words for people only; these names are unchanged since systemd 209.
-        text = _machine.text(self.path("/run/systemd/netif/links/%d" % self.machine.interfaces[interface]["index"]))
+        text = commands.text(self.path("/run/systemd/netif/links/%d" % self.machine.interfaces[interface]["index"]))
         state = dict(line.partition("=")[::2] for line in text.splitlines())
         return "" if state.get("ADMIN_STATE", "") in _FREE else state.get("NETWORK_FILE", "")
 
-    def read(self):
-        # type: () -> _routes_boot.Places
+    def read(self) -> contract.Places:
         try:
             names = sorted(os.listdir(self.path(FOLDER)))
         except OSError:
@@ -45,8 +44,7 @@ class BackEnd(_routes_boot.BackEnd):
         texts = {place: self.own_text(place) for place in places}
         return {place: text for place, text in texts.items() if text is not None}
 
-    def place(self, interface):
-        # type: (str) -> str
+    def place(self, interface: str) -> str:
         file = self.network_file(interface)
         if not file:
             raise Problem(
@@ -68,25 +66,23 @@ class BackEnd(_routes_boot.BackEnd):
             )
         return "%s/%s.d/%s" % (FOLDER, os.path.basename(file), DROP_IN)
 
-    def render(self, routes):
-        # type: (typing.Dict[str, typing.List[_routes_kernel.Route]]) -> _routes_boot.Wanted
-        wanted = dict.fromkeys(self.read())  # type: _routes_boot.Wanted
+    def render(self, routes: typing.Dict[str, typing.List[Route]]) -> contract.Wanted:
+        wanted: contract.Wanted = dict.fromkeys(self.read())
         for interface, listed in sorted(routes.items()):
             if listed:
-                wanted[self.place(interface)] = _routes_boot.HEADER + "".join(_section(route) for route in listed)
+                wanted[self.place(interface)] = contract.HEADER + "".join(_section(route) for route in listed)
         return wanted
 
-    def activate(self, places):
-        # type: (typing.List[str]) -> None
+    def activate(self, places: typing.List[str]) -> None:
         """Restart networkd, so that it has the routes too when the link comes back after an interruption.
 
         Measured with systemd 252 and `ip monitor`: `networkctl reload` takes the addresses, and with them every route, away
         and then brings back what it knows. A restart finds everything as planned and deletes nothing: no address, none of
         our routes and none of others; leases of DHCP are kept as well (RestartKillSignal= of the unit, since systemd 244).
         """
-        if not self.machine.booted or _machine.run(["systemctl", "is-active", "--quiet", _UNIT]).status != 0:
+        if not self.machine.booted or commands.run(["systemctl", "is-active", "--quiet", _UNIT]).status != 0:
             return
-        answer = _machine.run(["systemctl", "restart", _UNIT], limit=_LIMIT)
+        answer = commands.run(["systemctl", "restart", _UNIT], limit=_LIMIT)
         if answer.status != 0:
             raise Problem(
                 "routes: systemd-networkd could not be restarted with %s (%s), expected it running: see journalctl -u %s."
@@ -106,8 +102,7 @@ _KEYS = (
 )
 
 
-def _section(route):
-    # type: (_routes_kernel.Route) -> str
+def _section(route: Route) -> str:
     values = [(key, getattr(route, field), usual) for key, field, usual in _KEYS]
     lines = ["%s=%s" % (key, "yes" if value is True else value) for key, value, usual in values if value != usual]
     return "\n[Route]\n" + "\n".join(lines) + "\n"

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """Routes at boot by NetworkManager: more routes in the profile that is active on the interface (nm-settings-nmcli(5)).
 
@@ -12,9 +11,10 @@ import ipaddress
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _routes_boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_kernel import MAIN
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 
 PREFIX = "nmcli:"
 NETPLANS = "/run/NetworkManager/system-connections/netplan-"  # how the profiles begin that netplan writes
@@ -32,8 +32,7 @@ class Active(typing.NamedTuple):
     file: str  # "" where nmcli is too old to say it (before 1.12)
 
     @property
-    def netplan(self):
-        # type: () -> bool
+    def netplan(self) -> bool:
         """Whether netplan has written it."""
         return self.file.startswith(NETPLANS)
 
@@ -47,14 +46,12 @@ class Profile(typing.NamedTuple):
     lines: typing.List[str]
 
 
-def nmcli(*words):
-    # type: (str) -> _machine.Answer
+def nmcli(*words: str) -> commands.Answer:
     """Ask or tell NetworkManager, in the form for programs."""
-    return _machine.run(("nmcli", "--terse", "--escape", "no") + words, limit=_LIMIT)
+    return commands.run(("nmcli", "--terse", "--escape", "no") + words, limit=_LIMIT)
 
 
-def active_profiles():
-    # type: () -> typing.Dict[str, Active]
+def active_profiles() -> typing.Dict[str, Active]:
     """The active profiles by interface; none where NetworkManager is not there or does not run."""
     devices = nmcli("--fields", "DEVICE,CON-UUID,STATE", "device")
     if devices.status != 0:
@@ -67,39 +64,34 @@ def active_profiles():
     }
 
 
-def _fields(answer, number):
-    # type: (_machine.Answer, int) -> typing.List[typing.List[str]]
+def _fields(answer: commands.Answer, number: int) -> typing.List[typing.List[str]]:
     lines = answer.output.decode("utf-8", "replace").splitlines() if answer.status == 0 else []
     return [line.split(":", number - 1) for line in lines if line.count(":") >= number - 1]
 
 
-class BackEnd(_routes_boot.BackEnd):
+class BackEnd(contract.BackEnd):
     """NetworkManager."""
 
     name = "networkmanager"
 
-    def __init__(self, machine, root, recorded):
-        # type: (_routes_boot.Machine, str, typing.Dict[str, typing.List[str]]) -> None
+    def __init__(self, machine: contract.Machine, root: str, recorded: typing.Dict[str, typing.List[str]]) -> None:
         super().__init__(machine, root, recorded)
-        self._known = None  # type: typing.Optional[typing.Dict[str, Active]]
-        self._profiles = {}  # type: typing.Dict[str, typing.Optional[Profile]]
+        self._known: typing.Optional[typing.Dict[str, Active]] = None
+        self._profiles: typing.Dict[str, typing.Optional[Profile]] = {}
         self._ours = {place: set(_lines("".join(texts))) for place, texts in recorded.items()}
 
     # Who
 
-    def _active(self):
-        # type: () -> typing.Dict[str, Active]
+    def _active(self) -> typing.Dict[str, Active]:
         if self._known is None:
             self._known = active_profiles() if self.machine.booted else {}
         return self._known
 
-    def owns(self):
-        # type: () -> typing.Set[str]
+    def owns(self) -> typing.Set[str]:
         """The interfaces on which NetworkManager has activated a profile, other than netplan's."""
         return {name for name, active in self._active().items() if not active.external and not active.netplan}
 
-    def place(self, interface):
-        # type: (str) -> str
+    def place(self, interface: str) -> str:
         active = self._active().get(interface)
         where = "routes: %s shall have its routes by NetworkManager, and" % interface
         if active is None:
@@ -133,15 +125,13 @@ class BackEnd(_routes_boot.BackEnd):
 
     # What
 
-    def _profile(self, place):
-        # type: (str) -> typing.Optional[Profile]
+    def _profile(self, place: str) -> typing.Optional[Profile]:
         """A profile as it was when this run first looked, None where it is gone."""
         if place not in self._profiles:
             self._profiles[place] = _ask(place)
         return self._profiles[place]
 
-    def read(self):
-        # type: () -> _routes_boot.Places
+    def read(self) -> contract.Places:
         found = {}
         for place in sorted(self.recorded) if self.machine.booted else []:
             profile = self._profile(place)
@@ -150,9 +140,8 @@ class BackEnd(_routes_boot.BackEnd):
                 found[place] = text
         return found
 
-    def render(self, routes):
-        # type: (typing.Dict[str, typing.List[_routes_kernel.Route]]) -> _routes_boot.Wanted
-        wanted = dict.fromkeys(self.read())  # type: _routes_boot.Wanted
+    def render(self, routes: typing.Dict[str, typing.List[Route]]) -> contract.Wanted:
+        wanted: contract.Wanted = dict.fromkeys(self.read())
         for interface, listed in routes.items():
             place = self.place(interface)
             profile = self._profile(place)
@@ -164,8 +153,7 @@ class BackEnd(_routes_boot.BackEnd):
             wanted[place] = _text(lines - others)
         return wanted
 
-    def check(self, wanted):
-        # type: (_routes_boot.Wanted) -> None
+    def check(self, wanted: contract.Wanted) -> None:
         """A profile's routes are made at boot only with these settings of it; nmcli itself refuses a whole change or none."""
         for place, text in wanted.items():
             profile = self._profile(place)
@@ -186,8 +174,7 @@ class BackEnd(_routes_boot.BackEnd):
 
     # How
 
-    def write(self, place, content):
-        # type: (str, typing.Optional[str]) -> None
+    def write(self, place: str, content: typing.Optional[str]) -> None:
         """Add what is missing in the profile and take out what was ours, in one step of NetworkManager: all or nothing."""
         profile, wanted = _ask(place), _lines(content or "")
         if profile is None:
@@ -210,8 +197,7 @@ class BackEnd(_routes_boot.BackEnd):
                     "routes: NetworkManager refuses the change of the profile %s (%s)." % (_uuid(place), _said(answer))
                 )
 
-    def activate(self, places):
-        # type: (typing.List[str]) -> None
+    def activate(self, places: typing.List[str]) -> None:
         """Nothing to be done: the kernel has the routes, and the profile brings them back.
 
         Measured with NetworkManager 1.42 and `ip monitor`: `nmcli device reapply` deletes the addresses of IPv6, routes and
@@ -223,23 +209,20 @@ class BackEnd(_routes_boot.BackEnd):
 # Profiles and lines
 
 
-def _uuid(place):
-    # type: (str) -> str
+def _uuid(place: str) -> str:
     return place[len(PREFIX) :]
 
 
-def _said(answer):
-    # type: (_machine.Answer) -> str
+def _said(answer: commands.Answer) -> str:
     return " ".join(answer.error.split()).replace("Error: ", "").rstrip(".") or "without a word"
 
 
-def _ask(place):
-    # type: (str) -> typing.Optional[Profile]
+def _ask(place: str) -> typing.Optional[Profile]:
     """A profile, None where it is gone, or NetworkManager with it. Raises Problem where it cannot be read."""
     names = ["connection.autoconnect"]
     names += ["ipv%d.%s" % (version, name) for version in (4, 6) for name in ("method", "route-table", "routes")]
     answer = nmcli("--fields", ",".join(names), "connection", "show", "uuid", _uuid(place))
-    if answer.status == _NOT_THERE or not shutil.which("nmcli", path=_machine.BASE_PATH):
+    if answer.status == _NOT_THERE or not shutil.which("nmcli", path=commands.BASE_PATH):
         return None
     if answer.status != 0:
         raise Problem(
@@ -259,8 +242,7 @@ def _ask(place):
     )
 
 
-def lines_of(version, value, uuid):
-    # type: (int, str, str) -> typing.List[str]
+def lines_of(version: int, value: str, uuid: str) -> typing.List[str]:
     """The routes that nmcli prints for a profile, as lines in normal form. Raises Problem for a form that is unknown."""
     try:
         return [_normal(version, route.split()) for route in value.split(",") if route.strip()]
@@ -271,8 +253,7 @@ def lines_of(version, value, uuid):
         ) from problem
 
 
-def _normal(version, words):
-    # type: (int, typing.List[str]) -> str
+def _normal(version: int, words: typing.List[str]) -> str:
     """A route of nm-settings-nmcli(5): destination [next-hop] [metric] [attribute=value]..."""
     line = [str(ipaddress.ip_network(words[0], strict=False))]
     rest = words[1:]
@@ -285,8 +266,7 @@ def _normal(version, words):
     return " ".join(["ipv%d.routes" % version] + line + sorted(rest))
 
 
-def line_of(route, profile_table):
-    # type: (_routes_kernel.Route, int) -> str
+def line_of(route: Route, profile_table: int) -> str:
     """A route of ours as a line. `profile_table` is the profile's route-table: 0 for none, so for the table main."""
     words = [route.destination] + ([route.gateway] if route.gateway else [])
     words.append(str(route.metric))  # without it NetworkManager takes that of the interface, 100 and more
@@ -300,17 +280,14 @@ def line_of(route, profile_table):
     return "ipv%d.routes %s" % (route.version, " ".join(words))
 
 
-def _version(line):
-    # type: (str) -> int
+def _version(line: str) -> int:
     return int(line[len("ipv")])
 
 
-def _lines(text):
-    # type: (str) -> typing.List[str]
+def _lines(text: str) -> typing.List[str]:
     return text.splitlines()
 
 
-def _text(lines):
-    # type: (typing.Iterable[str]) -> typing.Optional[str]
+def _text(lines: typing.Iterable[str]) -> typing.Optional[str]:
     """Lines as the text of a place, None for none."""
     return "".join(line + "\n" for line in sorted(set(lines))) or None

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-# Private to this collection: may change at any time.
 
 """The back ends together: who owns which interface, and the boot part of all routes as one change."""
 
@@ -8,22 +7,25 @@ import collections
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import (
-    _owned,
-    _routes_ifupdown,
-    _routes_netplan,
-    _routes_networkd,
-    _routes_networkmanager,
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import (
+    ifupdown,
+    netplan,
+    networkd,
+    networkmanager,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.contract import Machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.plan import Item
 
 # Whom to ask, in this order; the first that owns an interface has it. netplan comes before the managers it writes for.
 BACKENDS = collections.OrderedDict(
     [
-        ("netplan", _routes_netplan.BackEnd),
-        ("networkd", _routes_networkd.BackEnd),
-        ("networkmanager", _routes_networkmanager.BackEnd),
-        ("ifupdown", _routes_ifupdown.BackEnd),
+        ("netplan", netplan.BackEnd),
+        ("networkd", networkd.BackEnd),
+        ("networkmanager", networkmanager.BackEnd),
+        ("ifupdown", ifupdown.BackEnd),
     ]
 )
 NONE = "none"
@@ -35,8 +37,7 @@ Choice = typing.Dict[str, typing.Dict[str, typing.List[typing.Any]]]
 class Boot:
     """What is at the places of the boot part now, and what shall be there."""
 
-    def __init__(self, machine, root, record):
-        # type: (_routes_boot.Machine, str, typing.Dict[str, typing.Any]) -> None
+    def __init__(self, machine: Machine, root: str, record: typing.Dict[str, typing.Any]) -> None:
         """`record`: the part of the record that `memory` gives. Changes nothing. Raises Problem."""
         self.machine, self.root = machine, root
         self.recorded = record.get("places", {})
@@ -47,14 +48,13 @@ class Boot:
             texts = {place: entry["texts"] for place, entry in self.recorded.items() if entry["backend"] == name}
             self.ends[name] = kind(machine, root, texts)
         self.before = {name: end.read() for name, end in self.ends.items()}
-        self.owned = {}  # type: typing.Dict[str, typing.Set[str]]
-        self.wanted = {}  # type: typing.Dict[str, typing.Dict[str, typing.Optional[str]]]
-        self.routes = {}  # type: typing.Dict[str, typing.List[typing.Any]]
+        self.owned: typing.Dict[str, typing.Set[str]] = {}
+        self.wanted: typing.Dict[str, typing.Dict[str, typing.Optional[str]]] = {}
+        self.routes: typing.Dict[str, typing.List[typing.Any]] = {}
 
     # Who
 
-    def owner(self, interface):
-        # type: (str) -> str
+    def owner(self, interface: str) -> str:
         """The back end that owns an interface, "" for nobody."""
         for name, end in self.ends.items():
             if name not in self.owned:
@@ -63,8 +63,7 @@ class Boot:
                 return name
         return ""
 
-    def backend_of(self, item, overrides):
-        # type: (_routes_plan.Item, typing.Mapping[str, str]) -> str
+    def backend_of(self, item: Item, overrides: typing.Mapping[str, str]) -> str:
         """The back end of a route: its own, else that of its interface, else the owner. Raises Problem."""
         name = item.backend if item.backend != "auto" else overrides.get(item.carrier, "auto")
         if name == "auto":
@@ -77,19 +76,17 @@ class Boot:
             )
         return name
 
-    def place(self, backend, interface):
-        # type: (str, str) -> typing.Optional[str]
+    def place(self, backend: str, interface: str) -> typing.Optional[str]:
         """Where the routes of this interface are at boot, None for nowhere. Raises Problem."""
         return None if backend == NONE else self.ends[backend].place(interface)
 
     # What
 
-    def want(self, choice):
-        # type: (Choice) -> None
+    def want(self, choice: Choice) -> None:
         """Plan the places for these routes. Raises Problem where a manager's own tool refuses what changes."""
         for name, end in self.ends.items():
             listed = choice.get(name, {})
-            wanted = dict.fromkeys(self.before[name])  # type: typing.Dict[str, typing.Optional[str]]
+            wanted: typing.Dict[str, typing.Optional[str]] = dict.fromkeys(self.before[name])
             if listed or wanted:
                 wanted.update(end.render(listed))
             self.wanted[name] = wanted
@@ -100,8 +97,7 @@ class Boot:
         self.folders += [folder for folder in self._missing() if folder not in self.folders]
 
     @property
-    def changes(self):
-        # type: () -> typing.Dict[str, typing.List[str]]
+    def changes(self) -> typing.Dict[str, typing.List[str]]:
         """Back end -> its places that change, or that a killed run has not told its manager about."""
         changed = {}
         for name, wanted in self.wanted.items():
@@ -115,8 +111,7 @@ class Boot:
                 changed[name] = places
         return changed
 
-    def is_new(self, backend, place, route):
-        # type: (str, typing.Optional[str], typing.Any) -> bool
+    def is_new(self, backend: str, place: typing.Optional[str], route: typing.Any) -> bool:
         """Whether a route is new at its place, or its place has been altered."""
         if place is None or place not in self.changes.get(backend, []):
             return False
@@ -125,24 +120,21 @@ class Boot:
         return not untouched or self.ends[backend].wrong_mode(place) or dict(route._asdict()) not in recorded["routes"]
 
     @property
-    def difference(self):
-        # type: () -> typing.List[typing.Dict[str, str]]
+    def difference(self) -> typing.List[typing.Dict[str, str]]:
         """The places that change, for `diff`."""
 
-        def content(text):
-            # type: (typing.Optional[str]) -> typing.Optional[bytes]
+        def content(text: typing.Optional[str]) -> typing.Optional[bytes]:
             return None if text is None else text.encode("utf-8")
 
         return [
-            _owned.difference(place, content(self.before[name].get(place)), content(self.wanted[name].get(place)))
+            difference(place, content(self.before[name].get(place)), content(self.wanted[name].get(place)))
             for name, places in self.changes.items()
             for place in places
         ]
 
     # How
 
-    def interim(self):
-        # type: () -> typing.Dict[str, typing.Any]
+    def interim(self) -> typing.Dict[str, typing.Any]:
         """The record before the change: both texts of every place, since a killed run leaves either."""
         places = dict(self.recorded)
         for name, changed in self.changes.items():
@@ -153,8 +145,7 @@ class Boot:
                 places[place] = dict(entry, texts=entry["texts"] + new)
         return _filled(places=places, pending=self.changes, folders=self.folders)
 
-    def memory(self):
-        # type: () -> typing.Dict[str, typing.Any]
+    def memory(self) -> typing.Dict[str, typing.Any]:
         """The record after the change."""
         places = {
             place: {"backend": name, "texts": [text], "routes": self.routes.get(place, [])}
@@ -165,8 +156,7 @@ class Boot:
         folders = [folder for folder in self.folders if any(place.startswith(folder + "/") for place in places)]
         return _filled(places=places, folders=folders)
 
-    def _missing(self):
-        # type: () -> typing.List[str]
+    def _missing(self) -> typing.List[str]:
         """The folders that the files need and that are not there, outermost first."""
         missing = []
         for wanted in self.wanted.values():
@@ -178,17 +168,14 @@ class Boot:
                 missing += [folder for folder in reversed(found) if folder not in missing]
         return missing
 
-    def _path(self, place):
-        # type: (str) -> str
+    def _path(self, place: str) -> str:
         return os.path.join(self.root, place.lstrip("/"))
 
-    def apply(self):
-        # type: () -> None
+    def apply(self) -> None:
         """Write and activate what changes. Raises Problem or OSError; `undo` takes it back."""
         self._write(self.wanted)
 
-    def undo(self):
-        # type: () -> typing.List[str]
+    def undo(self) -> typing.List[str]:
         """Bring the places back to what they were; returns what failed."""
         failures = []
         try:
@@ -197,28 +184,25 @@ class Boot:
             failures.append(str(problem))
         return failures
 
-    def _write(self, texts):
-        # type: (typing.Mapping[str, typing.Mapping[str, typing.Optional[str]]]) -> None
+    def _write(self, texts: typing.Mapping[str, typing.Mapping[str, typing.Optional[str]]]) -> None:
         for name, places in self.changes.items():
             end = self.ends[name]
             for place in places:
                 text = texts[name].get(place)
                 if text is not None and place.startswith("/"):
-                    _owned.make_folders(os.path.dirname(self._path(place)))
+                    atomic.make_folders(os.path.dirname(self._path(place)))
                 end.write(place, text)
             self._tidy(name, texts)
             end.activate(places)
 
-    def _tidy(self, name, texts):
-        # type: (str, typing.Mapping[str, typing.Mapping[str, typing.Optional[str]]]) -> None
+    def _tidy(self, name: str, texts: typing.Mapping[str, typing.Mapping[str, typing.Optional[str]]]) -> None:
         """Remove the folders that we made and that nothing of ours is in any more."""
         kept = [place for place, text in texts[name].items() if text is not None]
         for folder in reversed(self.folders):
             path = self._path(folder)
             if os.path.isdir(path) and not any(place.startswith(folder + "/") for place in kept):
-                _owned.remove_folder_if_empty(path)
+                atomic.remove_folder_if_empty(path)
 
 
-def _filled(**parts):
-    # type: (typing.Any) -> typing.Dict[str, typing.Any]
+def _filled(**parts: typing.Any) -> typing.Dict[str, typing.Any]:
     return {name: value for name, value in parts.items() if value}

@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from rosfleet_multimaster.discovery_core import (
+from rosfleet_multimaster.core.discovery import (
     MAX_ASKED,
     MAX_PER_ADDRESS,
     MAX_STRANGERS,
@@ -18,7 +18,7 @@ from rosfleet_multimaster.discovery_core import (
     Settings,
     misnamed,
 )
-from rosfleet_multimaster.heartbeat import Heartbeat, Kind, Stamp, decode, encode
+from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, decode, encode
 from virtual_time import Robot, World
 
 OWN = Master(
@@ -673,7 +673,7 @@ def test_an_answer_that_cannot_be_used_is_refused(at, value):
 
 
 def test_a_full_list_of_masters_takes_a_new_one_later(monkeypatch):
-    monkeypatch.setattr("rosfleet_multimaster.discovery_core.MAX_MASTERS", 1)
+    monkeypatch.setattr("rosfleet_multimaster.core.discovery.MAX_MASTERS", 1)
     core = met(remove_after=20.0)
     new = ("10.0.0.5", 11511)
     for now in range(11, 60):

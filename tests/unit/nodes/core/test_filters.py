@@ -7,7 +7,7 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.filters import NAMES, NOTHING, WHITE_LISTS, Filters, InvalidPattern, Pattern, Rules
+from rosfleet_multimaster.core.filters import NAMES, NOTHING, WHITE_LISTS, Filters, InvalidPattern, Pattern, Rules
 
 names = st.from_regex(r"(/[a-z][a-z0-9_]{0,8}){1,3}", fullmatch=True)
 

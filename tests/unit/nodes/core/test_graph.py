@@ -5,8 +5,8 @@ import copy
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.filters import Filters, Rules
-from rosfleet_multimaster.graph import Malformed, build, document, graph_of, parse, stamped
+from rosfleet_multimaster.core.filters import Filters, Rules
+from rosfleet_multimaster.core.graph import Malformed, build, document, graph_of, parse, stamped
 
 URI = "http://kobuki1computer:11311/"
 OTHER = "http://kobuki2computer:11311/"

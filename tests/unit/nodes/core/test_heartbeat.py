@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.heartbeat import SIZE, Heartbeat, Kind, Malformed, Stamp, decode, encode
+from rosfleet_multimaster.core.heartbeat import SIZE, Heartbeat, Kind, Malformed, Stamp, decode, encode
 
 STATE = "52020000 11111111 22222222 33330000 44444444 55555555"
 REQUEST = "52030000 00000000 00000000 5b2d0000 00000000 00000000"

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
-from rosfleet_multimaster.losses import FORGET, RESOLVE, Connection, Ending, Look, Losses, connections_of
-from rosfleet_multimaster.sync_core import Registration, View
+from rosfleet_multimaster.core.losses import FORGET, RESOLVE, Connection, Ending, Look, Losses, connections_of
+from rosfleet_multimaster.core.sync import Registration, View
 
 R2 = "http://robot2:11311/"
 TALKER = ("/talker", "http://robot2:40000/")

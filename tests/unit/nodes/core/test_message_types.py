@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
-from rosfleet_multimaster.message_types import AGAIN, Question, TypeGuard
-from rosfleet_multimaster.sync_core import Registration, View, Wanted
+from rosfleet_multimaster.core.message_types import AGAIN, Question, TypeGuard
+from rosfleet_multimaster.core.sync import Registration, View, Wanted
 
 R2, R3 = "http://robot2:11311/", "http://robot3:11311/"
 TALKER = ("/talker", "http://robot2:40000/")

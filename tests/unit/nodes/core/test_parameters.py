@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
-from rosfleet_multimaster.parameters import DISCOVERY, SYNC, ParameterError, overlay
+from rosfleet_multimaster.core.parameters import DISCOVERY, SYNC, ParameterError, overlay
 
 
 def test_defaults_and_what_is_given():

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
-from rosfleet_multimaster.filters import Filters
-from rosfleet_multimaster.graph import Node, Provider, State
-from rosfleet_multimaster.sync_core import Announced, Refusal, Registration, Sync, View, Wanted, calls, plan, select
+from rosfleet_multimaster.core.filters import Filters
+from rosfleet_multimaster.core.graph import Node, Provider, State
+from rosfleet_multimaster.core.sync import Announced, Refusal, Registration, Sync, View, Wanted, calls, plan, select
 
 OWN = "http://robot1:11311/"
 R2, R3 = "http://robot2:11311/", "http://robot3:11311/"

@@ -14,9 +14,9 @@ import threading
 import time
 
 import pytest
-from rosfleet_multimaster import connections
+from rosfleet_multimaster.edge import connections
 
-NODES = pathlib.Path(__file__).parents[3] / "roles/nodes/files/python"
+NODES = pathlib.Path(__file__).parents[4] / "roles/nodes/files/python"
 
 
 def can_end():
@@ -95,7 +95,7 @@ IN_A_NAMESPACE = textwrap.dedent(
     """
     import socket, sys, threading, time
     sys.path.insert(0, sys.argv[1])
-    from rosfleet_multimaster import connections
+    from rosfleet_multimaster.edge import connections
 
     def connect():
         started = time.monotonic()
@@ -128,7 +128,7 @@ WITHOUT_CAPABILITY = textwrap.dedent(
     """
     import os, sys
     sys.path.insert(0, sys.argv[1])
-    from rosfleet_multimaster import connections
+    from rosfleet_multimaster.edge import connections
     os.setuid(65534)
     connections.connections()
     try:

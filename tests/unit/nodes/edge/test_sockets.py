@@ -14,9 +14,19 @@ import time
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.sockets import Loop, Refused, Rpc, RpcServer, Workers, addresses, monotonic, notify, unpack
+from rosfleet_multimaster.edge.sockets import (
+    Loop,
+    Refused,
+    Rpc,
+    RpcServer,
+    Workers,
+    addresses,
+    monotonic,
+    notify,
+    unpack,
+)
 
-NODES = pathlib.Path(__file__).parents[3] / "roles/nodes/files"
+NODES = pathlib.Path(__file__).parents[4] / "roles/nodes/files"
 
 
 class Server:
@@ -208,7 +218,7 @@ def test_the_kernel_lists_the_addresses():
 
 IN_NAMESPACE = """
 import socket, sys, time
-from rosfleet_multimaster.sockets import Udp, addresses
+from rosfleet_multimaster.edge.sockets import Udp, addresses
 group = sys.argv[1]
 pinned = Udp(group, 11511, "192.168.1.1", True)
 second = Udp(group, 11511, "192.168.1.1", True)

@@ -12,7 +12,8 @@ import sys
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _ports, _shells
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, network, shells, system
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports as ports_module
 from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_info
 
 IP_JSON = [
@@ -34,7 +35,7 @@ IP_TEXT = r"""1: lo    inet 127.0.0.1/8 scope host lo\       valid_lft forever p
 
 def test_run_ends_a_slow_command_and_its_children():
     started = time.monotonic()
-    answer = _machine.run(["sh", "-c", "sleep 7341 & sleep 7341"], limit=0.3)
+    answer = commands.run(["sh", "-c", "sleep 7341 & sleep 7341"], limit=0.3)
     assert answer.status == -1
     assert "gave no answer within 0.3 s" in answer.error
     assert time.monotonic() - started < 2
@@ -43,13 +44,13 @@ def test_run_ends_a_slow_command_and_its_children():
 
 def test_run_does_not_wait_for_what_stays_in_the_background():
     started = time.monotonic()
-    assert _machine.run(["sh", "-c", "sleep 7342 & echo done"]).output == b"done\n"
+    assert commands.run(["sh", "-c", "sleep 7342 & echo done"]).output == b"done\n"
     assert time.monotonic() - started < 2
     assert subprocess.run(["pgrep", "-f", "sleep 7342"], stdout=subprocess.DEVNULL, check=False).returncode == 1
 
 
 def test_run_a_command_that_is_not_there():
-    answer = _machine.run(["/nowhere/command"])
+    answer = commands.run(["/nowhere/command"])
     assert (answer.status, answer.output) == (-1, b"")
     assert "could not be started" in answer.error
 
@@ -57,24 +58,24 @@ def test_run_a_command_that_is_not_there():
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
 def test_run_as_nobody_in_a_clean_environment(monkeypatch):
     monkeypatch.setenv("ROS_IP", "10.0.0.9")
-    output = _machine.run(["sh", "-c", "id -un; id -G; env"], unprivileged=True).output.decode().splitlines()
+    output = commands.run(["sh", "-c", "id -un; id -G; env"], unprivileged=True).output.decode().splitlines()
     assert output[0] == "nobody"
     assert output[1] == str(pwd.getpwnam("nobody").pw_gid)
     assert not [line for line in output if line.startswith("ROS_")]
 
 
 def test_within_gives_the_value_the_error_or_a_timeout():
-    assert _machine.within(1, int, "7") == 7
+    assert commands.within(1, int, "7") == 7
     with pytest.raises(ValueError, match="invalid literal"):
-        _machine.within(1, int, "x")
+        commands.within(1, int, "x")
     with pytest.raises(TimeoutError, match="no answer within 0.05 s"):
-        _machine.within(0.05, time.sleep, 5)
+        commands.within(0.05, time.sleep, 5)
 
 
 def test_text_never_opens_a_fifo(tmp_path):
     os.mkfifo(tmp_path / "fifo")
-    assert _machine.text(str(tmp_path / "fifo")) == ""
-    assert _machine.text(str(tmp_path / "nothing")) == ""
+    assert commands.text(str(tmp_path / "fifo")) == ""
+    assert commands.text(str(tmp_path / "nothing")) == ""
 
 
 def test_system_reads_os_release(tmp_path):
@@ -82,26 +83,26 @@ def test_system_reads_os_release(tmp_path):
     (tmp_path / "etc/os-release").write_text(
         'PRETTY_NAME="Ubuntu 20.04.6 LTS"\nID=ubuntu\n# a comment\nVERSION_ID="20.04"\n'
     )
-    found = _machine.system(str(tmp_path))
+    found = system.system(str(tmp_path))
     assert found["os"] == {"id": "ubuntu", "version": "20.04", "name": "Ubuntu 20.04.6 LTS"}
     assert found["hostname"] == socket.gethostname()
     assert found["systemd"]["running"] is False
 
 
 def test_interfaces_of_this_machine():
-    loopback = next(link for link in _machine.interfaces() if link["loopback"])
+    loopback = next(link for link in network.interfaces() if link["loopback"])
     assert {"address": "127.0.0.1", "prefix": 8, "family": "inet"} in loopback["addresses"]
     assert loopback["up"] is True
 
 
 def test_both_ways_to_read_interfaces_agree():
-    answer = _machine.run(["ip", "-oneline", "address"])
-    texts = {link["name"]: link for link in _machine.from_text(answer.output.decode(), _machine.links())}
-    assert texts == {link["name"]: link for link in _machine.interfaces()}
+    answer = commands.run(["ip", "-oneline", "address"])
+    texts = {link["name"]: link for link in network.from_text(answer.output.decode(), network.links())}
+    assert texts == {link["name"]: link for link in network.interfaces()}
 
 
 def test_interfaces_from_json():
-    assert _machine.from_json(json.dumps(IP_JSON)) == [
+    assert network.from_json(json.dumps(IP_JSON)) == [
         {
             "name": "eth0",
             "up": True,
@@ -112,14 +113,14 @@ def test_interfaces_from_json():
         }
     ]
     with pytest.raises(ValueError, match="Extra data"):
-        _machine.from_json(IP_TEXT)
+        network.from_json(IP_TEXT)
 
 
 def test_interfaces_from_text():
     links = [{"name": name, "addresses": []} for name in ("lo", "eth0", "tun0")]
     found = {
         link["name"]: [(a["address"], a["prefix"]) for a in link["addresses"]]
-        for link in _machine.from_text(IP_TEXT, links)
+        for link in network.from_text(IP_TEXT, links)
     }
     assert found == {
         "lo": [("127.0.0.1", 8)],
@@ -136,7 +137,7 @@ def test_ports_of_a_real_process():
         try:
             ports = [int(port) for port in process.stdout.readline().split()]
             wanted = [{"protocol": p, "port": n} for p, n in zip(("tcp", "tcp", "udp"), ports)]
-            found = {(entry["protocol"], entry["port"]): entry for entry in _ports.holders(wanted)}
+            found = {(entry["protocol"], entry["port"]): entry for entry in ports_module.holders(wanted)}
         finally:
             process.kill()
     assert [found[key]["address"] for key in zip(("tcp", "tcp", "udp"), ports)] == ["127.0.0.1", "::1", "127.0.0.1"]
@@ -148,7 +149,7 @@ def test_ports_of_a_real_process():
 def test_a_connection_is_no_holder():
     with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as client:
         wanted = [{"protocol": "tcp", "port": client.getsockname()[1]}]
-        assert _ports.holders(wanted) == []
+        assert ports_module.holders(wanted) == []
 
 
 @pytest.mark.parametrize(
@@ -163,7 +164,7 @@ def test_a_connection_is_no_holder():
     ],
 )
 def test_unit_of_a_process(cgroups, unit):
-    assert _ports.unit(cgroups) == unit
+    assert ports_module.unit(cgroups) == unit
 
 
 @pytest.mark.parametrize(
@@ -188,8 +189,8 @@ def test_unit_of_a_process(cgroups, unit):
     ],
 )
 def test_assignments_in_a_line(line, found):
-    assert [(entry["variable"], entry["value"]) for entry in _shells.assignments("\n" + line)] == found
-    assert all((entry["line"], entry["text"]) == (2, line.strip()) for entry in _shells.assignments("\n" + line))
+    assert [(entry["variable"], entry["value"]) for entry in shells.assignments("\n" + line)] == found
+    assert all((entry["line"], entry["text"]) == (2, line.strip()) for entry in shells.assignments("\n" + line))
 
 
 def test_exports_of_a_machine(tmp_path):
@@ -209,7 +210,7 @@ def test_exports_of_a_machine(tmp_path):
     for name, content in files.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(content)
-    assert [(entry["file"], entry["line"], entry["value"]) for entry in _shells.exports(str(tmp_path))] == [
+    assert [(entry["file"], entry["line"], entry["value"]) for entry in shells.exports(str(tmp_path))] == [
         ("/etc/bash.bashrc", 1, "1"),
         ("/etc/profile.d/other.sh", 1, "3"),
         ("/etc/environment", 1, "2"),
@@ -246,7 +247,7 @@ def test_sshd_files(tmp_path, config, drop_in, includes, others):
     (tmp_path / "etc/ssh/sshd_config").write_text(config)
     (folder / "50-other.conf").write_text(drop_in)
     (folder / "rosfleet-multimaster.conf").write_text("SetEnv ROS_IP=1\n")
-    found = _shells.sshd(str(tmp_path))
+    found = shells.sshd(str(tmp_path))
     assert found["includes_drop_ins"] is includes
     assert [(other["file"], other["line"], other["match"]) for other in found["other_setenv"]] == others
 
@@ -254,7 +255,7 @@ def test_sshd_files(tmp_path, config, drop_in, includes, others):
 def test_sshd_path_and_absence(tmp_path):
     (tmp_path / "etc").mkdir()
     (tmp_path / "etc/environment").write_text('LANG=C\nPATH="/usr/bin:/snap/bin"\n')
-    found = _shells.sshd(str(tmp_path))
+    found = shells.sshd(str(tmp_path))
     assert (found["installed"], found["includes_drop_ins"], found["path"]) == (False, False, "/usr/bin:/snap/bin")
 
 
@@ -262,17 +263,17 @@ def test_sshd_loop_of_includes_ends(tmp_path):
     folder = tmp_path / "etc/ssh"
     folder.mkdir(parents=True)
     (folder / "sshd_config").write_text("Include /etc/ssh/sshd_config\nSetEnv A=1\n")
-    assert _shells.sshd(str(tmp_path))["other_setenv"]
+    assert shells.sshd(str(tmp_path))["other_setenv"]
 
 
 def test_a_login_shell_is_really_started():
-    seen = _shells.seen()["login"]
+    seen = shells.seen()["login"]
     assert seen["PATH"]
     assert not {"HOME", "PWD", "_"} & set(seen)
 
 
 def test_unquoted_generator_output():
-    assert _shells.unquoted('A=plain\nB="a \\"q\\" \\$x \\\\"\n') == {"A": "plain", "B": 'a "q" $x \\'}
+    assert shells.unquoted('A=plain\nB="a \\"q\\" \\$x \\\\"\n') == {"A": "plain", "B": 'a "q" $x \\'}
 
 
 def test_a_strange_part_is_a_sentence(monkeypatch):

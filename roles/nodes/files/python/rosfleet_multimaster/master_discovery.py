@@ -16,8 +16,9 @@ import urllib.parse
 import xmlrpc.client
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
-from . import parameters, program, ros
-from .discovery_core import (
+from . import program
+from .core import parameters
+from .core.discovery import (
     CONTACT_LIMIT,
     MAX_ASKED,
     Ask,
@@ -31,9 +32,10 @@ from .discovery_core import (
     Settings,
     misnamed,
 )
-from .filters import InvalidPattern, Pattern, Rules
-from .graph import Graph, Policy, State, build, document, graph_of, own_types, stamp_text, stamped
-from .sockets import (
+from .core.filters import InvalidPattern, Pattern, Rules
+from .core.graph import Graph, Policy, State, build, document, graph_of, own_types, stamp_text, stamped
+from .edge import ros
+from .edge.sockets import (
     Loop,
     PerCaller,
     Refused,

@@ -11,13 +11,15 @@ from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
-from . import connections, parameters, program, ros
-from .filters import Filters
-from .graph import Malformed, State, parse
-from .losses import Connection, Ending, Look, Losses, connections_of
-from .message_types import Question, TypeGuard
-from .sockets import Loop, Roscore, Rpc, Workers, monotonic, notify, wall_clock
-from .sync_core import Announced, Claims, Fetch, Plan, Refusal, Registration, Sync, View, Wanted, calls, plan
+from . import program
+from .core import parameters
+from .core.filters import Filters
+from .core.graph import Malformed, State, parse
+from .core.losses import Connection, Ending, Look, Losses, connections_of
+from .core.message_types import Question, TypeGuard
+from .core.sync import Announced, Claims, Fetch, Plan, Refusal, Registration, Sync, View, Wanted, calls, plan
+from .edge import connections, ros
+from .edge.sockets import Loop, Roscore, Rpc, Workers, monotonic, notify, wall_clock
 
 FETCH_TIMEOUT, MAX_STATE = 10.0, 16 << 20  # seconds, bytes: 5,000 topics are 3 MB
 UPDATE_TIMEOUT = 3.0  # seconds

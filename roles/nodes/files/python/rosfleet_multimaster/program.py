@@ -8,13 +8,12 @@ import logging
 import os
 import signal
 import sys
-import threading
 import time
 import xmlrpc.client
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
-from . import parameters
-from .sockets import Loop, Roscore, Rpc, monotonic, notify
+from .core import parameters
+from .edge.sockets import Loop, Roscore, Rpc, monotonic, notify
 
 FAILURES = (OSError, ValueError, xmlrpc.client.Fault)  # what a call to another program may end with
 IMPORTS = (
@@ -83,37 +82,6 @@ class Limited:
 
 
 # Time limits
-
-_HANGING = 4  # jobs that may hang at once
-_hanging: List[threading.Thread] = []
-
-
-def within(seconds: float, job: Callable[[], Any]) -> Any:
-    """The result of a job that knows no time limit, such as a call of rospy.
-
-    Raises TimeoutError, at once too where several earlier jobs still hang; and what the job raises.
-    """
-    _hanging[:] = [thread for thread in _hanging if thread.is_alive()]
-    if len(_hanging) >= _HANGING:
-        raise TimeoutError(f"{_HANGING} earlier calls have not come back yet")
-    results: List[Any] = []
-    problems: List[Exception] = []
-
-    def work() -> None:
-        try:
-            results.append(job())
-        except Exception as problem:  # rospy raises many
-            problems.append(problem)
-
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
-    thread.join(seconds)
-    if results:
-        return results[0]
-    if not problems:
-        _hanging.append(thread)
-        raise TimeoutError(f"no answer within {seconds:g} s")
-    raise problems[0]
 
 
 # Arguments and parameters

@@ -17,8 +17,8 @@ import time
 import types
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 HOUR = 3600
 
@@ -52,7 +52,7 @@ def timer():
 
 @pytest.fixture
 def switch(tmp_path, timer):
-    return _deadman.Switch("test", str(tmp_path / "run"), timer)
+    return deadman.Switch("test", str(tmp_path / "run"), timer)
 
 
 def becomes(path, text, within=10.0):
@@ -148,7 +148,7 @@ def test_a_switch_that_cannot_be_armed_leaves_nothing(tmp_path):
         def start(self, unit, seconds, argv):
             raise Problem("no timer")
 
-    switch = _deadman.Switch("test", str(tmp_path / "run"), NoTimer())
+    switch = deadman.Switch("test", str(tmp_path / "run"), NoTimer())
     with pytest.raises(Problem, match="no timer"):
         switch.arm("t", 5, [])
     assert not (tmp_path / "run").exists()
@@ -160,7 +160,7 @@ def test_a_switch_that_cannot_be_armed_leaves_nothing(tmp_path):
 @pytest.mark.skipif(os.path.isdir("/run/systemd/system"), reason="systemd runs here")
 def test_without_systemd_the_sentence_says_what_to_do(tmp_path):
     with pytest.raises(Problem, match="multimaster-rollback-test.timer .*set confirm_within to 0"):
-        _deadman.Switch("test", str(tmp_path / "run")).arm("t", 5, [])
+        deadman.Switch("test", str(tmp_path / "run")).arm("t", 5, [])
     assert not (tmp_path / "run").exists()
 
 
@@ -194,7 +194,7 @@ def test_killed_while_arming_at_any_moment(tmp_path, timer):
     place = tmp_path / "place"
     place.write_text("before")
     for step in range(100):
-        switch = _deadman.Switch("test", str(tmp_path / "run"), timer)
+        switch = deadman.Switch("test", str(tmp_path / "run"), timer)
         child = os.fork()
         if child == 0:
             die_at_call(step, "mkdir", "chmod", "open", "write", "fchmod", "fsync", "rename", "rmdir")
@@ -223,13 +223,11 @@ def test_killed_while_arming_at_any_moment(tmp_path, timer):
 def asking(tmp_path):
     """A program that prints its connection, and a shell under a name of a server's."""
     shell = shutil.which("dash") or shutil.which("bash")
-    for name in (*_deadman._SERVERS, "other"):
+    for name in (*deadman._SERVERS, "other"):
         shutil.copy(shell, tmp_path / name)
     ask = tmp_path / "ask"
     paths = os.pathsep.join(path for path in sys.path if path)
-    program = (
-        "from ansible_collections.rosfleet.multimaster.plugins.module_utils._deadman import connection as c; print(c())"
-    )
+    program = "from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.deadman import connection as c; print(c())"
     # Without an environment, as sudo leaves none of ssh's.
     ask.write_text(f"env -i PYTHONPATH='{paths}' {sys.executable} -c '{program}'; :\n")
 
@@ -243,7 +241,7 @@ def asking(tmp_path):
     return lines
 
 
-@pytest.mark.parametrize("server", _deadman._SERVERS)
+@pytest.mark.parametrize("server", deadman._SERVERS)
 def test_two_runs_over_one_connection_and_over_two(asking, server):
     first, second = asking(server), asking(server)
     assert len(set(first)) == len(set(second)) == 1
@@ -257,7 +255,7 @@ def test_one_listening_server_has_many_connections(asking):
 
 
 def test_no_server_no_connection(asking):
-    outside = _deadman.connection()  # whoever runs the tests may have come by ssh
+    outside = deadman.connection()  # whoever runs the tests may have come by ssh
     assert asking("other") == [outside, outside]
 
 
@@ -269,7 +267,7 @@ def test_names_with_blanks_and_brackets(tmp_path):
     ):
         (tmp_path / str(number)).mkdir()
         (tmp_path / str(number) / "stat").write_text(text)
-    assert _deadman.connection(str(tmp_path)) == "7-1234"
+    assert deadman.connection(str(tmp_path)) == "7-1234"
 
 
 # The module's side
@@ -341,9 +339,9 @@ def play(tmp_path, switch, monkeypatch):
 
     def play(wanted="new", connection=None, breaks="", check=False, refused=None, **options):
         name = connection if connection is not None else f"c{next(connections)}"
-        monkeypatch.setattr(_deadman, "connection", lambda: name)
+        monkeypatch.setattr(deadman, "connection", lambda: name)
         module = Module(check_mode=check, **options)
-        guard = _deadman.Guard(module, "test", "test values", switch)
+        guard = deadman.Guard(module, "test", "test values", switch)
         with pytest.raises(Ended) as ended:
             try:
                 run = FilesRun(tmp_path, wanted, guard.begin(), breaks)

@@ -10,7 +10,9 @@ import signal
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _files, _owned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files as files_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -29,14 +31,14 @@ class Place:
 
     def steps(self, files, bundle="b"):
         """What the module does before it applies: (plan, machine, transaction)."""
-        record = _files.record_of("files", bundle, str(self.records))
-        wanted = _files.wanted_files(
+        record = files_module.record_of("files", bundle, str(self.records))
+        wanted = files_module.wanted_files(
             {"path": self.path(name), "content": content, "mode": mode} for name, (content, mode) in files.items()
         )
         remembered = record.load()
-        machine = _files.read(wanted, remembered, record)
-        planned = _files.plan(wanted, remembered, machine)
-        return planned, machine, _files.Transaction(planned, machine, record, remembered)
+        machine = files_module.read(wanted, remembered, record)
+        planned = files_module.plan(wanted, remembered, machine)
+        return planned, machine, files_module.Transaction(planned, machine, record, remembered)
 
     def run(self, bundle="b", **files):
         """One run of the module with files of mode 0644, name=content."""
@@ -44,7 +46,7 @@ class Place:
 
     def run_modes(self, files, bundle="b"):
         planned, _machine, transaction = self.steps(files, bundle)
-        if _files.changes(planned):
+        if files_module.changes(planned):
             transaction.begin()
             transaction.apply()
         transaction.settle()
@@ -79,7 +81,7 @@ def test_files_come_and_go_with_their_folders(place):
     assert [os.path.relpath(path, place.root) for path in first.folders_made] == ["etc", "etc/x", "etc/x/y"]
     assert place.tree()["etc/x/y/b"] == (0o644, "B")
     second = place.run(etc__x__a="A", etc__x__y__b="B")
-    assert states(second) == ["unchanged", "unchanged"] and not _files.changes(second)
+    assert states(second) == ["unchanged", "unchanged"] and not files_module.changes(second)
     third = place.run(etc__x__a="A2")
     assert states(third) == ["written"]
     assert third.removals == [place.path("etc/x/y/b")] and third.folders_removed == [place.path("etc/x/y")]
@@ -104,7 +106,7 @@ def test_only_empty_folders_that_we_made_go(place):
     assert sorted(place.tree()) == ["ours", "ours/stranger", "theirs"]
     assert "ours stays" in " ".join(planned.notes)
     assert not place.records.exists()
-    assert not _files.changes(place.run())
+    assert not files_module.changes(place.run())
 
 
 def test_byte_code_goes_with_its_source(place):
@@ -113,7 +115,7 @@ def test_byte_code_goes_with_its_source(place):
     cache.mkdir()
     for name in ("a.cpython-311.pyc", "b.cpython-311.pyc", "a.cpython-36.opt-1.pyc", "a.cpython-311.pyc.140213"):
         (cache / name).touch()
-    assert not _files.changes(place.steps({"lib/p/a.py": ("a", "0644"), "lib/p/b.py": ("b", "0644")})[0])
+    assert not files_module.changes(place.steps({"lib/p/a.py": ("a", "0644"), "lib/p/b.py": ("b", "0644")})[0])
     place.run_modes({"lib/p/b.py": ("b", "0644")})
     assert sorted(os.listdir(cache)) == ["b.cpython-311.pyc"]
     planned = place.run()
@@ -149,7 +151,7 @@ def test_a_foreign_file_that_is_right_stays_foreign(place):
     (place.root / "f").write_text("F")
     os.chmod(place.path("f"), 0o644)
     planned = place.run(f="F")
-    assert states(planned) == ["foreign"] and not _files.changes(planned)
+    assert states(planned) == ["foreign"] and not files_module.changes(planned)
     assert "not ours" in planned.notes[0]
     place.run()
     assert place.tree() == {"f": (0o644, "F")}
@@ -168,7 +170,7 @@ def test_a_foreign_file_that_is_right_stays_foreign(place):
 def test_what_is_not_ours_is_a_sentence_before_any_change(place, make, said):
     make(place.root / "f")
     before = place.tree() if not said.startswith("a device") else None
-    with pytest.raises(_owned.Problem) as caught:
+    with pytest.raises(Problem) as caught:
         place.run(a="A", f="F")
     assert place.path("f") in str(caught.value) and said in str(caught.value) and "move it away" in str(caught.value)
     assert not os.path.exists(place.path("a")) and not place.records.exists()
@@ -177,7 +179,7 @@ def test_what_is_not_ours_is_a_sentence_before_any_change(place, make, said):
 
 def test_a_file_where_a_folder_is_needed_is_a_sentence(place):
     (place.root / "f").write_text("F")
-    with pytest.raises(_owned.Problem, match=r"f is a file, expected a folder"):
+    with pytest.raises(Problem, match=r"f is a file, expected a folder"):
         place.run(f__deep__a="A")
 
 
@@ -195,7 +197,7 @@ def test_a_file_edited_by_hand_is_put_back(place, change):
     change(place.root / "etc" / "a")
     planned, machine, transaction = place.steps({"etc/a": ("A", "0644"), "etc/b": ("B", "0644")})
     assert states(planned) == ["edited", "unchanged"] and "by hand" in planned.notes[0]
-    entry = _files.differences(planned, machine)[0]
+    entry = files_module.differences(planned, machine)[0]
     assert entry["before"] != entry["after"]
     transaction.begin()
     transaction.apply()
@@ -246,7 +248,7 @@ def test_a_path_that_cannot_be_put_back_is_named_and_stays_in_the_record(place, 
     def readonly(path, *_rest):
         raise OSError(30, "Read-only file system", path)
 
-    monkeypatch.setattr(_owned, "write_by_rename", readonly)
+    monkeypatch.setattr(atomic, "write_by_rename", readonly)
     left = transaction.take_back()
     monkeypatch.undo()
     assert len(left) == 1 and place.path("a") in left[0] and "Read-only" in left[0]
@@ -260,7 +262,7 @@ def test_a_path_that_was_only_intended_is_not_ours(place):
     memory["files"][place.path("b")] = {"writing": "0644 " + "0" * 64}
     record.write_text(json.dumps(memory))
     (place.root / "b").write_text("somebody's")
-    with pytest.raises(_owned.Problem, match="did not write"):
+    with pytest.raises(Problem, match="did not write"):
         place.run(a="A", b="B")
     place.run()
     assert sorted(place.tree()) == ["b"]
@@ -289,7 +291,7 @@ def test_killed_runs_are_mended_by_the_next(place):
         assert {name: found[1] for name, found in place.tree().items() if found[1] is not None} == {
             name: content for name, (content, _mode) in plan.items()
         }
-        assert not _files.changes(place.steps(plan)[0])
+        assert not files_module.changes(place.steps(plan)[0])
     assert killed > 5
     place.run()
     assert place.tree() == {} and not place.records.exists()
@@ -321,24 +323,26 @@ def test_whatever_the_order_of_plans_nothing_is_left(tmp_path_factory, plans):
     ],
 )
 def test_bad_files_are_sentences(files, said):
-    with pytest.raises(_owned.Problem, match=said):
-        _files.wanted_files(files)
+    with pytest.raises(Problem, match=said):
+        files_module.wanted_files(files)
 
 
 @pytest.mark.parametrize("label", ["", "../x", "a/b", ".", "x" * 65])
 def test_a_bundle_is_a_plain_label(label, tmp_path):
-    with pytest.raises(_owned.Problem, match="label"):
-        _files.record_of("files", label, str(tmp_path))
+    with pytest.raises(Problem, match="label"):
+        files_module.record_of("files", label, str(tmp_path))
 
 
 def test_the_folder_of_records_is_absolute():
-    with pytest.raises(_owned.Problem, match="records is 'here', expected an absolute path"):
-        _files.record_of("files", "x", "here")
+    with pytest.raises(Problem, match="records is 'here', expected an absolute path"):
+        files_module.record_of("files", "x", "here")
 
 
 def test_the_digest_tells_any_change_and_no_order():
     def digest(*files):
-        return _files.digest(_files.wanted_files(dict(zip(("path", "content", "mode"), file)) for file in files))
+        return files_module.digest(
+            files_module.wanted_files(dict(zip(("path", "content", "mode"), file)) for file in files)
+        )
 
     a, b = ("/a", "A", "0644"), ("/b", "B", "0644")
     assert digest(a, b) == digest(b, a)
@@ -347,7 +351,7 @@ def test_the_digest_tells_any_change_and_no_order():
 
 def test_the_difference_names_code_and_shows_the_rest(place):
     planned, machine, transaction = place.steps({"lib/node.py": ("import this\n", "0644"), "etc/a": ("A", "0644")})
-    entries = _files.differences(planned, machine, [place.path("lib")])
+    entries = files_module.differences(planned, machine, [place.path("lib")])
     assert len(entries) == 2
     shown = next(entry for entry in entries if entry["after_header"] == place.path("etc/a"))
     named = next(entry for entry in entries if entry is not shown)

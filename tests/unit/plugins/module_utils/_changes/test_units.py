@@ -6,7 +6,8 @@
 import os
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _owned, _units
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import units as units_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,7 +17,7 @@ INSTALL = "[Install]\nWantedBy=multi-user.target\n"
 
 def unit(name, inputs="new", part_of="", **options):
     content = f"[Unit]\n{part_of}\n[Service]\nEnvironment=ROSFLEET_INPUTS={inputs}\nExecStart=/bin/true\n{INSTALL}"
-    return _units.Unit(name, content, options.get("enabled", True), options.get("started", True))
+    return units_module.Unit(name, content, options.get("enabled", True), options.get("started", True))
 
 
 UNITS = [unit(CORE), unit(DISC, part_of=f"PartOf={CORE}"), unit(SYNC, part_of=f"PartOf={CORE}\nAfter={DISC}")]
@@ -25,7 +26,7 @@ NAMES = [CORE, DISC, SYNC]
 
 def state(name, **changed):
     """A unit of ours that runs as planned, but for what is given."""
-    values = dict.fromkeys(_units.State._fields, "")
+    values = dict.fromkeys(units_module.State._fields, "")
     values.update(
         name=name,
         load="loaded",
@@ -40,7 +41,7 @@ def state(name, **changed):
         inputs="new",
     )
     values.update(changed)
-    return _units.State(**values)
+    return units_module.State(**values)
 
 
 def absent(name):
@@ -50,7 +51,7 @@ def absent(name):
 def plan(states=(), units=None, removed=(), texts=None, pending=()):
     known = {name: state(name) for name in [*NAMES, *removed]}
     known.update({entry.name: entry for entry in states})
-    return _units.plan(UNITS if units is None else list(units), list(removed), known, texts or {}, pending)
+    return units_module.plan(UNITS if units is None else list(units), list(removed), known, texts or {}, pending)
 
 
 def actions(steps):
@@ -153,10 +154,10 @@ def test_every_planned_unit_runs_with_its_inputs_after_the_steps(data):
 
 def test_foreign_and_masked_units_are_sentences():
     owned = {state(CORE).fragment}
-    _units.check([unit(CORE)], {CORE: state(CORE)}, owned)
-    _units.check([unit(CORE)], {CORE: absent(CORE)}, ())
-    with pytest.raises(_owned.Problem) as caught:
-        _units.check(
+    units_module.check([unit(CORE)], {CORE: state(CORE)}, owned)
+    units_module.check([unit(CORE)], {CORE: absent(CORE)}, ())
+    with pytest.raises(Problem) as caught:
+        units_module.check(
             UNITS,
             {
                 CORE: state(CORE),
@@ -168,8 +169,8 @@ def test_foreign_and_masked_units_are_sentences():
     assert "/lib/systemd/system/disc.service" in str(caught.value)
     assert f"systemctl unmask {SYNC}" in str(caught.value)
     assert CORE not in str(caught.value)
-    with pytest.raises(_owned.Problem, match="without a file"):
-        _units.check([unit(CORE)], {CORE: state(CORE, fragment="")}, owned)
+    with pytest.raises(Problem, match="without a file"):
+        units_module.check([unit(CORE)], {CORE: state(CORE, fragment="")}, owned)
 
 
 @pytest.mark.parametrize(
@@ -185,12 +186,12 @@ def test_foreign_and_masked_units_are_sentences():
     ],
 )
 def test_planned_inputs(text, inputs):
-    assert _units.planned_inputs(text) == inputs
+    assert units_module.planned_inputs(text) == inputs
 
 
 def test_followed():
     text = "PartOf=a.service b.service\nBindsTo = c.service\nRequires=d.service\nWants=e.service\nAfter=f.service\n"
-    assert _units.followed(text) == {"a.service", "b.service", "c.service", "d.service"}
+    assert units_module.followed(text) == {"a.service", "b.service", "c.service", "d.service"}
 
 
 @pytest.mark.parametrize(
@@ -206,27 +207,27 @@ def test_followed():
 )
 def test_bad_units_are_sentences(units, said):
     full = [dict({"content": INSTALL, "enabled": True, "started": True}, **entry) for entry in units]
-    with pytest.raises(_owned.Problem, match=said):
-        _units.wanted_units(full)
+    with pytest.raises(Problem, match=said):
+        units_module.wanted_units(full)
 
 
 def test_parse_show():
     text = 'Id=a.service\nLoadError=x "y=z"\nMainPID=0\n\nId=b.service\nMainPID=7\n'
-    assert _units.parse_show(text, ["a.service", "b.service"]) == [
+    assert units_module.parse_show(text, ["a.service", "b.service"]) == [
         {"Id": "a.service", "LoadError": 'x "y=z"', "MainPID": "0"},
         {"Id": "b.service", "MainPID": "7"},
     ]
-    with pytest.raises(_owned.Problem, match="expected 3"):
-        _units.parse_show(text, ["a.service", "b.service", "c.service"])
+    with pytest.raises(Problem, match="expected 3"):
+        units_module.parse_show(text, ["a.service", "b.service", "c.service"])
 
 
 def test_state_directories():
-    assert _units.state_directories({"StateDirectory": "", "DynamicUser": "yes"}) == ([], [])
-    assert _units.state_directories({"StateDirectory": "x", "DynamicUser": "no", "RuntimeDirectory": "r"}) == (
+    assert units_module.state_directories({"StateDirectory": "", "DynamicUser": "yes"}) == ([], [])
+    assert units_module.state_directories({"StateDirectory": "x", "DynamicUser": "no", "RuntimeDirectory": "r"}) == (
         ["/var/lib/x"],
         [],
     )
-    paths, parents = _units.state_directories(
+    paths, parents = units_module.state_directories(
         {"StateDirectory": "a/b:link", "LogsDirectory": "l", "DynamicUser": "yes"}
     )
     assert paths == ["/var/lib/a/b", "/var/lib/private/a/b", "/var/log/l", "/var/log/private/l"]
@@ -237,7 +238,7 @@ def test_state_directories():
         "ConfigurationDirectory": "c",
         "DynamicUser": "yes",
     }
-    assert _units.state_directories(kept)[0] == ["/run/r", "/run/private/r", "/etc/c"]
+    assert units_module.state_directories(kept)[0] == ["/run/r", "/run/private/r", "/etc/c"]
 
 
 def test_trees_and_parents_go_but_nothing_else(tmp_path):
@@ -246,6 +247,6 @@ def test_trees_and_parents_go_but_nothing_else(tmp_path):
     (tmp_path / "x").symlink_to("private/x")
     (tmp_path / "outside").mkdir()
     (tmp_path / "shared" / "theirs").mkdir(parents=True)
-    _units.remove_trees(str(tmp_path / name) for name in ("x", "private/x", "missing"))
-    _units.remove_parents(str(tmp_path / name) for name in ("private", "shared", "missing"))
+    units_module.remove_trees(str(tmp_path / name) for name in ("x", "private/x", "missing"))
+    units_module.remove_parents(str(tmp_path / name) for name in ("private", "shared", "missing"))
     assert sorted(os.listdir(tmp_path)) == ["outside", "shared"]

@@ -15,10 +15,11 @@ import sys
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _hosts_file, _owned
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts_entries import bindings_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import file as hosts_file
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
-COLLECTION = pathlib.Path(__file__).parents[2]
+COLLECTION = pathlib.Path(__file__).parents[5]
 MODULE = COLLECTION / "plugins" / "modules" / "hosts_entries.py"
 ENTRIES = [
     {"address": "192.168.1.229", "names": ["kobuki1computer"]},
@@ -195,8 +196,8 @@ def replace_in_place_until(hosts, records, content, bytes_left):
 
     child = os.fork()
     if child == 0:
-        _hosts_file.open = lambda path, mode, buffering: Killing(path, "r+")
-        _hosts_file.HostsFile(str(hosts), str(records))._replace_in_place(content)
+        hosts_file.open = lambda path, mode, buffering: Killing(path, "r+")
+        hosts_file.HostsFile(str(hosts), str(records))._replace_in_place(content)
         os._exit(0)
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
@@ -208,7 +209,7 @@ def test_a_write_in_place_killed_after_any_byte_is_known_and_repaired(tmp_path, 
     for position in range(1, len(after) + 1):
         hosts.write_bytes(before)
         assert replace_in_place_until(hosts, records, after, position)
-        file = _hosts_file.HostsFile(str(hosts), str(records))
+        file = hosts_file.HostsFile(str(hosts), str(records))
         assert file.content in (before, after)
         assert file.torn == (hosts.read_bytes() not in (before, after))
         torn += file.torn
@@ -230,7 +231,7 @@ def fill_up(monkeypatch, times):
                 raise OSError(errno.ENOSPC, "No space left on device")
             return super().write(data[:60] if times else data)
 
-    monkeypatch.setattr(_hosts_file, "open", lambda path, mode, buffering: Full(path, "r+"), raising=False)
+    monkeypatch.setattr(hosts_file, "open", lambda path, mode, buffering: Full(path, "r+"), raising=False)
 
 
 def test_a_refused_write_in_place_is_taken_back(tmp_path, monkeypatch):
@@ -238,7 +239,7 @@ def test_a_refused_write_in_place_is_taken_back(tmp_path, monkeypatch):
     hosts.write_bytes(OLD)
     fill_up(monkeypatch, times=1)
     with pytest.raises(OSError, match="No space left"):
-        _hosts_file.HostsFile(str(hosts), str(records))._replace_in_place(NEW)
+        hosts_file.HostsFile(str(hosts), str(records))._replace_in_place(NEW)
     assert hosts.read_bytes() == OLD
     assert not records.exists()
 
@@ -247,9 +248,9 @@ def test_a_refused_write_that_cannot_be_taken_back_is_said_and_repaired_later(tm
     hosts, records = tmp_path / "hosts", tmp_path / "records"
     hosts.write_bytes(NEW)
     fill_up(monkeypatch, times=2)
-    with pytest.raises(_owned.Problem, match="neither be written in place nor given its old content"):
-        _hosts_file.HostsFile(str(hosts), str(records))._replace_in_place(NEW[:60].upper() + NEW)
-    later = _hosts_file.HostsFile(str(hosts), str(records))
+    with pytest.raises(Problem, match="neither be written in place nor given its old content"):
+        hosts_file.HostsFile(str(hosts), str(records))._replace_in_place(NEW[:60].upper() + NEW)
+    later = hosts_file.HostsFile(str(hosts), str(records))
     assert later.content == NEW and (records / "hosts_entries.json").exists()
 
 
@@ -258,7 +259,7 @@ def test_what_somebody_else_wrote_after_a_killed_write_is_theirs(tmp_path):
     hosts.write_bytes(OLD)
     assert replace_in_place_until(hosts, records, NEW, 60)
     hosts.write_bytes(b"127.0.0.1 localhost\n10.0.0.1 container\n")
-    file = _hosts_file.HostsFile(str(hosts), str(records))
+    file = hosts_file.HostsFile(str(hosts), str(records))
     assert not file.torn and file.content == b"127.0.0.1 localhost\n10.0.0.1 container\n"
     file.clean()
     assert not records.exists()
@@ -278,15 +279,15 @@ def test_what_somebody_else_wrote_after_a_killed_write_is_theirs(tmp_path):
     ],
 )
 def test_is_torn(found, torn):
-    assert _hosts_file.is_torn(found, b"old and longer", b"new") is torn
+    assert hosts_file.is_torn(found, b"old and longer", b"new") is torn
 
 
 def test_a_change_between_looking_and_writing_is_not_lost(tmp_path):
     hosts = tmp_path / "hosts"
     hosts.write_bytes(OLD)
-    file = _hosts_file.HostsFile(str(hosts), str(tmp_path / "records"))
+    file = hosts_file.HostsFile(str(hosts), str(tmp_path / "records"))
     hosts.write_bytes(OLD + b"10.0.0.1 new\n")
-    with pytest.raises(_owned.Problem, match="changed by something else"):
+    with pytest.raises(Problem, match="changed by something else"):
         file.replace(NEW)
     assert hosts.read_bytes() == OLD + b"10.0.0.1 new\n"
 
@@ -396,7 +397,7 @@ def test_the_machine_answers_with_the_planned_addresses(machine):
 
 def test_no_name_is_asked_for_after_the_time():
     bindings = bindings_of(ENTRIES)
-    assert list(_hosts_file.resolve(bindings, seconds=0)) == [{"kobuki1computer": []}, {"kobuki2computer": []}]
+    assert list(hosts_file.resolve(bindings, seconds=0)) == [{"kobuki1computer": []}, {"kobuki2computer": []}]
 
 
 @pytest.mark.parametrize(
@@ -418,4 +419,4 @@ def test_cloud_init_that_writes_the_file_is_found(tmp_path, files, winner):
     (tmp_path / "cloud.cfg.d").mkdir()
     for name, text in files.items():
         (tmp_path / name).write_text(text)
-    assert _hosts_file.boot_rewriter(str(tmp_path)) == (str(tmp_path / winner) if winner else "")
+    assert hosts_file.boot_rewriter(str(tmp_path)) == (str(tmp_path / winner) if winner else "")

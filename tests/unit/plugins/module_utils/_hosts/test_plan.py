@@ -6,11 +6,13 @@
 import pathlib
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _hosts, _hosts_entries, _owned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import bindings as hosts_entries
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import plan as hosts_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-FIXTURES = pathlib.Path(__file__).parent / "fixtures" / "hosts"
+FIXTURES = pathlib.Path(__file__).parents[3] / "fixtures" / "hosts"
 KOBUKI = [("192.168.1.229", "kobuki1computer"), ("192.168.1.239", "kobuki2computer")]
 FIG12 = [
     ("192.168.11.202", "tibi-monitor"),
@@ -29,7 +31,7 @@ FIG12 = [
 
 
 def bindings(*pairs):
-    return _hosts_entries.bindings_of([{"address": address, "names": names.split()} for address, names in pairs])
+    return hosts_entries.bindings_of([{"address": address, "names": names.split()} for address, names in pairs])
 
 
 def states(plan):
@@ -48,7 +50,7 @@ def states(plan):
 )
 def test_golden_files(case, pairs, expected):
     before, after = ((FIXTURES / f"{case}.{when}").read_bytes() for when in ("before", "after"))
-    plan = _hosts.plan(before, bindings(*pairs))
+    plan = hosts_module.plan(before, bindings(*pairs))
     assert plan.content == after
     assert set(states(plan)) == {expected}
     assert plan.conflicts == []
@@ -56,7 +58,7 @@ def test_golden_files(case, pairs, expected):
         line = after.split(b"\n")[entry["line"] - 1].decode("latin-1")
         assert line.split()[:2] == [entry["address"], entry["names"][0]]
 
-    again = _hosts.plan(after, bindings(*pairs))
+    again = hosts_module.plan(after, bindings(*pairs))
     assert again.content == after
     assert {state for state, ours in states(again)} == {"unchanged"}
     assert {item["state"] for item in again.replaced} == {"unchanged"}
@@ -65,13 +67,13 @@ def test_golden_files(case, pairs, expected):
 @pytest.mark.parametrize("case", ["fig6", "fig6_by_hand", "fig12", "fig12_by_hand"])
 def test_taking_back_restores_the_figures(case):
     after = (FIXTURES / f"{case}.after").read_bytes()
-    plan = _hosts.plan(after, [])
+    plan = hosts_module.plan(after, [])
     assert plan.content == (FIXTURES / f"{case}.before").read_bytes()
     assert [item["state"] for item in plan.replaced] == ["restored"]
 
 
 def test_history_is_reported():
-    plan = _hosts.plan((FIXTURES / "history.before").read_bytes(), bindings(*KOBUKI))
+    plan = hosts_module.plan((FIXTURES / "history.before").read_bytes(), bindings(*KOBUKI))
     assert plan.removed == [{"line": 8, "text": "10.0.0.1 gone # rosfleet.multimaster"}]
     assert [(item["line"], item["after"], item["state"]) for item in plan.replaced] == [
         (4, "127.0.0.1 localhost", "replaced"),
@@ -84,17 +86,20 @@ def test_history_is_reported():
 def test_a_line_of_the_users_that_is_already_right_is_kept_and_ours_goes():
     wanted = bindings(("192.168.1.229", "kobuki1computer k1"))
     ours = b"192.168.1.229\tkobuki1computer k1 # rosfleet.multimaster\n"
-    assert _hosts.plan(b"192.168.1.229 K1 Kobuki1Computer other # mine\n", wanted).entries[0]["ours"] is False
-    plan = _hosts.plan(ours + b"192.168.1.229 k1 kobuki1computer\n", wanted)
+    assert hosts_module.plan(b"192.168.1.229 K1 Kobuki1Computer other # mine\n", wanted).entries[0]["ours"] is False
+    plan = hosts_module.plan(ours + b"192.168.1.229 k1 kobuki1computer\n", wanted)
     assert plan.content == b"192.168.1.229 k1 kobuki1computer\n"
     assert plan.removed == [{"line": 1, "text": ours.decode().rstrip()}]
-    assert _hosts.plan(b"192.168.1.229 kobuki1computer\n", wanted).content == b"192.168.1.229 kobuki1computer\n" + ours
+    assert (
+        hosts_module.plan(b"192.168.1.229 kobuki1computer\n", wanted).content
+        == b"192.168.1.229 kobuki1computer\n" + ours
+    )
 
 
 def test_a_line_without_its_mark_is_the_users():
     unmarked = b"192.168.1.229\tkobuki1computer\n"
-    assert _hosts.plan(unmarked, []).content == unmarked
-    conflict = _hosts.plan(unmarked, bindings(("192.168.1.230", "kobuki1computer"))).conflicts[0]
+    assert hosts_module.plan(unmarked, []).content == unmarked
+    conflict = hosts_module.plan(unmarked, bindings(("192.168.1.230", "kobuki1computer"))).conflicts[0]
     assert (conflict["line"], conflict["found"], conflict["effect"]) == (1, "192.168.1.229", "shadows")
 
 
@@ -106,39 +111,39 @@ def test_conflicts_name_line_and_effect_and_families_do_not_conflict():
         b"::ffff:192.168.1.98 kobuki1computer\n"
         b"# 192.168.1.97 kobuki1computer\n"
     )
-    plan = _hosts.plan(content, bindings(("192.168.1.229", "kobuki1computer")))
+    plan = hosts_module.plan(content, bindings(("192.168.1.229", "kobuki1computer")))
     assert plan.content == content
     assert [(item["line"], item["name"], item["found"], item["effect"]) for item in plan.conflicts] == [
         (1, "Kobuki1computer", "192.168.1.99", "shadows"),
         (4, "kobuki1computer", "192.168.1.98", "adds"),
     ]
     both = bindings(("192.168.1.229", "kobuki1computer"), ("fd00::1", "kobuki1computer"))
-    assert states(_hosts.plan(b"", both)) == [("added", True), ("added", True)]
+    assert states(hosts_module.plan(b"", both)) == [("added", True), ("added", True)]
 
 
 def test_changed_address_and_alias_stay_in_their_line():
-    first = _hosts.plan(b"127.0.0.1 localhost\n", bindings(*KOBUKI)).content
-    plan = _hosts.plan(first, bindings(("192.168.1.230", "kobuki1computer k1"), KOBUKI[1]))
+    first = hosts_module.plan(b"127.0.0.1 localhost\n", bindings(*KOBUKI)).content
+    plan = hosts_module.plan(first, bindings(("192.168.1.230", "kobuki1computer k1"), KOBUKI[1]))
     assert states(plan) == [("changed", True), ("unchanged", True)]
     assert plan.content == first.replace(b".229\tkobuki1computer", b".230\tkobuki1computer k1")
 
 
 def test_a_file_that_did_not_exist_goes_again_unless_somebody_else_uses_it():
-    made = _hosts.plan(None, bindings(*KOBUKI)).content
+    made = hosts_module.plan(None, bindings(*KOBUKI)).content
     assert made.startswith(b"# rosfleet.multimaster created this file\n192.168.1.229\t")
-    assert _hosts.plan(made, bindings(*KOBUKI)).content == made
-    assert _hosts.plan(made, []).content is None
-    assert _hosts.plan(None, []).content is None
-    assert _hosts.plan(made + b"10.0.0.1 x\n", []).content == b"10.0.0.1 x\n"
-    assert _hosts.plan(b"", []).content == b""
+    assert hosts_module.plan(made, bindings(*KOBUKI)).content == made
+    assert hosts_module.plan(made, []).content is None
+    assert hosts_module.plan(None, []).content is None
+    assert hosts_module.plan(made + b"10.0.0.1 x\n", []).content == b"10.0.0.1 x\n"
+    assert hosts_module.plan(b"", []).content == b""
 
 
 def test_line_ends_are_those_of_the_file():
     content = b"127.0.0.1 localhost\r\n127.0.1.1 kobuki1computer\r\n"
-    plan = _hosts.plan(content, bindings(*KOBUKI))
+    plan = hosts_module.plan(content, bindings(*KOBUKI))
     assert plan.content.count(b"\r\n") == plan.content.count(b"\n") == 4
-    assert _hosts.plan(plan.content, bindings(*KOBUKI)).content == plan.content
-    assert _hosts.plan(plan.content, []).content == content
+    assert hosts_module.plan(plan.content, bindings(*KOBUKI)).content == plan.content
+    assert hosts_module.plan(plan.content, []).content == content
 
 
 @pytest.mark.parametrize(
@@ -186,16 +191,16 @@ def test_line_ends_are_those_of_the_file():
     ],
 )
 def test_wrong_entries_are_one_sentence(pairs, message):
-    with pytest.raises(_owned.Problem, match=message) as problem:
+    with pytest.raises(Problem, match=message) as problem:
         bindings(*pairs)
     assert len(str(problem.value).splitlines()) == 1
 
 
 def test_a_name_with_a_newline_does_not_reach_the_file():
-    with pytest.raises(_owned.Problem, match="is no host name"):
-        _hosts_entries.bindings_of([{"address": "192.168.1.1", "names": ["a\n127.0.0.1 b"]}])
-    with pytest.raises(_owned.Problem, match="is no host name"):
-        _hosts_entries.bindings_of([{"address": "192.168.1.1", "names": ["a\n"]}])
+    with pytest.raises(Problem, match="is no host name"):
+        hosts_entries.bindings_of([{"address": "192.168.1.1", "names": ["a\n127.0.0.1 b"]}])
+    with pytest.raises(Problem, match="is no host name"):
+        hosts_entries.bindings_of([{"address": "192.168.1.1", "names": ["a\n"]}])
 
 
 NAMES = ["alpha", "beta", "gamma", "localhost"]
@@ -235,8 +240,8 @@ ENTRIES = st.dictionaries(
 
 def valid(entries):
     try:
-        return _hosts_entries.bindings_of([{"address": key, "names": names} for key, names in entries.items()])
-    except _owned.Problem:
+        return hosts_entries.bindings_of([{"address": key, "names": names} for key, names in entries.items()])
+    except Problem:
         assume(False)
 
 
@@ -250,12 +255,12 @@ def lines_of_user(content):
 def test_any_file_comes_back_and_foreign_lines_stay(content, entries, later):
     assume(b"rosfleet.multimaster" not in content)
     first, second = valid(entries), valid(later)
-    applied = _hosts.plan(content, first).content
-    assert _hosts.plan(applied, first).content == applied
-    assert _hosts.plan(applied, []).content == content
-    changed = _hosts.plan(applied, second).content
-    assert _hosts.plan(changed, second).content == changed
-    assert _hosts.plan(changed, []).content == content
+    applied = hosts_module.plan(content, first).content
+    assert hosts_module.plan(applied, first).content == applied
+    assert hosts_module.plan(applied, []).content == content
+    changed = hosts_module.plan(applied, second).content
+    assert hosts_module.plan(changed, second).content == changed
+    assert hosts_module.plan(changed, []).content == content
     rest = iter(content.split(b"\n"))
     assert all(line in rest for line in lines_of_user(applied))
 
@@ -265,11 +270,11 @@ def test_any_file_comes_back_and_foreign_lines_stay(content, entries, later):
 @example(content=b"# rosfleet.multimaster replaced: 10.0.0.9 alpha # rosfleet.multimaster\n", entries={})
 def test_any_file_with_marks_settles_and_names_get_their_address(content, entries):
     wanted = valid(entries)
-    plan = _hosts.plan(content, wanted)
-    assert _hosts.plan(plan.content, wanted).content == plan.content
-    taken_back = _hosts.plan(plan.content, []).content
-    assert _hosts.plan(taken_back, []).content == taken_back
-    hosts = [host for host in map(_hosts_entries.parse, (plan.content or b"").split(b"\n")) if host]
+    plan = hosts_module.plan(content, wanted)
+    assert hosts_module.plan(plan.content, wanted).content == plan.content
+    taken_back = hosts_module.plan(plan.content, []).content
+    assert hosts_module.plan(taken_back, []).content == taken_back
+    hosts = [host for host in map(hosts_entries.parse, (plan.content or b"").split(b"\n")) if host]
     for binding in wanted:
         assert any(host.address == binding.address and set(binding.keys) <= set(host.keys) for host in hosts)
         for version, name in binding.keys:

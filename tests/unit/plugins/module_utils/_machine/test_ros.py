@@ -9,10 +9,10 @@ import shutil
 import tempfile
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _fkie, _ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, ros
 
 MODULE = "class Anything: pass\n"
-pytestmark = pytest.mark.skipif(not os.path.exists(_ros.PYTHON), reason=f"there is no {_ros.PYTHON}")
+pytestmark = pytest.mark.skipif(not os.path.exists(ros.PYTHON), reason=f"there is no {ros.PYTHON}")
 
 
 @pytest.fixture(name="opt")
@@ -24,7 +24,7 @@ def fixture_opt():
     shutil.rmtree(folder)
 
 
-def prefix(folder, distro="noetic", modules=_ros.MODULES, more=""):
+def prefix(folder, distro="noetic", modules=ros.MODULES, more=""):
     """A prefix with importable modules and commands."""
     here = folder / distro
     for module in modules:
@@ -42,7 +42,7 @@ def prefix(folder, distro="noetic", modules=_ros.MODULES, more=""):
 
 
 def find(opt, choice="auto", debian="/nowhere"):
-    return _ros.find(choice, root=str(opt), debian=debian)
+    return ros.find(choice, root=str(opt), debian=debian)
 
 
 def test_the_only_prefix_is_chosen_and_examined(opt):
@@ -138,7 +138,7 @@ def test_a_workspace_by_its_folder(opt):
 
 
 def test_missing_modules_are_named(opt, monkeypatch):
-    monkeypatch.setattr(_ros, "MODULES", ("rospy", "no_such_msgs", "no_such_srvs"))
+    monkeypatch.setattr(ros, "MODULES", ("rospy", "no_such_msgs", "no_such_srvs"))
     prefix(opt, modules=("rospy",))
     found = find(opt)
     assert (found["chosen"]["rospy"], found["chosen"]["missing"]) == (True, ["no_such_msgs", "no_such_srvs"])
@@ -150,7 +150,7 @@ PYTHON_2 = ["export ROS_PYTHON_VERSION=2", "export PYTHONPATH=/opt/ros/melodic/l
 
 @pytest.mark.parametrize("more", PYTHON_2)
 def test_a_ros_for_python_2_needs_it(opt, more, monkeypatch):
-    monkeypatch.setattr(_ros, "PYTHON2", "/nowhere/python2.7")
+    monkeypatch.setattr(ros, "PYTHON2", "/nowhere/python2.7")
     prefix(opt, more=more)
     found = find(opt)
     assert found["chosen"]["rospy"] is False
@@ -162,7 +162,7 @@ def test_a_ros_for_python_2_is_examined_with_it(opt, more, monkeypatch):
     interpreter = opt / "python2.7"
     interpreter.write_text("""#!/bin/sh\necho '{"version": "2.7.17", "missing": []}'\n""")
     interpreter.chmod(0o755)
-    monkeypatch.setattr(_ros, "PYTHON2", str(interpreter))
+    monkeypatch.setattr(ros, "PYTHON2", str(interpreter))
     prefix(opt, more=more)
     chosen = find(opt)["chosen"]
     assert (chosen["python"], chosen["python_version"], chosen["rospy"]) == (str(interpreter), "2.7.17", True)
@@ -177,14 +177,14 @@ def test_a_set_up_file_that_ends_the_shell(opt, more, said):
 
 
 def test_a_set_up_file_that_hangs_is_ended(opt, monkeypatch):
-    monkeypatch.setattr(_ros, "_SOURCING", 0.3)
+    monkeypatch.setattr(ros, "_SOURCING", 0.3)
     (opt / "setup.sh").write_text("sleep 7343\n")
     assert "gave no answer within 0.3 s" in find(opt, f"{opt}/setup.sh")["problem"]
 
 
 def test_values_that_fit_into_no_file_are_left_out():
     output = b"ROS_NOTE=a\nb\0ROS_IP=1\0BASH_FUNC_x%%=() { :; }\0PATH=/x/bin:/usr/bin:/bin\0PYTHONPATH=/x::\0_=/x\0"
-    assert _ros.added(output) == {"ROS_IP": "1", "PATH": "/x/bin", "PYTHONPATH": "/x"}
+    assert ros.added(output) == {"ROS_IP": "1", "PATH": "/x/bin", "PYTHONPATH": "/x"}
 
 
 # Executables of ROS packages
@@ -208,7 +208,7 @@ def package(folder, modules=("some_sync/sync.py", "some_msgs/srv.py")):
 
 def nodes(opt, **environment):
     environment = {"PYTHONPATH": f"{opt}/src/python", **environment}
-    (found,) = _fkie.nodes(WANTED, _ros.PYTHON, _ros.full(environment))
+    (found,) = fkie.nodes(WANTED, ros.PYTHON, ros.full(environment))
     assert (found["package"], found["executable"]) == ("some_sync", "sync")
     return found["path"], found["problem"]
 
@@ -257,14 +257,14 @@ def test_nodes_are_looked_for_in_the_chosen_installation(opt):
     here = prefix(opt)
     (here / "lib/some_sync").mkdir(parents=True)
     (here / "lib/some_sync/sync").touch()
-    found = _ros.find("auto", WANTED, root=str(opt), debian="/nowhere")
+    found = ros.find("auto", WANTED, root=str(opt), debian="/nowhere")
     (node,) = found["chosen"]["nodes"]
     assert node["path"] == f"{here}/lib/some_sync/sync"
     assert node["problem"].startswith("some_sync.sync cannot be imported: ")
 
 
 def test_an_interpreter_that_does_not_answer():
-    (found,) = _fkie.nodes(WANTED, "/nowhere/python2.7", {})
+    (found,) = fkie.nodes(WANTED, "/nowhere/python2.7", {})
     assert found["path"] == "" and "/nowhere/python2.7 could not be started" in found["problem"]
 
 
@@ -290,7 +290,7 @@ purely-virtual:
 
 
 def test_versions_of_packages():
-    assert _fkie.policy(POLICY) == {
+    assert fkie.policy(POLICY) == {
         "ros-noetic-fkie-master-sync": {"installed": "", "candidate": "1.3.2-2focal.20240101.000000"},
         "dpkg": {"installed": "1.21.22", "candidate": "1.21.22"},
         "purely-virtual": {"installed": "", "candidate": ""},
@@ -301,11 +301,11 @@ def test_versions_of_packages():
 def test_packages_of_this_machine(tmp_path):
     record = tmp_path / "packages"
     record.write_text("# ours\nros-noetic-nothing\n")
-    dpkg, unknown, ours = _fkie.packages(["dpkg", "ros-noetic-unknown"], str(record))
+    dpkg, unknown, ours = fkie.packages(["dpkg", "ros-noetic-unknown"], str(record))
     assert (dpkg["name"], bool(dpkg["installed"]), dpkg["ours"]) == ("dpkg", True, False)
     assert unknown == {"name": "ros-noetic-unknown", "installed": "", "candidate": "", "ours": False}
     assert ours == {"name": "ros-noetic-nothing", "installed": "", "candidate": "", "ours": True}
 
 
 def test_no_wanted_packages_are_no_question(tmp_path):
-    assert _fkie.packages([], str(tmp_path / "nothing")) == []
+    assert fkie.packages([], str(tmp_path / "nothing")) == []

@@ -7,14 +7,15 @@ import json
 from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _routes_kernel, _routes_plan
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_kernel import Route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_plan import Entry
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan as routes_plan
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.plan import Entry
 from hypothesis import given
 from hypothesis import strategies as st
 
-FIXTURES = Path(__file__).parent / "fixtures" / "routes"
+FIXTURES = Path(__file__).parents[3] / "fixtures" / "routes"
 
 
 def link(*addresses, up=True, loopback=False):
@@ -42,7 +43,7 @@ DEFAULTS = {
 
 
 def items(*given):
-    return _routes_plan.items_of([{**DEFAULTS, **item} for item in given], INTERFACES)
+    return routes_plan.items_of([{**DEFAULTS, **item} for item in given], INTERFACES)
 
 
 def route(destination, gateway="", device="eth0", metric=None, **more):
@@ -52,8 +53,8 @@ def route(destination, gateway="", device="eth0", metric=None, **more):
 
 
 def held(text, version=4, table=254):
-    raw = _routes_kernel.from_text(text)[0]
-    return _routes_kernel.held(raw, version, table)
+    raw = kernel.from_text(text)[0]
+    return kernel.held(raw, version, table)
 
 
 def holding(*texts):
@@ -65,7 +66,7 @@ def holding(*texts):
 
 
 def planned(routes, current=None, entries=None, replace=False):
-    return _routes_plan.plan(routes, current or {}, entries or {}, replace, INTERFACES)
+    return routes_plan.plan(routes, current or {}, entries or {}, replace, INTERFACES)
 
 
 def commands(changes):
@@ -142,14 +143,14 @@ def test_the_same_item_twice_is_one_and_two_ways_of_one_key_are_refused():
 )
 def test_what_the_kernel_would_refuse_is_said_before(wanted, words):
     with pytest.raises(Problem, match=words):
-        _routes_plan.check_usable([_routes_plan.Item(wanted, "eth0", "auto")], INTERFACES, {})
+        routes_plan.check_usable([routes_plan.Item(wanted, "eth0", "auto")], INTERFACES, {})
 
 
 def test_a_gateway_behind_a_route_of_the_list_or_on_link_is_usable():
     behind = route("0.0.0.0/0", "172.16.0.1")
     near = route("172.16.0.0/24")
-    _routes_plan.check_usable([_routes_plan.Item(r, "eth0", "auto") for r in (behind, near)], INTERFACES, {})
-    _routes_plan.check_usable([_routes_plan.Item(behind._replace(on_link=True), "eth0", "auto")], INTERFACES, {})
+    routes_plan.check_usable([routes_plan.Item(r, "eth0", "auto") for r in (behind, near)], INTERFACES, {})
+    routes_plan.check_usable([routes_plan.Item(behind._replace(on_link=True), "eth0", "auto")], INTERFACES, {})
 
 
 # What the kernel shows
@@ -158,14 +159,12 @@ def test_a_gateway_behind_a_route_of_the_list_or_on_link_is_usable():
 @pytest.mark.parametrize("version", [4, 6])
 def test_the_text_of_an_old_iproute2_says_the_same_as_json(version):
     raws = json.loads((FIXTURES / f"show{version}.json").read_text())
-    lines = _routes_kernel.from_text((FIXTURES / f"show{version}.txt").read_text())
-    assert [_routes_kernel.held(raw, version, 254) for raw in lines] == [
-        _routes_kernel.held(raw, version, 254) for raw in raws
-    ]
+    lines = kernel.from_text((FIXTURES / f"show{version}.txt").read_text())
+    assert [kernel.held(raw, version, 254) for raw in lines] == [kernel.held(raw, version, 254) for raw in raws]
 
 
 def test_the_words_of_a_route_bring_it_back_whole():
-    texts = [_routes_kernel.held(raw, 4, 100).text for raw in json.loads((FIXTURES / "show4.json").read_text())]
+    texts = [kernel.held(raw, 4, 100).text for raw in json.loads((FIXTURES / "show4.json").read_text())]
     assert texts == (FIXTURES / "words4.txt").read_text().splitlines()
 
 
@@ -188,7 +187,7 @@ GATEWAYS = st.sampled_from(["", "192.168.11.1", "192.168.11.2"])
     )
 )
 def test_a_route_of_ours_is_read_as_it_was_made(wanted):
-    words = _routes_kernel.words_of(wanted)
+    words = kernel.words_of(wanted)
     if "table" in words:  # a listing of one table does not name it
         at = words.index("table")
         del words[at : at + 2]
@@ -342,6 +341,6 @@ def test_a_second_default_route_is_found():
         "unicast 10.0.0.0/8 via 10.0.0.1 dev eth2 proto dhcp scope global metric 100",
         "unicast ::/0 via fd00:11::9 dev eth0 proto static scope global metric 5",
     )
-    found = _routes_plan.other_defaults(wanted, [one for there in others.values() for one in there])
+    found = routes_plan.other_defaults(wanted, [one for there in others.values() for one in there])
     assert [one.text for one in found] == ["default via 10.0.0.1 dev eth2 proto dhcp metric 100"]
-    assert _routes_plan.other_defaults(wanted[1:], [one for there in others.values() for one in there]) == []
+    assert routes_plan.other_defaults(wanted[1:], [one for there in others.values() for one in there]) == []

@@ -22,8 +22,9 @@ HOOK = "etc/network/if-up.d/rosfleet-multimaster"
 # Runs one after another in processes of their own, each ended, as by kill -9, before its change of this number (0: never).
 RUNS = """
 import json, os, signal, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _owned, _routes_kernel
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
 left = 0
 def until(step):
     def counted(*arguments, **options):
@@ -33,9 +34,9 @@ def until(step):
             os.kill(os.getpid(), signal.SIGKILL)
         return step(*arguments, **options)
     return counted
-_routes_kernel.Kernel.change = until(_routes_kernel.Kernel.change)
+kernel.Kernel.change = until(kernel.Kernel.change)
 for name in ("write_by_rename", "remove", "make_folders", "remove_folder_if_empty"):
-    setattr(_owned, name, until(getattr(_owned, name)))
+    setattr(atomic, name, until(getattr(atomic, name)))
 for options, left in json.load(sys.stdin):
     if os.fork() == 0:
         run = Run(options)
@@ -428,7 +429,7 @@ def test_the_commands_of_the_switch_bring_the_kernel_back_from_half_way_too(comp
     before = computer.routes()
     program = """
 import json, subprocess, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
 run = Run(json.load(sys.stdin))
 for half in range(len(run.plan.changes) + 1):
     for change in run.plan.changes[:half]:
@@ -445,7 +446,7 @@ def test_the_run_time_alone_writes_no_file_and_the_next_run_knows_what_is_ours(c
     files = computer.files()
     program = """
 import json, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
 options = json.load(sys.stdin)
 first = Run(options)
 first.apply_runtime()
@@ -456,7 +457,7 @@ print(json.dumps(first.memory))
     assert len(computer.routes()) == 2
     program = """
 import json, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
 options, memory = json.load(sys.stdin)
 run = Run(options, memory)
 print(run.runtime_changes, run.changed)
@@ -479,7 +480,7 @@ def test_the_way_back_makes_a_network_on_the_link_before_what_is_behind_it(compu
     before = computer.routes()
     program = """
 import json, subprocess, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
 run = Run(json.load(sys.stdin))
 run.apply_runtime()
 for argv in run.undo_commands():

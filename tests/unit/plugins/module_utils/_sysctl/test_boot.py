@@ -11,11 +11,12 @@ import subprocess
 
 import pytest
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _sysctl, _sysctl_boot
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import boot as sysctl_boot
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl
 from hypothesis import given
 from hypothesis import strategies as st
 
-CASES = sorted((pathlib.Path(__file__).parent / "fixtures" / "sysctl").glob("*.yml"))
+CASES = sorted((pathlib.Path(__file__).parents[3] / "fixtures" / "sysctl").glob("*.yml"))
 DROP_IN = "/etc/sysctl.d/90-rosfleet-multimaster.conf"
 SYSTEMD_SYSCTL = "/lib/systemd/systemd-sysctl"
 
@@ -34,26 +35,26 @@ def plant(root, files):
 def load(path, root):
     case = yaml.safe_load(path.read_text())
     plant(root, case["tree"])
-    settings = _sysctl.settings_of([{"name": name, "value": value} for name, value in case["settings"].items()])
+    settings = sysctl.settings_of([{"name": name, "value": value} for name, value in case["settings"].items()])
     drop_in = case.get("drop_in", DROP_IN)
-    return case, settings, _sysctl_boot.Tree(str(root), {drop_in: _sysctl.drop_in_text(settings)}), drop_in
+    return case, settings, sysctl_boot.Tree(str(root), {drop_in: sysctl.drop_in_text(settings)}), drop_in
 
 
 def shown(assignment):
     if assignment is None or assignment.value is None:
         return None
-    return {"value": _sysctl_boot.normal(assignment.value), "file": assignment.file, "line": assignment.line}
+    return {"value": sysctl_boot.normal(assignment.value), "file": assignment.file, "line": assignment.line}
 
 
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_what_decides_at_boot(path, tmp_path):
     case, settings, tree, drop_in = load(path, tmp_path)
-    boot = _sysctl_boot.at_boot(tree, [setting.key for setting in settings])
-    assert {_sysctl_boot.name_of(key): shown(decides) for key, decides in boot.items()} == case["boot"]
-    foreign = _sysctl_boot.at_boot(tree, [_sysctl_boot.key_of(name) for name in case.get("foreign", {})])
-    assert {_sysctl_boot.name_of(key): shown(decides) for key, decides in foreign.items()} == case.get("foreign", {})
-    assert _sysctl_boot.hidden_by(tree, drop_in) == case.get("hidden_by")
-    assert _sysctl_boot.boots_with_systemd(tree) == case.get("systemd", True)
+    boot = sysctl_boot.at_boot(tree, [setting.key for setting in settings])
+    assert {sysctl_boot.name_of(key): shown(decides) for key, decides in boot.items()} == case["boot"]
+    foreign = sysctl_boot.at_boot(tree, [sysctl_boot.key_of(name) for name in case.get("foreign", {})])
+    assert {sysctl_boot.name_of(key): shown(decides) for key, decides in foreign.items()} == case.get("foreign", {})
+    assert sysctl_boot.hidden_by(tree, drop_in) == case.get("hidden_by")
+    assert sysctl_boot.boots_with_systemd(tree) == case.get("systemd", True)
 
 
 @pytest.mark.skipif(os.geteuid() != 0 or not os.path.exists(SYSTEMD_SYSCTL), reason="needs root and systemd")
@@ -65,11 +66,11 @@ def test_systemd_sysctl_agrees(path, tmp_path):
     case, settings, _tree, drop_in = load(path, root)
     if not case.get("systemd", True) or not case.get("oracle", True):
         pytest.skip("not systemd-sysctl's own doing")
-    plant(root, {drop_in.lstrip("/"): _sysctl.drop_in_text(settings)})
+    plant(root, {drop_in.lstrip("/"): sysctl.drop_in_text(settings)})
     for folder in ("etc", "run", "usr/local/lib", "usr/lib/sysctl.d"):
         (root / folder).mkdir(parents=True, exist_ok=True)
     predicted = {**case["boot"], **case.get("foreign", {})}
-    keys = {_sysctl_boot.key_of(name): name for name in predicted}
+    keys = {sysctl_boot.key_of(name): name for name in predicted}
     assert all(key.startswith("net/") for key in keys)
     # Everything that systemd-sysctl reads is ours in the namespace, before it runs; /etc/ld.so.cache is not needed.
     script = """
@@ -89,13 +90,13 @@ def test_systemd_sysctl_agrees(path, tmp_path):
     assert {key: pathlib.Path(proc + key).read_text() for key in before} == before, "the test changed the host"
     for key, name in keys.items():
         if predicted[name] is not None:
-            assert _sysctl_boot.normal(held[key]) == predicted[name]["value"], name
+            assert sysctl_boot.normal(held[key]) == predicted[name]["value"], name
 
 
 @given(st.text(alphabet="ab.0/-_@", min_size=1, max_size=20))
 def test_a_name_is_stable_once_it_is_normal(name):
-    key = _sysctl_boot.key_of(name)
-    assert _sysctl_boot.key_of(_sysctl_boot.name_of(key)) == key or "." in key.partition("/")[0]
+    key = sysctl_boot.key_of(name)
+    assert sysctl_boot.key_of(sysctl_boot.name_of(key)) == key or "." in key.partition("/")[0]
     assert "//" not in key and not key.startswith("/") and not key.endswith("/")
 
 
@@ -103,8 +104,8 @@ def test_a_name_is_stable_once_it_is_normal(name):
 def test_all_spellings_are_one_key(parts, interface):
     key = "/".join(["net", *parts, interface, "x"])
     if interface.strip("."):
-        spellings = [key, "/" + key, _sysctl_boot.name_of(key)]
-        assert {_sysctl_boot.key_of(spelling) for spelling in spellings} == {key}
+        spellings = [key, "/" + key, sysctl_boot.name_of(key)]
+        assert {sysctl_boot.key_of(spelling) for spelling in spellings} == {key}
 
 
 @pytest.mark.parametrize(
@@ -118,12 +119,12 @@ def test_all_spellings_are_one_key(parts, interface):
     ],
 )
 def test_key_of(name, key):
-    assert _sysctl_boot.key_of(name) == key
+    assert sysctl_boot.key_of(name) == key
 
 
 def test_lines_that_are_no_assignment_are_left_out_and_the_others_keep_their_numbers():
     text = "# c\n\n;c\nnonsense\n a.b = 1 \n-c.d=2\n-e.*.f\r\n.g = \nx/y.z=a=b # c\n"
-    assert [tuple(found) for found in _sysctl_boot.parse(text, "f")] == [
+    assert [tuple(found) for found in sysctl_boot.parse(text, "f")] == [
         ("a/b", "1", "f", 5),
         ("c/d", "2", "f", 6),
         ("e/*/f", None, "f", 7),
@@ -134,26 +135,26 @@ def test_lines_that_are_no_assignment_are_left_out_and_the_others_keep_their_num
 
 @given(st.text())
 def test_any_text_can_be_parsed(text):
-    for found in _sysctl_boot.parse(text, "f"):
+    for found in sysctl_boot.parse(text, "f"):
         assert 1 <= found.line <= text.count("\n") + 1
 
 
 def test_star_stays_within_one_level():
-    assert _sysctl_boot.matches("net/*/conf/[a-l]*/rp_filter", "net/ipv4/conf/lo/rp_filter")
-    assert not _sysctl_boot.matches("net/*/rp_filter", "net/ipv4/conf/lo/rp_filter")
+    assert sysctl_boot.matches("net/*/conf/[a-l]*/rp_filter", "net/ipv4/conf/lo/rp_filter")
+    assert not sysctl_boot.matches("net/*/rp_filter", "net/ipv4/conf/lo/rp_filter")
 
 
 def test_a_file_that_is_not_utf8_is_read(tmp_path):
     plant(tmp_path, {"sbin/init": {"link": "/lib/systemd/systemd"}})
     (tmp_path / "etc/sysctl.d").mkdir(parents=True)
     (tmp_path / "etc/sysctl.d/99-caf\udce9.conf").write_bytes(b"# caf\xe9\nnet.ipv4.ip_forward=0\n")
-    found = _sysctl_boot.at_boot(_sysctl_boot.Tree(str(tmp_path)), ["net/ipv4/ip_forward"])["net/ipv4/ip_forward"]
+    found = sysctl_boot.at_boot(sysctl_boot.Tree(str(tmp_path)), ["net/ipv4/ip_forward"])["net/ipv4/ip_forward"]
     assert (found.value, found.line) == ("0", 2)
 
 
 def test_links_in_a_circle_end(tmp_path):
     plant(tmp_path, {"etc/sysctl.d/99-a.conf": {"link": "99-b.conf"}, "etc/sysctl.d/99-b.conf": {"link": "99-a.conf"}})
-    assert _sysctl_boot.at_boot(_sysctl_boot.Tree(str(tmp_path)), ["net/ipv4/ip_forward"]) == {
+    assert sysctl_boot.at_boot(sysctl_boot.Tree(str(tmp_path)), ["net/ipv4/ip_forward"]) == {
         "net/ipv4/ip_forward": None
     }
 
@@ -164,7 +165,7 @@ def test_the_oldest_python(tmp_path):
     if subprocess.run(["python3.6", "--version"], check=False, stdout=subprocess.PIPE).returncode:
         pytest.skip("needs Python 3.6")
     _case, settings, tree, _drop_in = load(CASES[0], tmp_path)
-    collections = str(pathlib.Path(_sysctl.__file__).parents[5])
+    collections = str(pathlib.Path(sysctl.__file__).parents[6])
     program = (
         "import json, sys; from ansible_collections.rosfleet.multimaster.plugins.module_utils import _sysctl_boot as b;"
         "t = b.Tree(sys.argv[1], json.loads(sys.argv[2]));"
@@ -177,4 +178,4 @@ def test_the_oldest_python(tmp_path):
         stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": collections},
     ).stdout
-    assert json.loads(output) == {key: list(found) for key, found in _sysctl_boot.at_boot(tree, keys).items()}
+    assert json.loads(output) == {key: list(found) for key, found in sysctl_boot.at_boot(tree, keys).items()}

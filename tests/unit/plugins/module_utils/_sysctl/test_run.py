@@ -14,12 +14,12 @@ import sys
 import tempfile
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _sysctl
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl
 from hypothesis import given
 from hypothesis import strategies as st
 
-COLLECTION = pathlib.Path(_sysctl.__file__).parents[2]
+COLLECTION = pathlib.Path(sysctl.__file__).parents[3]
 DROP_IN = "/etc/sysctl.d/90-rosfleet-multimaster.conf"
 FORWARD, BROADCASTS = "net/ipv4/ip_forward", "net/ipv4/icmp_echo_ignore_broadcasts"
 ETH0, LO = "net/ipv4/conf/eth0/forwarding", "net/ipv4/conf/lo/forwarding"
@@ -33,20 +33,20 @@ def listed(**settings):
 
 
 def settings_of(**settings):
-    return _sysctl.settings_of(listed(**settings))
+    return sysctl.settings_of(listed(**settings))
 
 
 # The plan
 
 
 def plan(settings, current, record=None):
-    return _sysctl.plan(settings, current, record or {}, DROP_IN)
+    return sysctl.plan(settings, current, record or {}, DROP_IN)
 
 
 def test_what_is_as_wanted_is_not_written_but_recorded():
     done = plan(settings_of(ip_forward="1"), {FORWARD: "1"})
     assert done.writes == []
-    assert done.text == _sysctl.HEADER + "net.ipv4.ip_forward = 1\n"
+    assert done.text == sysctl.HEADER + "net.ipv4.ip_forward = 1\n"
     assert done.final["settings"][FORWARD]["before"] == "1"
 
 
@@ -170,20 +170,20 @@ def test_any_runs_reach_the_settings_do_nothing_twice_and_can_be_taken_back(befo
 )
 def test_settings_that_cannot_be_meant(items, said):
     with pytest.raises(Problem, match="settings: ") as problem:
-        _sysctl.settings_of(items)
+        sysctl.settings_of(items)
     assert said in str(problem.value)
 
 
 def test_one_key_in_many_spellings_is_one_setting():
     names = ["net/ipv4/tcp_rmem", "-net.ipv4.tcp_rmem", "net.ipv4.tcp_rmem"]
-    found = _sysctl.settings_of([{"name": name, "value": "4096 \t 8192  16384"} for name in names])
+    found = sysctl.settings_of([{"name": name, "value": "4096 \t 8192  16384"} for name in names])
     assert found == [("net/ipv4/tcp_rmem", "4096 8192 16384")]
 
 
 @given(st.text(alphabet="1\n\r=#; \x0b\u2028", max_size=8))
 def test_a_value_never_adds_a_line_to_the_drop_in(value):
     try:
-        text = _sysctl.drop_in_text(_sysctl.settings_of([{"name": "net.ipv4.x", "value": value}]))
+        text = sysctl.drop_in_text(sysctl.settings_of([{"name": "net.ipv4.x", "value": value}]))
     except Problem:
         return
     assert len(text.splitlines()) == 2
@@ -201,7 +201,7 @@ def test_a_value_never_adds_a_line_to_the_drop_in(value):
 )
 def test_a_drop_in_that_nothing_would_read(path):
     with pytest.raises(Problem, match="drop_in: found " + path):
-        _sysctl.check_drop_in(path)
+        sysctl.check_drop_in(path)
 
 
 # The module as a process, on folders
@@ -286,7 +286,7 @@ def test_check_apply_again_and_back(machine):
         assert result["msg"] == "2 of 2 kernel settings changed."
     assert checked["diff"] == applied["diff"]
     assert machine.drop_in.read_text() == (
-        _sysctl.HEADER + "net.ipv4.ip_forward = 1\nnet.ipv4.icmp_echo_ignore_broadcasts = 0\n"
+        sysctl.HEADER + "net.ipv4.ip_forward = 1\nnet.ipv4.icmp_echo_ignore_broadcasts = 0\n"
     )
     assert machine.drop_in.stat().st_mode & 0o777 == 0o644
     assert (machine.value("ip_forward"), machine.value("icmp_echo_ignore_broadcasts")) == ("1", "0")
@@ -317,7 +317,7 @@ def test_what_is_changed_by_hand_comes_back(machine):
     machine.run(REPORT)
     good = machine.state()
     machine.hold(ip_forward="0")
-    machine.drop_in.write_text(_sysctl.HEADER + "net.ipv4.ip_forward = 0\n")
+    machine.drop_in.write_text(sysctl.HEADER + "net.ipv4.ip_forward = 0\n")
     result = machine.run(REPORT)
     assert [(item["name"], item["changed"]) for item in result["settings"]] == [
         ("net.ipv4.ip_forward", True),
@@ -333,7 +333,7 @@ def test_an_item_that_is_no_longer_listed_is_taken_back(machine):
         ("net.ipv4.icmp_echo_ignore_broadcasts", "restored")
     ]
     assert "net.ipv4.icmp_echo_ignore_broadcasts is 1 again." in result["msg"]
-    assert machine.drop_in.read_text() == _sysctl.HEADER + "net.ipv4.ip_forward = 1\n"
+    assert machine.drop_in.read_text() == sysctl.HEADER + "net.ipv4.ip_forward = 1\n"
     assert (machine.value("ip_forward"), machine.value("icmp_echo_ignore_broadcasts")) == ("1", "1")
 
 
@@ -437,7 +437,7 @@ def test_a_new_name_of_the_drop_in_moves_it(machine):
 def test_a_relative_folder_is_named(option):
     options = dict({"settings": [], "drop_in": DROP_IN, "root": "/r", "proc": "/p", "records": "/d"}, **{option: "x"})
     with pytest.raises(Problem, match=option + " is 'x', expected an absolute path"):
-        _sysctl.Run(options)
+        sysctl.Run(options)
 
 
 def test_a_record_that_cannot_be_read_is_named(machine):
@@ -486,7 +486,7 @@ def killed_at(step, options):
         for name in ("open", "write", "rename", "unlink", "mkdir", "rmdir", "fsync"):
             setattr(os, name, dying(getattr(os, name)))
         try:
-            run = _sysctl.Run(options)
+            run = sysctl.Run(options)
             run.apply()
         finally:
             os._exit(0)
@@ -502,13 +502,13 @@ def test_kill_at_any_moment_leaves_what_the_next_run_mends(tmp_path, wanted):
             machine = Machine(tmp_path / ("%d-%d" % (len(first), step)))
             machine.hold(ip_forward="0", icmp_echo_ignore_broadcasts="1")
             untouched = machine.state()
-            _sysctl.Run(machine.options(first)).apply()
+            sysctl.Run(machine.options(first)).apply()
             killed = killed_at(step, machine.options(wanted))
-            _sysctl.Run(machine.options(wanted)).apply()
-            for setting in _sysctl.settings_of(wanted):
+            sysctl.Run(machine.options(wanted)).apply()
+            for setting in sysctl.settings_of(wanted):
                 assert (machine.proc / setting.key).read_text().strip() == setting.value
-            assert not _sysctl.Run(machine.options(wanted)).changed
-            _sysctl.Run(machine.options([])).apply()
+            assert not sysctl.Run(machine.options(wanted)).changed
+            sysctl.Run(machine.options([])).apply()
             assert machine.state() == untouched, step
             if not killed:
                 break
@@ -532,11 +532,11 @@ def test_run_time_first_then_the_rest_is_what_one_run_does(tmp_path, first, want
     at_once, in_two = (Machine(tmp_path / name) for name in ("at_once", "in_two"))
     for machine in (at_once, in_two):
         machine.hold(ip_forward="0", icmp_echo_ignore_broadcasts="1")
-        _sysctl.Run(machine.options(first)).apply()
+        sysctl.Run(machine.options(first)).apply()
     untouched = in_two.state()
-    _sysctl.Run(at_once.options(wanted)).apply()
+    sysctl.Run(at_once.options(wanted)).apply()
 
-    one = _sysctl.Run(in_two.options(wanted))
+    one = sysctl.Run(in_two.options(wanted))
     assert one.runtime_changes
     undo, memory = one.undo_commands(), json.loads(json.dumps(one.memory))
     one.apply_runtime()
@@ -546,29 +546,29 @@ def test_run_time_first_then_the_rest_is_what_one_run_does(tmp_path, first, want
         subprocess.run(command, check=True)
     assert in_two.state() == untouched
 
-    _sysctl.Run(in_two.options(wanted)).apply_runtime()
-    two = _sysctl.Run(in_two.options(wanted), memory)
+    sysctl.Run(in_two.options(wanted)).apply_runtime()
+    two = sysctl.Run(in_two.options(wanted), memory)
     assert (two.runtime_changes, two.changed) == (False, True)
     two.apply()
     assert {
         path: content and content.replace(b"in_two", b"at_once") for path, content in in_two.state().items()
     } == at_once.state()
-    assert not _sysctl.Run(in_two.options(wanted)).changed
-    _sysctl.Run(in_two.options([])).apply()
+    assert not sysctl.Run(in_two.options(wanted)).changed
+    sysctl.Run(in_two.options([])).apply()
     assert (in_two.value("ip_forward"), in_two.value("icmp_echo_ignore_broadcasts")) == ("0", "1")
     assert not in_two.records.exists()
 
 
 def test_a_boot_part_alone_needs_no_switch(machine):
-    _sysctl.Run(machine.options(REPORT)).apply()
+    sysctl.Run(machine.options(REPORT)).apply()
     machine.drop_in.unlink()
-    run = _sysctl.Run(machine.options(REPORT))
+    run = sysctl.Run(machine.options(REPORT))
     assert (run.runtime_changes, run.changed) == (False, True)
 
 
 def test_a_run_time_that_is_refused_half_way_is_as_before(machine, monkeypatch):
     untouched = machine.state()
-    run = _sysctl.Run(machine.options(REPORT))
+    run = sysctl.Run(machine.options(REPORT))
     real, refused = run.kernel.write, iter([False, True])
 
     def write(key, value):
@@ -649,7 +649,7 @@ def test_kernel_undo_commands_bring_everything_back(namespace):
     before = {key: namespace.held(key) for key in keys}
     program = (
         "import json, subprocess, sys\n"
-        "from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import Run\n"
+        "from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.run import Run\n"
         "run = Run(json.loads(sys.argv[1]))\nundo = run.undo_commands()\nrun.apply_runtime()\n"
         "print(open('/proc/sys/net/ipv4/ip_forward').read())\n"
         "for command in undo:\n    subprocess.run(command, check=True)\n"
@@ -663,7 +663,7 @@ def test_kernel_undo_commands_bring_everything_back(namespace):
 @as_root
 def test_kernel_does_beside_a_key_what_the_table_says(namespace):
     """The table of what the kernel changes beside a key, against this kernel."""
-    for key in _sysctl.BESIDE:
+    for key in sysctl.BESIDE:
         if subprocess.run([*namespace.prefix, "test", "-e", "/proc/sys/" + key], check=False).returncode:
             continue
         for value in ("1", "0"):
@@ -671,7 +671,7 @@ def test_kernel_does_beside_a_key_what_the_table_says(namespace):
             if "ipv6" in key:
                 names = ["net/ipv6/conf/%s/forwarding" % name for name in ("all", "default", "eth0", "lo")]
             namespace.held(key, value)
-            expected = _sysctl.beside(key, value, names)
+            expected = sysctl.beside(key, value, names)
             assert {other: namespace.held(other) for other in expected} == expected
 
 

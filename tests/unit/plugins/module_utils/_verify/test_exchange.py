@@ -13,7 +13,8 @@ import types
 import xmlrpc.server
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe_exchange, _probe_ros, _probe_types
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import exchange, message_types
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as probe_ros
 
 MEMBERS = [
     {"name": "here", "address": "127.0.0.1", "discovery_address": "", "robot": "one"},
@@ -104,12 +105,12 @@ def ros(tmp_path, served):
         (tmp_path / name).chmod(0o755)
     master = Master()
     (tmp_path / "environment").write_text(f"ROS_MASTER_URI={served(master)}\nPATH={tmp_path}:/usr/bin:/bin\n")
-    with _probe_ros.Ros(str(tmp_path / "environment")) as made:
+    with probe_ros.Ros(str(tmp_path / "environment")) as made:
         yield made, master
 
 
 def looked_at(ros):
-    return _probe_exchange.exchange(ros, MEMBERS, "here")
+    return exchange.exchange(ros, MEMBERS, "here")
 
 
 def test_what_is_of_whom(ros, served):
@@ -211,7 +212,7 @@ def test_without_the_python_of_ros_only_the_sums_are_missing(ros):
 
 def test_a_roscore_that_is_not_there(tmp_path):
     (tmp_path / "environment").write_text("ROS_MASTER_URI=http://127.0.0.1:1\n")
-    with _probe_ros.Ros(str(tmp_path / "environment")) as made:
+    with probe_ros.Ros(str(tmp_path / "environment")) as made:
         found = looked_at(made)
     assert "127.0.0.1:1" in found["error"] and found["topics"] == found["imports"] == []
 
@@ -233,12 +234,12 @@ def test_the_program_itself(monkeypatch, capsys, tmp_path):
     pretended = {"roslib": roslib, "roslib.message": roslib.message, "rospy": rospy, "rosservice": rosservice}
     for name, module in pretended.items():
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr(_probe_types.os, "_exit", ended.append)
+    monkeypatch.setattr(message_types.os, "_exit", ended.append)
     questions = tmp_path / "questions.json"
     questions.write_text(
         json.dumps({"types": ["std_msgs/String", "none/None", "broken/Type"], "service": "/get_sync_info"})
     )
-    _probe_types.main(str(questions))
+    message_types.main(str(questions))
     first, second = map(json.loads, capsys.readouterr().out.splitlines())
     assert first == {"types": {"std_msgs/String": "992c"}}
     assert second == {"service": {THERE: {"/planner": "http://there:1/"}}}

@@ -7,7 +7,7 @@ import random
 import struct
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _multicast as m
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import multicast as m
 from ansible_collections.rosfleet.multimaster.plugins.modules.multicast_verify import wrong
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -15,15 +15,17 @@ import types
 import xmlrpc.server
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe_listener, _probe_network, _probe_ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import listener as probe_listener
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as probe_ros
 
 root = pytest.mark.skipif(os.geteuid() != 0, reason="raw sockets and namespaces need root")
 
 PING = """
 import json, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe_network
-pings = _probe_network.ping(sys.argv[1:], tries=2, answer=0.4)
-print(json.dumps([pings, [_probe_network.way(address) for address in sys.argv[1:]]]))
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
+pings = network.ping(sys.argv[1:], tries=2, answer=0.4)
+print(json.dumps([pings, [network.way(address) for address in sys.argv[1:]]]))
 """
 
 
@@ -48,7 +50,7 @@ def hosts():
 
 @root
 def test_ping_between_two_hosts(hosts):
-    collections = str(pathlib.Path(_probe_network.__file__).parents[5])
+    collections = str(pathlib.Path(network.__file__).parents[6])
     output = subprocess.run(
         ["ip", "netns", "exec", hosts[0], sys.executable, "-c", PING, "10.99.0.2", "10.99.0.3", "10.98.0.1"],
         check=True,
@@ -65,35 +67,33 @@ def test_ping_between_two_hosts(hosts):
 
 @root
 def test_ping_of_nobody_and_of_this_computer():
-    assert _probe_network.ping([]) == {}
-    assert _probe_network.ping(["127.0.0.1"])["127.0.0.1"]["ok"]
+    assert network.ping([]) == {}
+    assert network.ping(["127.0.0.1"])["127.0.0.1"]["ok"]
 
 
 def test_resolve():
-    assert _probe_network.resolve("localhost") == (["127.0.0.1"], "")
-    addresses, error = _probe_network.resolve("no.such.name.invalid")
+    assert network.resolve("localhost") == (["127.0.0.1"], "")
+    addresses, error = network.resolve("no.such.name.invalid")
     assert addresses == [] and error
-    assert _probe_network.resolve("a" * 70)[0] == []  # a label that no resolver takes
+    assert network.resolve("a" * 70)[0] == []  # a label that no resolver takes
 
 
 def test_concurrently_keeps_the_order_and_leaves_the_late_behind():
     began = time.monotonic()
-    results = _probe_network.concurrently(
-        lambda item: time.sleep(item) or item, [0.2, 0, 5, 0.1], 0.6, lambda item: "late"
-    )
+    results = network.concurrently(lambda item: time.sleep(item) or item, [0.2, 0, 5, 0.1], 0.6, lambda item: "late")
     assert results == [0.2, 0, "late", 0.1]
     assert time.monotonic() - began < 3
 
 
 def test_concurrently_does_not_hide_a_mistake():
     with pytest.raises(ZeroDivisionError):
-        _probe_network.concurrently(lambda item: 1 / item, [1, 0], 1, str)
+        network.concurrently(lambda item: 1 / item, [1, 0], 1, str)
 
 
 def test_awaited_ends_as_soon_as_it_may_and_at_the_deadline():
     seen = iter([1, 2, 3])
-    assert _probe_network.awaited(lambda: next(seen), lambda value: value == 2, time.monotonic() + 10) == 2
-    assert _probe_network.awaited(lambda: "no", lambda value: False, time.monotonic()) == "no"
+    assert network.awaited(lambda: next(seen), lambda value: value == 2, time.monotonic() + 10) == 2
+    assert network.awaited(lambda: "no", lambda value: False, time.monotonic()) == "no"
 
 
 @pytest.fixture
@@ -119,7 +119,7 @@ def master(port):
 
 
 def test_discovery_node_and_its_clock(discovery):
-    found = _probe_network.discovery(master(discovery), 0)
+    found = network.discovery(master(discovery), 0)
     assert found["open"] and not found["error"]
     assert abs(found["clock_offset_s"] - 3600) <= found["clock_uncertainty_s"] + 1e-3
 
@@ -127,14 +127,14 @@ def test_discovery_node_and_its_clock(discovery):
 def test_discovery_that_refuses_or_is_something_else():
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))
-        found = _probe_network.discovery(master(closed.getsockname()[1]), 0)
+        found = network.discovery(master(closed.getsockname()[1]), 0)
         assert not found["open"] and "refused" in found["error"]
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         thread = threading.Thread(target=lambda: [_greet(other) for turn in range(2)], daemon=True)
         thread.start()
-        found = _probe_network.discovery(master(other.getsockname()[1]), 0)
+        found = network.discovery(master(other.getsockname()[1]), 0)
         assert found["open"] and found["clock_offset_s"] is None and "getCurrentTime failed" in found["clock_error"]
 
 
@@ -149,13 +149,11 @@ def test_discovery_that_comes_late_is_awaited():
         late.bind(("127.0.0.1", 0))
         port = late.getsockname()[1]
         threading.Timer(0.7, late.listen).start()
-        assert _probe_network.discovery(master(port), time.monotonic() + 0)["open"] is False
+        assert network.discovery(master(port), time.monotonic() + 0)["open"] is False
         found = {}
         began = time.monotonic()
         found.update(
-            _probe_network.awaited(
-                lambda: _probe_network._connect("127.0.0.1", port), lambda seen: seen["open"], began + 10
-            )
+            network.awaited(lambda: network._connect("127.0.0.1", port), lambda seen: seen["open"], began + 10)
         )
         assert found["open"] and time.monotonic() - began < 5
 
@@ -174,7 +172,7 @@ def ros(tmp_path):
         path.write_text("#!/bin/sh\n" + script)
         path.chmod(0o755)
 
-    with _probe_ros.Ros(str(tmp_path / "environment")) as made:
+    with probe_ros.Ros(str(tmp_path / "environment")) as made:
         yield made, command
 
 
@@ -186,7 +184,7 @@ def test_command_runs_in_the_environment_of_the_file(ros):
 
 
 def test_command_that_never_ends_is_interrupted(ros, monkeypatch):
-    monkeypatch.setattr(_probe_ros, "SHORTEST", 0)
+    monkeypatch.setattr(probe_ros, "SHORTEST", 0)
     made, command = ros
     command("rostopic", 'trap "echo unregistered; exit 0" INT; while :; do sleep 0.1; done')
     output, error = made.run("rostopic", ["echo", "/x"], 0.5)
@@ -197,15 +195,15 @@ def test_command_that_fails_or_is_not_there(ros):
     made, command = ros
     command("rostopic", "echo first >&2; echo 'ERROR: Unable to communicate with master!' >&2; exit 1")
     assert made.run("rostopic", [], 5)[1] == "ERROR: Unable to communicate with master!"
-    with pytest.raises(_probe_ros.NoRos, match="no command roscall"):
+    with pytest.raises(probe_ros.NoRos, match="no command roscall"):
         made.run("roscall", [], 5)
 
 
 def test_without_an_environment_there_is_a_sentence(tmp_path):
-    with _probe_ros.Ros(str(tmp_path / "none")) as made:
-        assert "no ROS_MASTER_URI" in _probe_ros.roscore(made, 0)["error"]
-        assert "site.yml" in _probe_ros.list_masters(made, set(), 0)["error"]
-        assert _probe_ros.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0) == []
+    with probe_ros.Ros(str(tmp_path / "none")) as made:
+        assert "no ROS_MASTER_URI" in probe_ros.roscore(made, 0)["error"]
+        assert "site.yml" in probe_ros.list_masters(made, set(), 0)["error"]
+        assert probe_ros.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0) == []
         assert "site.yml" in made.missing()
 
 
@@ -258,7 +256,7 @@ def test_one_node_listens_to_all_talkers(roscore):
     made, _command = roscore
     pretend(made, "text")
     talkers = ["kobuki2computer", "kobuki3computer"]
-    heard, silent = _probe_ros.topics(made, talkers, "run", "kobuki1computer", 0)
+    heard, silent = probe_ros.topics(made, talkers, "run", "kobuki1computer", 0)
     assert (heard["heard"], heard["text"], heard["seconds"], heard["error"]) == (True, "run kobuki2computer", 0.2, "")
     assert heard["publishers"] == [{"node": "/rostopic_1_1", "uri": "http://kobuki2computer:41233/"}]
     assert not silent["heard"] and silent["publishers"] == [] and "not registered" in silent["error"]
@@ -267,14 +265,14 @@ def test_one_node_listens_to_all_talkers(roscore):
 def test_an_older_talker_is_not_taken_for_this_run(roscore):
     made, _command = roscore
     pretend(made, "'yesterday kobuki2computer'")
-    entry = _probe_ros.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)[0]
+    entry = probe_ros.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)[0]
     assert not entry["heard"] and "yesterday" in entry["error"]
 
 
 def test_a_listener_that_fails_says_why(roscore):
     made, _command = roscore
     pretend(made, "unknown_name")
-    entry = _probe_ros.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)[0]
+    entry = probe_ros.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)[0]
     assert not entry["heard"] and "unknown_name" in entry["error"]
 
 
@@ -301,18 +299,18 @@ def test_the_listener_waits_for_what_this_run_says(monkeypatch, capsys):
     message = types.SimpleNamespace(String=object)
     for name, module in (("rospy", rospy), ("std_msgs", types.SimpleNamespace(msg=message)), ("std_msgs.msg", message)):
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr(_probe_listener.os, "_exit", lambda status: None)
+    monkeypatch.setattr(probe_listener.os, "_exit", lambda status: None)
     began = time.monotonic()
-    _probe_listener.main("listener", time.time() + 5, {"/a": "run a"})
+    probe_listener.main("listener", time.time() + 5, {"/a": "run a"})
     assert time.monotonic() - began < 4
-    _probe_listener.main("listener", time.time() + 0.3, {"/b": "run b"})
+    probe_listener.main("listener", time.time() + 0.3, {"/b": "run b"})
     first, second = map(json.loads, capsys.readouterr().out.splitlines())
     assert subscribed == ["/a", "/b"]
     assert (first["/a"]["text"], first["/a"]["node"], second["/b"]["text"]) == ("run a", "/talker", "old")
 
 
 def test_forwarding_is_what_is_effective(tmp_path):
-    found = _probe_network.forwarding()
+    found = network.forwarding()
     assert found["ip_forward"] in (0, 1) and all(entry["addresses"] for entry in found["interfaces"])
     (tmp_path / "ip_forward").write_text("1\n")
     for place in ["all", *[entry["interface"] for entry in found["interfaces"]]]:
@@ -324,7 +322,7 @@ def test_forwarding_is_what_is_effective(tmp_path):
             ("send_redirects", "0"),
         ):
             (folder / setting).write_text(value + "\n")
-    for entry in _probe_network.forwarding(str(tmp_path))["interfaces"]:
+    for entry in network.forwarding(str(tmp_path))["interfaces"]:
         assert (entry["forwarding"], entry["rp_filter"], entry["send_redirects"]) == (1, 2, 0)
 
 
@@ -332,13 +330,13 @@ def test_calls_arrive_empty():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as helper:
         helper.bind(("127.0.0.1", 0))
         helper.settimeout(2)
-        assert _probe_network.call(["127.0.0.1"], helper.getsockname()[1]) == ""
-        assert [helper.recv(10) for number in range(_probe_network.TRIES)] == [b""] * _probe_network.TRIES
-    assert _probe_network.call(["255.255.255.255"], 9)  # refused by the kernel: not allowed without asking for it
+        assert network.call(["127.0.0.1"], helper.getsockname()[1]) == ""
+        assert [helper.recv(10) for number in range(network.TRIES)] == [b""] * network.TRIES
+    assert network.call(["255.255.255.255"], 9)  # refused by the kernel: not allowed without asking for it
 
 
 def test_master_api(roscore):
     made, _command = roscore
-    assert _probe_ros.roscore(made, 0)["answer"] == "http://127.0.0.1:11311/"
+    assert probe_ros.roscore(made, 0)["answer"] == "http://127.0.0.1:11311/"
     with pytest.raises(OSError, match="unknown node"):
         made.ask("lookupNode", "/nobody")

@@ -7,9 +7,9 @@ import socket
 import struct
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _probe
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import echo_request
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _environment
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import texts
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast import echo_request
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -54,7 +54,7 @@ OLD = """masters:
 
 
 def test_masters_of_today_and_of_the_report():
-    first, second = _probe.masters(LISTED)
+    first, second = texts.masters(LISTED)
     assert first == {
         "name": "kobuki1computer",
         "uri": "http://kobuki1computer:11311/",
@@ -62,23 +62,23 @@ def test_masters_of_today_and_of_the_report():
         "monitoruri": "http://192.168.1.229:11611",
     }
     assert (second["name"], second["online"]) == ("kobuki2computer", False)
-    assert _probe.masters(OLD) == [first]
+    assert texts.masters(OLD) == [first]
 
 
 @pytest.mark.parametrize(
     "text", ["", "masters: []\n", "ERROR: Service [/master_discovery/list_masters] is not available.\n"]
 )
 def test_no_masters(text):
-    assert _probe.masters(text) == []
+    assert texts.masters(text) == []
 
 
 @given(st.text(max_size=300))
 def test_any_output_is_read(text):
-    _probe.masters(text)
-    _probe.interpreter(text.encode())
-    _probe.properties(text)
-    _probe.environment(text)
-    _probe.route(text)
+    texts.masters(text)
+    texts.interpreter(text.encode())
+    texts.properties(text)
+    texts.environment(text)
+    texts.route(text)
 
 
 @pytest.mark.parametrize(
@@ -91,17 +91,17 @@ def test_any_output_is_read(text):
     ],
 )
 def test_what_runs_a_command(script, words):
-    assert _probe.interpreter(script) == words
+    assert texts.interpreter(script) == words
 
 
 def test_nodes_of_the_verification_have_names_of_their_own():
-    names = {_probe.node_of("run.1", computer) for computer in ("tibi-nav", "tibi-visio.lan")}
+    names = {texts.node_of("run.1", computer) for computer in ("tibi-nav", "tibi-visio.lan")}
     assert names == {"multimaster_verify_talker_tibi_nav_run_1", "multimaster_verify_talker_tibi_visio_lan_run_1"}
-    assert _probe.listener_of("tibi-nav") == "multimaster_verify_listener_tibi_nav"
+    assert texts.listener_of("tibi-nav") == "multimaster_verify_listener_tibi_nav"
 
 
 def test_topic_has_only_letters_of_a_graph_name():
-    assert _probe.topic_of("tibi-visio.lan") == "/multimaster_verify/tibi_visio_lan"
+    assert texts.topic_of("tibi-visio.lan") == "/multimaster_verify/tibi_visio_lan"
 
 
 values = st.text(st.characters(min_codepoint=32, max_codepoint=0x2FF, exclude_characters="\x7f"), max_size=30)
@@ -109,15 +109,15 @@ values = st.text(st.characters(min_codepoint=32, max_codepoint=0x2FF, exclude_ch
 
 @given(st.dictionaries(st.from_regex(r"[A-Z_][A-Z0-9_]{0,8}", fullmatch=True), values, max_size=5))
 def test_environment_is_read_as_it_is_written(variables):
-    environment = _environment.Environment(variables)
-    render = dict(_environment.CONSUMERS)["/etc/rosfleet-multimaster/environment"]
-    assert _probe.environment(render(environment, _environment.Machine())) == variables
+    environment = environment_module.Environment(variables)
+    render = dict(environment_module.CONSUMERS)["/etc/rosfleet-multimaster/environment"]
+    assert texts.environment(render(environment, environment_module.Machine())) == variables
 
 
 def test_differing_names_what_the_process_lacks():
     process = b"ROS_MASTER_URI=http://old:11311\0PATH=/bin\0broken\0"
     wanted = {"ROS_MASTER_URI": "http://new:11311", "ROS_HOSTNAME": "kobuki1computer", "PATH": "/bin"}
-    assert _probe.differing(process, wanted) == ["ROS_HOSTNAME", "ROS_MASTER_URI"]
+    assert texts.differing(process, wanted) == ["ROS_HOSTNAME", "ROS_MASTER_URI"]
 
 
 def ip(body, source="192.168.1.239", destination="192.168.1.229", options=b""):
@@ -127,9 +127,9 @@ def ip(body, source="192.168.1.239", destination="192.168.1.229", options=b""):
 
 def test_echo_reply_is_ours_by_its_identifier():
     reply = ip(b"\0\0" + echo_request(7, 3)[2:], options=b"\1\1\1\0")
-    assert _probe.echo(reply, 7) == ("192.168.1.239", 3, "")
-    assert _probe.echo(reply, 8) is None
-    assert _probe.echo(ip(echo_request(7, 3)), 7) is None  # a request, as on the loopback interface
+    assert texts.echo(reply, 7) == ("192.168.1.239", 3, "")
+    assert texts.echo(reply, 8) is None
+    assert texts.echo(ip(echo_request(7, 3)), 7) is None  # a request, as on the loopback interface
 
 
 @pytest.mark.parametrize(
@@ -138,13 +138,13 @@ def test_echo_reply_is_ours_by_its_identifier():
 )
 def test_what_routers_say(kind, code, text):
     refusal = struct.pack("!BBHI", kind, code, 0, 0) + ip(echo_request(7, 3), "192.168.1.229", "192.168.1.239")
-    heard = _probe.echo(ip(refusal, source="192.168.1.1"), 7)
+    heard = texts.echo(ip(refusal, source="192.168.1.1"), 7)
     assert (
         (heard is None)
         if text is None
         else (heard.sequence == 3 and text in heard.error and "192.168.1.1" in heard.error)
     )
-    assert _probe.echo(ip(refusal), 8) is None
+    assert texts.echo(ip(refusal), 8) is None
 
 
 # As rospy and roscpp answer getBusInfo; the last one as before kinetic.
@@ -165,7 +165,7 @@ BUS_INFO = [
 
 
 def test_links_of_a_node():
-    assert _probe.links(BUS_INFO) == [
+    assert texts.links(BUS_INFO) == [
         ("in", "/goal", "http://kobuki2computer:41233/", "kobuki2computer"),
         ("out", "/odom", "/planner", "192.168.1.239"),
         ("in", "/old", "http://Kobuki2Computer:41233/", "kobuki2computer"),
@@ -180,12 +180,12 @@ nonsense = st.recursive(
 
 @given(nonsense)
 def test_any_bus_info_is_read(answer):
-    _probe.links(answer)
+    texts.links(answer)
 
 
 @given(st.binary(max_size=80))
 def test_any_packet_is_read(packet):
-    _probe.echo(packet, 7)
+    texts.echo(packet, 7)
 
 
 @pytest.mark.parametrize(
@@ -201,5 +201,5 @@ def test_any_packet_is_read(packet):
     ],
 )
 def test_route(line, expected):
-    route = _probe.route(line)
+    route = texts.route(line)
     assert (route["device"], route["source"], route["gateway"], route["metric"]) == expected

@@ -12,7 +12,7 @@ import pytest
 from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure
 from ansible.playbook.task import Task
 from ansible.plugins.connection import ConnectionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _guarded
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import confirmed
 
 UNCONFIRMED = {"changed": True, "unconfirmed": True, "diff": [1], "settings": ["first"]}
 CONFIRMED = {"changed": True, "unconfirmed": False, "diff": [], "settings": ["second"]}
@@ -46,10 +46,10 @@ class Keepless(Kept):
 @pytest.fixture
 def play(monkeypatch):
     """Run the action against a machine that answers so; returns the result, the runs' options and the connection."""
-    monkeypatch.setattr(_guarded, "PAUSE", 0.01)
-    monkeypatch.setattr(_guarded, "GRACE", 0.3)
-    monkeypatch.setattr(_guarded.ConnectionBase, "reset", lambda self: pytest.fail("this one warns"))
-    Keepless.reset = _guarded.ConnectionBase.reset
+    monkeypatch.setattr(confirmed, "PAUSE", 0.01)
+    monkeypatch.setattr(confirmed, "GRACE", 0.3)
+    monkeypatch.setattr(confirmed.ConnectionBase, "reset", lambda self: pytest.fail("this one warns"))
+    Keepless.reset = confirmed.ConnectionBase.reset
 
     def play(*answers, kind=Kept, transport="ssh", check=False, tmpdir=None, confirm_within=0.2, **args):
         task = Task()
@@ -70,9 +70,9 @@ def play(monkeypatch):
                 raise answer
             return dict(answer)
 
-        action = _guarded.GuardedAction(task, connection, None, None, None, None)
+        action = confirmed.GuardedAction(task, connection, None, None, None, None)
         action._execute_module = execute
-        monkeypatch.setattr(_guarded, "_seconds", lambda value: value or 0)  # fractions, for a quick test
+        monkeypatch.setattr(confirmed, "_seconds", lambda value: value or 0)  # fractions, for a quick test
         return action.run(task_vars={}), runs, connection
 
     return play
@@ -195,21 +195,21 @@ def test_no_switch_where_none_is_needed(play, options):
 
 @pytest.mark.parametrize(("value", "seconds"), [("30", 30), (30, 30), (None, 0), ("", 0), ("soon", 0), (-5, 0), (0, 0)])
 def test_seconds(value, seconds):
-    assert _guarded._seconds(value) == seconds
+    assert confirmed._seconds(value) == seconds
 
 
 def test_the_limit_leaves_others_alone():
-    with _guarded._bounded(60):
+    with confirmed._bounded(60):
         pass
     assert signal.getsignal(signal.SIGALRM) == signal.SIG_DFL
-    with pytest.raises(AnsibleConnectionFailure, match="no answer within 0 s"), _guarded._bounded(0.05):
+    with pytest.raises(AnsibleConnectionFailure, match="no answer within 0 s"), confirmed._bounded(0.05):
         time.sleep(5)
-    with pytest.raises(ZeroDivisionError), _guarded._bounded(60):
+    with pytest.raises(ZeroDivisionError), confirmed._bounded(60):
         1 / 0  # noqa: B018
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
     signal.setitimer(signal.ITIMER_REAL, 50)  # as a task's own timeout
     try:
-        with _guarded._bounded(0.01):
+        with confirmed._bounded(0.01):
             time.sleep(0.05)
         assert 40 < signal.getitimer(signal.ITIMER_REAL)[0] <= 50
     finally:
@@ -220,7 +220,7 @@ def test_the_limit_needs_the_main_thread():
     ended = []
 
     def work():
-        with _guarded._bounded(0.01):
+        with confirmed._bounded(0.01):
             time.sleep(0.05)
         ended.append(True)
 

@@ -10,20 +10,18 @@ import pathlib
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import (
-    _contradictions,
-    _exports,
-    _fleet,
-    _flows,
-    _plan,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._values import Unexpected
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import contradictions
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports as exports_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "roles/nodes/files/python"))
+sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))
 
-from rosfleet_multimaster import filters, graph, parameters  # noqa: E402
+from rosfleet_multimaster.core import filters, graph, parameters  # noqa: E402
 
 VERIFY = "/multimaster_verify/*"
 
@@ -65,11 +63,11 @@ def fleet(shared=None, **of_robot):
             **(shared or {}),
             **{f"multimaster_{name}": value for name, value in of_robot.get(robot, {}).items()},
         }
-    return _fleet.read_fleet(_fleet.Inventory(robots=robots, variables=variables))
+    return fleet_module.read_fleet(fleet_module.Inventory(robots=robots, variables=variables))
 
 
 def problems(shared=None, **of_robot):
-    with pytest.raises(_fleet.InventoryProblems) as caught:
+    with pytest.raises(fleet_module.InventoryProblems) as caught:
         fleet(shared, **of_robot)
     return caught.value.problems
 
@@ -80,7 +78,7 @@ def exports(*entries, **filters_of_robot):
 
 def both_sides(model):
     """(exports, hide_subscribers) of master_discovery and the parameters of master_sync, by robot."""
-    computers = _plan.plan(model)["computers"]
+    computers = plan_module.plan(model)["computers"]
     return {
         robot: (
             computers[master]["discovery"].get("exports"),
@@ -95,10 +93,10 @@ def both_sides(model):
 
 
 def test_a_declaration_is_read():
-    (entry,) = _exports.read([{"topics": ["/tibi/pose", "/tibi/scan*"], "actions": ["/dock"], "to": ["dabo"]}])
-    assert entry == _exports.Export(topics=("/tibi/pose", "/tibi/scan*"), actions=("/dock",), to=("dabo",))
+    (entry,) = exports_module.read([{"topics": ["/tibi/pose", "/tibi/scan*"], "actions": ["/dock"], "to": ["dabo"]}])
+    assert entry == exports_module.Export(topics=("/tibi/pose", "/tibi/scan*"), actions=("/dock",), to=("dabo",))
     assert str(entry) == "{topics: [/tibi/pose, /tibi/scan*], actions: [/dock], to: [dabo]}"
-    assert _exports.read([]) == ()
+    assert exports_module.read([]) == ()
 
 
 @pytest.mark.parametrize(
@@ -135,7 +133,7 @@ def test_a_declaration_is_read():
 )
 def test_a_wrong_declaration_is_one_sentence(value, expected):
     with pytest.raises(Unexpected) as caught:
-        _exports.read(value)
+        exports_module.read(value)
     assert expected in str(caught.value)
 
 
@@ -152,7 +150,7 @@ def test_a_wrong_declaration_is_one_sentence(value, expected):
 )
 def test_whatever_is_declared_the_answer_is_entries_or_a_sentence(value):
     try:
-        found = _exports.read(value)
+        found = exports_module.read(value)
     except Unexpected as problem:
         assert str(problem)
     else:
@@ -160,7 +158,7 @@ def test_whatever_is_declared_the_answer_is_entries_or_a_sentence(value):
 
 
 def test_what_is_never_exchanged_is_what_the_nodes_never_exchange():
-    assert _exports.NEVER == filters.BUILT_IN
+    assert exports_module.NEVER == filters.BUILT_IN
 
 
 # Contradictions
@@ -282,8 +280,8 @@ def test_computers_of_a_robot_that_disagree_are_named():
     }
     variables["dabo-visio"]["multimaster_exports"] = [RESET]
     variables["dabo-nav"]["multimaster_exports"] = [POSE]
-    with pytest.raises(_fleet.InventoryProblems) as caught:
-        _fleet.read_fleet(_fleet.Inventory(robots={"dabo": list(variables)}, variables=variables))
+    with pytest.raises(fleet_module.InventoryProblems) as caught:
+        fleet_module.read_fleet(fleet_module.Inventory(robots={"dabo": list(variables)}, variables=variables))
     (found,) = caught.value.problems
     assert "dabo-nav: multimaster_exports is [{topics: [/pose]}], but dabo-visio has [{services: [/reset]}]" in found
 
@@ -298,8 +296,8 @@ def test_a_declaration_on_one_computer_is_the_robots_and_is_checked():
         for host in ("dabo-visio", "dabo-nav")
     }
     variables["dabo-visio"]["multimaster_exports"] = [{**POSE, "to": ["nobody"]}]
-    with pytest.raises(_fleet.InventoryProblems, match="multimaster_exports is for 'nobody', which is no robot"):
-        _fleet.read_fleet(_fleet.Inventory(robots={"dabo": list(variables)}, variables=variables))
+    with pytest.raises(fleet_module.InventoryProblems, match="multimaster_exports is for 'nobody', which is no robot"):
+        fleet_module.read_fleet(fleet_module.Inventory(robots={"dabo": list(variables)}, variables=variables))
 
 
 @pytest.mark.parametrize(("rate", "after"), [(1, 5), (0.5, 5), (0.4, 5), (0.35, 6.7), (0.1, 20), (0.02, 65)])
@@ -330,9 +328,9 @@ def test_what_may_be_meant_is_no_problem(declared):
 
 
 def test_a_hundred_robots_with_one_service_are_a_few_sentences():
-    entries = _exports.read([RESET])
-    parties = [_contradictions.Party(f"r{number}", f"c{number}", f"c{number}", entries) for number in range(100)]
-    found = _contradictions.problems(parties, {party.name: [party.host] for party in parties})
+    entries = exports_module.read([RESET])
+    parties = [contradictions.Party(f"r{number}", f"c{number}", f"c{number}", entries) for number in range(100)]
+    found = contradictions.problems(parties, {party.name: [party.host] for party in parties})
     assert len(found) == 3
     assert any(
         "c0: multimaster_exports gives the service /reset to r2, r3, r4 and 95 more, and so does that of r1;"
@@ -345,7 +343,7 @@ def test_a_hundred_robots_with_one_service_are_a_few_sentences():
 
 
 def test_without_a_declaration_everything_is_exchanged():
-    plan = _plan.plan(fleet())
+    plan = plan_module.plan(fleet())
     assert plan["flows"] == []
     assert [master["declared"] for master in plan["masters"]] == [False, False, False]
     assert both_sides(fleet()) == {robot: (None, [], {}) for robot in MASTER}
@@ -379,7 +377,7 @@ def test_two_robots_give_to_a_third():
             },
         ),
     }
-    assert _plan.plan(model)["flows"] == [
+    assert plan_module.plan(model)["flows"] == [
         {"from": ["tibi"], "to": ["dabo"], "topics": ["/pose"], "services": []},
         {"from": ["car"], "to": ["dabo"], "topics": ["/scan*"], "services": ["/reset"]},
     ]
@@ -406,7 +404,7 @@ def test_an_action_flows_in_each_direction():
         "tibi-visio": {"sync_topics": [*server, VERIFY], "sync_services": []},
         "ignore_hosts": ["car"],
     }
-    assert _plan.plan(model)["flows"][:2] == [
+    assert plan_module.plan(model)["flows"][:2] == [
         {"from": ["tibi"], "to": ["dabo", "car"], "topics": server, "services": []},
         {"from": ["dabo", "car"], "to": ["tibi"], "topics": client, "services": []},
     ]
@@ -414,12 +412,12 @@ def test_an_action_flows_in_each_direction():
 
 def test_beside_a_declaration_the_others_give_everything_but_subscribers():
     model = fleet(tibi=exports({**DOCK, "to": ["dabo"]}))
-    assert [master["declared"] for master in _plan.plan(model)["masters"]] == [True, False, False]
+    assert [master["declared"] for master in plan_module.plan(model)["masters"]] == [True, False, False]
     sides = both_sides(model)
     assert sides["dabo"][:2] == sides["car"][:2] == (None, ["*"])
     assert sides["car"][2] == {"ignore_subscribers": ["*"], "ignore_hosts": ["tibi-visio"]}
     assert sides["tibi"][2] == {"ignore_subscribers": ["*"]}
-    assert [flow["from"] for flow in _plan.plan(model)["flows"]] == [["tibi"]]
+    assert [flow["from"] for flow in plan_module.plan(model)["flows"]] == [["tibi"]]
 
 
 @pytest.mark.parametrize("name", ["ignore_services", "ignore_subscribers"])
@@ -488,7 +486,7 @@ def entries_of(robot):
         tuple
     )
     return st.none() | st.lists(
-        st.builds(_exports.Export, topics=some, services=some, actions=some, to=others), max_size=3
+        st.builds(exports_module.Export, topics=some, services=some, actions=some, to=others), max_size=3
     ).map(tuple)
 
 
@@ -575,7 +573,7 @@ def test_both_sides_let_pass_exactly_what_is_declared(robots, filters_of):
             for robot in model.robots
         ),
     )
-    computers = _plan.plan(model)["computers"]
+    computers = plan_module.plan(model)["computers"]
     for giver in MASTER:
         of_giver, warnings = parameters.overlay(parameters.DISCOVERY, computers[MASTER[giver]]["discovery"])
         assert not warnings
@@ -589,7 +587,7 @@ def test_both_sides_let_pass_exactly_what_is_declared(robots, filters_of):
                     expected = declared(robots, giver, taker, key, name)
                     assert served.has(key, name) == expected
                     assert taken.has(key, name) == (expected and wanted.has(key, name))
-            flows = robots[giver] is None or giver in _flows.received(model.flows, taker)
+            flows = robots[giver] is None or giver in flows_module.received(model.flows, taker)
             assert served.has("topics", VERIFYING) == flows
             assert robots[giver] is None or served.nodes <= {"/n"}  # what it has from others is not its to give
             if any(entries is not None for entries in robots.values()):
@@ -621,6 +619,6 @@ def test_the_plan_of_a_hundred_robots_that_each_export_to_all_stays_small():
         }
         for number in range(100)
     }
-    plan = _plan.plan(_fleet.read_fleet(_fleet.Inventory(robots=robots, variables=variables)))
+    plan = plan_module.plan(fleet_module.read_fleet(fleet_module.Inventory(robots=robots, variables=variables)))
     assert len(json.dumps(plan["flows"])) < 200_000
     assert len(json.dumps(plan["computers"]["r7-c"])) < 40_000

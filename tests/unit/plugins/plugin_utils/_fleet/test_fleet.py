@@ -6,7 +6,9 @@
 import copy
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _exports, _fleet, _plan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -28,11 +30,11 @@ def fleet(change=None):
     data = copy.deepcopy(KOBUKIS)
     if change:
         change(data["robots"], data["variables"])
-    return _fleet.read_fleet(_fleet.Inventory(**data))
+    return fleet_module.read_fleet(fleet_module.Inventory(**data))
 
 
 def problems(change):
-    with pytest.raises(_fleet.InventoryProblems) as caught:
+    with pytest.raises(fleet_module.InventoryProblems) as caught:
         fleet(change)
     return caught.value.problems
 
@@ -46,7 +48,7 @@ def everywhere(**values):
 
 
 def test_plan_of_figure_5():
-    plan = _plan.plan(fleet())
+    plan = plan_module.plan(fleet())
     assert plan["hosts_entries"] == [
         {"address": "192.168.1.229", "names": ["kobuki1computer"]},
         {"address": "192.168.1.239", "names": ["kobuki2computer"]},
@@ -88,7 +90,7 @@ def test_plan_of_figure_5():
     [("both", True, ["192.168.1.239"]), ("multicast", True, []), ("unicast", False, ["192.168.1.239"])],
 )
 def test_transport(transport, multicast, peers):
-    discovery = _plan.plan(fleet(everywhere(multimaster_transport=transport)))["computers"]["kobuki1computer"][
+    discovery = plan_module.plan(fleet(everywhere(multimaster_transport=transport)))["computers"]["kobuki1computer"][
         "discovery"
     ]
     assert (discovery["send_mcast"], discovery["listen_mcast"], discovery["robot_hosts"]) == (
@@ -99,12 +101,14 @@ def test_transport(transport, multicast, peers):
 
 
 def test_advertise_address():
-    computer = _plan.plan(fleet(everywhere(multimaster_advertise="address")))["computers"]["kobuki1computer"]
+    computer = plan_module.plan(fleet(everywhere(multimaster_advertise="address")))["computers"]["kobuki1computer"]
     assert computer["environment"] == {"ROS_MASTER_URI": "http://192.168.1.229:11311", "ROS_IP": "192.168.1.229"}
 
 
 def test_existing_roscore_on_another_port():
-    plan = _plan.plan(fleet(setting("kobuki2computer", multimaster_roscore="existing", multimaster_roscore_port=11411)))
+    plan = plan_module.plan(
+        fleet(setting("kobuki2computer", multimaster_roscore="existing", multimaster_roscore_port=11411))
+    )
     second = plan["computers"]["kobuki2computer"]
     assert second["services"] == ["discovery", "sync"]
     assert second["environment"]["ROS_MASTER_URI"] == "http://kobuki2computer:11411"
@@ -119,7 +123,7 @@ def test_second_computer_of_a_robot_has_the_environment_and_no_services():
         for host in robots["kobuki1"]:
             variables[host]["multimaster_master"] = "kobuki1computer"
 
-    arm = _plan.plan(fleet(change))["computers"]["kobuki1arm"]
+    arm = plan_module.plan(fleet(change))["computers"]["kobuki1arm"]
     assert arm["environment"]["ROS_MASTER_URI"] == "http://kobuki1computer:11311"
     assert arm["environment"]["ROS_HOSTNAME"] == "kobuki1arm"
     assert (arm["is_master"], arm["services"], arm["discovery"], arm["ports"]) == (False, [], {}, [])
@@ -127,9 +131,9 @@ def test_second_computer_of_a_robot_has_the_environment_and_no_services():
 
 def test_an_action_in_a_filter_is_its_five_topics():
     filters = {"ignore_actions": ["/dock"], "ignore_topics": ["/tf"], "ignore_types": ["sensor_msgs/Image"]}
-    sync = _plan.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"]["kobuki1computer"][
-        "sync"
-    ]
+    sync = plan_module.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"][
+        "kobuki1computer"
+    ]["sync"]
     assert sync == {
         "ignore_topics": ["/dock/goal", "/dock/cancel", "/dock/status", "/dock/feedback", "/dock/result", "/tf"],
         "ignore_type": ["sensor_msgs/Image"],
@@ -138,15 +142,15 @@ def test_an_action_in_a_filter_is_its_five_topics():
 
 
 def test_alternatives_of_an_action_are_alternatives_of_each_of_its_topics():
-    assert _exports.topics_of([" /dock|/undock/ ", "/go"], ["goal"]) == ("(?:/dock|/undock)/goal", "/go/goal")
+    assert exports.topics_of([" /dock|/undock/ ", "/go"], ["goal"]) == ("(?:/dock|/undock)/goal", "/go/goal")
 
 
 @pytest.mark.parametrize("name", ["sync_nodes", "sync_services", "sync_topics"])
 def test_a_white_list_lets_the_verification_pass(name):
     filters = {name: ["/pose"]}
-    sync = _plan.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"]["kobuki1computer"][
-        "sync"
-    ]
+    sync = plan_module.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"][
+        "kobuki1computer"
+    ]["sync"]
     topics = [*filters.get("sync_topics", []), "/multimaster_verify/*"]
     assert sync == {**filters, "sync_topics": topics, "ignore_subscribers": ["*"]}
 
@@ -312,8 +316,8 @@ def test_one_wrong_line_of_the_inventory_is_one_sentence():
 
 
 def test_an_empty_inventory_is_named():
-    with pytest.raises(_fleet.InventoryProblems, match="below the group 'robots'"):
-        _fleet.read_fleet(_fleet.Inventory(robots={}, variables={}))
+    with pytest.raises(fleet_module.InventoryProblems, match="below the group 'robots'"):
+        fleet_module.read_fleet(fleet_module.Inventory(robots={}, variables={}))
 
 
 @given(
@@ -355,10 +359,10 @@ def test_an_empty_inventory_is_named():
 def test_whatever_the_inventory_says_the_answer_is_a_plan_or_sentences(values):
     try:
         model = fleet(setting("kobuki1computer", **values))
-    except _fleet.InventoryProblems as found:
+    except fleet_module.InventoryProblems as found:
         assert all(found.problems)
     else:
-        assert set(_plan.plan(model)["computers"]) == {"kobuki1computer", "kobuki2computer"}
+        assert set(plan_module.plan(model)["computers"]) == {"kobuki1computer", "kobuki2computer"}
 
 
 def test_the_plan_grows_with_the_number_of_computers():
@@ -376,7 +380,7 @@ def test_the_plan_grows_with_the_number_of_computers():
                     "multimaster_master": f"r{robot}-c0",
                 }
 
-    plan = _plan.plan(fleet(change))
+    plan = plan_module.plan(fleet(change))
     assert len(plan["hosts_entries"]) == 500
     inner = plan["computers"]["r7-c3"]
     assert len(str(inner)) < 1000

@@ -10,11 +10,12 @@ import re
 
 import pytest
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _fleet, _plan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-SHIPPED = pathlib.Path(__file__).resolve().parents[2] / "inventory" / "multi_computer"
+SHIPPED = pathlib.Path(__file__).resolve().parents[5] / "inventory" / "multi_computer"
 
 
 def _read():
@@ -41,11 +42,11 @@ def fleet(*changes):
     data = copy.deepcopy(MULTI)
     for change in changes:
         change(data)
-    return _fleet.read_fleet(_fleet.Inventory(**data))
+    return fleet_module.read_fleet(fleet_module.Inventory(**data))
 
 
 def computers(*changes):
-    return _plan.plan(fleet(*changes))["computers"]
+    return plan_module.plan(fleet(*changes))["computers"]
 
 
 def robot(name, **values):
@@ -67,7 +68,7 @@ def host(name, **values):
 
 
 def problems(*changes):
-    with pytest.raises(_fleet.InventoryProblems) as caught:
+    with pytest.raises(fleet_module.InventoryProblems) as caught:
         fleet(*changes)
     return caught.value.problems
 
@@ -83,7 +84,7 @@ def kobuki(data):
 
 
 def test_the_hosts_file_of_figure_12():
-    entries = {entry["address"]: entry["names"] for entry in _plan.plan(fleet())["hosts_entries"]}
+    entries = {entry["address"]: entry["names"] for entry in plan_module.plan(fleet())["hosts_entries"]}
     assert entries == {
         "192.168.11.202": ["tibi-monitor"],
         "192.168.11.100": ["tibi-nav"],
@@ -153,7 +154,7 @@ def test_discovery_is_pinned_to_the_common_network_on_a_gateway():
 
 
 def test_peers_are_symmetric():
-    plan = _plan.plan(fleet())
+    plan = plan_module.plan(fleet())
     address = {master["computer"]: master["address"] for master in plan["masters"]}
     for name, own in address.items():
         for other in address:
@@ -162,14 +163,14 @@ def test_peers_are_symmetric():
 
 
 def test_the_master_as_the_others_see_it():
-    masters = {master["robot"]: master for master in _plan.plan(fleet())["masters"]}
+    masters = {master["robot"]: master for master in plan_module.plan(fleet())["masters"]}
     assert masters["tibi"]["uri"] == "http://tibi-visio:11311/"
     assert masters["tibi"]["monitor_uri"] == "http://192.168.1.201:11611"
     assert masters["dabo"]["monitor_uri"] == "http://192.168.10.100:11611"
 
 
 def test_who_takes_part_in_the_measurement():
-    members = {member["name"]: member for member in _plan.plan(fleet())["members"]}
+    members = {member["name"]: member for member in plan_module.plan(fleet())["members"]}
     assert len(members) == 12
     assert [name for name, member in members.items() if member["multicast"]] == [
         "tibi-visio",
@@ -184,7 +185,7 @@ SMCROUTE = {"multimaster_multicast_routing": "smcroute", "multimaster_multicast_
 
 
 def test_multicast_routing_is_the_gateways():
-    plan = _plan.plan(fleet(everywhere(**SMCROUTE)))
+    plan = plan_module.plan(fleet(everywhere(**SMCROUTE)))
     routing = {name: of["multicast_routing"] for name, of in plan["computers"].items() if of["multicast_routing"]}
     assert sorted(routing) == ["car-visio", "dabo-visio", "tibi-visio"]
     assert routing["dabo-visio"] == {"group": "239.255.0.1", "addresses": ["192.168.10.101", "192.168.1.202"]}
@@ -193,7 +194,7 @@ def test_multicast_routing_is_the_gateways():
 
 def test_a_gateway_of_another_make():
     device = robot("tibi", multimaster_gateway="192.168.11.1")
-    plan = _plan.plan(fleet(device, robot("tibi", multimaster_master="tibi-nav")))
+    plan = plan_module.plan(fleet(device, robot("tibi", multimaster_master="tibi-nav")))
     assert plan["networks"][0] == {
         "robot": "tibi",
         "network": "192.168.11.0/24",
@@ -210,7 +211,7 @@ def test_a_router_of_another_make_is_only_named():
         data["routers"] = []
         everywhere(multimaster_router="192.168.1.254")(data)
 
-    plan = _plan.plan(fleet(change))
+    plan = plan_module.plan(fleet(change))
     assert plan["router"] == {"name": "", "address": "192.168.1.254"}
     assert len(plan["computers"]) == 12
 
@@ -389,5 +390,5 @@ def test_multicast_alone_reaches_an_inner_master_where_it_is_routed():
 def test_whatever_a_robot_says_the_answer_is_a_plan_or_sentences(values):
     try:
         assert len(computers(robot("tibi", **values))) == 13
-    except _fleet.InventoryProblems as found:
+    except fleet_module.InventoryProblems as found:
         assert all(sentence.endswith(".") for sentence in found.problems)

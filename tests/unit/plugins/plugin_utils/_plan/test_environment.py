@@ -10,8 +10,8 @@ import subprocess
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.filter.environment_files import environment_files
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _ros, _shells
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _environment
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ros, shells
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -40,7 +40,7 @@ VALUES = st.text(
 
 
 def rendered(environment, machine=None):
-    made = _environment.files(environment, machine or _environment.Machine())
+    made = environment_module.files(environment, machine or environment_module.Machine())
     return {file["path"]: file["content"] for file in made}
 
 
@@ -71,7 +71,7 @@ def generated(content, before=None):
     }
     done = subprocess.run([GENERATOR], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, check=True)
     assert done.stderr == b""
-    return _shells.unquoted(done.stdout.decode())
+    return shells.unquoted(done.stdout.decode())
 
 
 @pytest.fixture(autouse=True)
@@ -80,7 +80,7 @@ def scratch(tmp_path, monkeypatch):
 
 
 def test_merge_ours_win_and_come_first():
-    merged = _environment.merge(NOETIC, OURS)
+    merged = environment_module.merge(NOETIC, OURS)
     assert merged.texts == {**OURS, "ROS_DISTRO": "noetic"}
     assert merged.lists["ROS_PACKAGE_PATH"] == (SHARE, "/home/robot/ws/src", "/opt/ros/noetic/share")
     assert merged.lists["PYTHONPATH"] == (PYTHON, "/opt/ros/noetic/lib/python3/dist-packages")
@@ -88,7 +88,7 @@ def test_merge_ours_win_and_come_first():
 
 
 def test_merge_by_address_unsets_the_name():
-    merged = _environment.merge(
+    merged = environment_module.merge(
         {"ROS_HOSTNAME": "old"}, {"ROS_MASTER_URI": "http://192.168.1.229:11311", "ROS_IP": "192.168.1.229"}
     )
     assert "ROS_HOSTNAME" not in merged.texts
@@ -96,11 +96,11 @@ def test_merge_by_address_unsets_the_name():
 
 
 def test_merge_without_ros_needs_no_path():
-    assert set(_environment.merge({}, OURS).lists) == {"PYTHONPATH", "ROS_PACKAGE_PATH"}
+    assert set(environment_module.merge({}, OURS).lists) == {"PYTHONPATH", "ROS_PACKAGE_PATH"}
 
 
 def test_units_file():
-    content = rendered(_environment.merge(NOETIC, OURS))["/etc/rosfleet-multimaster/environment"]
+    content = rendered(environment_module.merge(NOETIC, OURS))["/etc/rosfleet-multimaster/environment"]
     assert content.splitlines()[1:] == [
         "PATH=/opt/ros/noetic/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
         f"PYTHONPATH={PYTHON}:/opt/ros/noetic/lib/python3/dist-packages",
@@ -113,7 +113,7 @@ def test_units_file():
 
 @pytest.mark.parametrize("shell", ["sh", "bash"])
 def test_profile_adds_in_front_and_only_once(shell):
-    profile = rendered(_environment.merge(NOETIC, OURS))[_environment.PROFILE]
+    profile = rendered(environment_module.merge(NOETIC, OURS))[environment_module.PROFILE]
     first = sourced(profile, {"PYTHONPATH": "/home/robot/python", "ROS_IP": "10.0.0.9"}, shell)
     assert first["PYTHONPATH"] == f"{PYTHON}:/opt/ros/noetic/lib/python3/dist-packages:/home/robot/python"
     assert first["PATH"] == "/opt/ros/noetic/bin:/usr/bin:/bin"
@@ -123,7 +123,7 @@ def test_profile_adds_in_front_and_only_once(shell):
 
 
 def test_profile_keeps_the_order_of_a_person():
-    profile = rendered(_environment.merge(NOETIC, OURS))[_environment.PROFILE]
+    profile = rendered(environment_module.merge(NOETIC, OURS))[environment_module.PROFILE]
     mine = f"/mine:{PYTHON}:/opt/ros/noetic/lib/python3/dist-packages"
     assert sourced(profile, {"PYTHONPATH": mine})["PYTHONPATH"] == mine
 
@@ -131,8 +131,8 @@ def test_profile_keeps_the_order_of_a_person():
 @given(text=VALUES, entry=VALUES.filter(lambda value: ":" not in value))
 @settings(max_examples=60, deadline=None)
 def test_profile_quotes_everything(text, entry):
-    environment = _environment.merge({"ROS_NOTE": text, "PYTHONPATH": entry}, OURS)
-    seen = sourced(rendered(environment)[_environment.PROFILE])
+    environment = environment_module.merge({"ROS_NOTE": text, "PYTHONPATH": entry}, OURS)
+    seen = sourced(rendered(environment)[environment_module.PROFILE])
     assert seen["ROS_NOTE"] == text
     assert seen["PYTHONPATH"] == f"{PYTHON}:{entry}"
 
@@ -141,8 +141,8 @@ def test_profile_quotes_everything(text, entry):
 @given(text=VALUES, entry=VALUES.filter(lambda value: ":" not in value))
 @settings(max_examples=60, deadline=None)
 def test_desktop_quotes_everything(text, entry):
-    environment = _environment.merge({"ROS_NOTE": text, "PYTHONPATH": entry}, OURS)
-    content = rendered(environment)[_environment.DESKTOP]
+    environment = environment_module.merge({"ROS_NOTE": text, "PYTHONPATH": entry}, OURS)
+    content = rendered(environment)[environment_module.DESKTOP]
     seen = generated(content)
     assert seen["ROS_NOTE"] == text
     assert seen["PYTHONPATH"] == f"{PYTHON}:{entry}"
@@ -150,16 +150,18 @@ def test_desktop_quotes_everything(text, entry):
 
 
 def test_ssh_is_one_line_with_the_system_path():
-    content = rendered(_environment.merge({**NOETIC, "ROS_NOTE": 'two "words" and \\'}, OURS))[_environment.SSHD]
+    content = rendered(environment_module.merge({**NOETIC, "ROS_NOTE": 'two "words" and \\'}, OURS))[
+        environment_module.SSHD
+    ]
     lines = [line for line in content.splitlines() if not line.startswith("#")]
     assert len(lines) == 1
-    assert lines[0].startswith(f"SetEnv PATH=/opt/ros/noetic/bin:{_environment.SSH_PATH} PYTHONPATH=")
+    assert lines[0].startswith(f"SetEnv PATH=/opt/ros/noetic/bin:{environment_module.SSH_PATH} PYTHONPATH=")
     assert '"ROS_NOTE=two \\"words\\" and \\\\"' in lines[0]
 
 
 def test_ssh_keeps_the_path_of_the_machine():
-    machine = _environment.machine({**INFO, "sshd": {**INFO["sshd"], "path": "/usr/bin:/snap/bin"}})
-    content = rendered(_environment.merge(NOETIC, OURS), machine)[_environment.SSHD]
+    machine = environment_module.machine({**INFO, "sshd": {**INFO["sshd"], "path": "/usr/bin:/snap/bin"}})
+    content = rendered(environment_module.merge(NOETIC, OURS), machine)[environment_module.SSHD]
     assert "PATH=/opt/ros/noetic/bin:/usr/bin:/snap/bin " in content
 
 
@@ -176,7 +178,7 @@ def test_ssh_keeps_the_path_of_the_machine():
 )
 def test_ssh_is_left_out_with_a_sentence(sshd, note):
     made = environment_files(OURS, {**INFO, "sshd": {**INFO["sshd"], **sshd}})
-    assert _environment.SSHD not in [file["path"] for file in made["files"]]
+    assert environment_module.SSHD not in [file["path"] for file in made["files"]]
     assert len(made["files"]) == 3
     assert made["digest"] == environment_files(OURS, INFO)["digest"]
     assert made["notes"] == [] if note is None else note in made["notes"][0]
@@ -185,13 +187,13 @@ def test_ssh_is_left_out_with_a_sentence(sshd, note):
 def test_ssh_ignores_the_setenv_below_a_match():
     other = {"file": "/etc/ssh/sshd_config", "line": 7, "text": "SetEnv A=1", "match": True}
     made = environment_files(OURS, {**INFO, "sshd": {**INFO["sshd"], "other_setenv": [other]}})
-    assert _environment.SSHD in [file["path"] for file in made["files"]]
+    assert environment_module.SSHD in [file["path"] for file in made["files"]]
     assert made["notes"] == []
 
 
 def test_hook_brings_back_what_a_set_up_file_drops(tmp_path):
     hooks = tmp_path / "etc/catkin/profile.d"
-    content = rendered(_environment.merge(NOETIC, OURS), _environment.Machine(hooks=str(hooks)))[
+    content = rendered(environment_module.merge(NOETIC, OURS), environment_module.Machine(hooks=str(hooks)))[
         f"{hooks}/1.rosfleet-multimaster.sh"
     ]
     seen = sourced(
@@ -205,7 +207,7 @@ def test_hook_brings_back_what_a_set_up_file_drops(tmp_path):
 
 
 def test_hook_runs_between_those_of_ros():
-    name = {render.__name__: path for path, render in _environment.CONSUMERS}["_hook"].rpartition("/")[2]
+    name = {render.__name__: path for path, render in environment_module.CONSUMERS}["_hook"].rpartition("/")[2]
     assert sorted(["10.roslaunch.sh", name, "1.ros_package_path.sh", "1.ros_version.sh"])[2:] == [
         name,
         "10.roslaunch.sh",
@@ -213,19 +215,19 @@ def test_hook_runs_between_those_of_ros():
 
 
 def test_no_hook_without_a_folder():
-    assert not [path for path in rendered(_environment.merge({}, OURS)) if "/1." in path]
+    assert not [path for path in rendered(environment_module.merge({}, OURS)) if "/1." in path]
 
 
 def test_differences_name_variable_found_expected_and_file():
     arrives = {**OURS, "PYTHONPATH": f"{PYTHON}:/x", "ROS_PACKAGE_PATH": SHARE}
     seen = {"login": arrives, "ssh": {**arrives, "ROS_IP": "10.0.0.9"}, "desktop": {}}
-    paths = [_environment.PROFILE, _environment.SSHD]
-    assert _environment.differences(OURS, seen, paths) == [
+    paths = [environment_module.PROFILE, environment_module.SSHD]
+    assert environment_module.differences(OURS, seen, paths) == [
         "ROS_IP is 10.0.0.9 in a command by ssh, expected it not to be set: something is read after "
         "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf."
     ]
-    assert len(_environment.differences(OURS, seen, [*paths, _environment.DESKTOP])) == 5
-    assert _environment.differences(OURS, seen, [_environment.PROFILE]) == []
+    assert len(environment_module.differences(OURS, seen, [*paths, environment_module.DESKTOP])) == 5
+    assert environment_module.differences(OURS, seen, [environment_module.PROFILE]) == []
 
 
 def test_differences_leave_known_exports_to_the_preflight():
@@ -238,9 +240,9 @@ def test_differences_leave_known_exports_to_the_preflight():
     }
     seen = {"login": older, "ssh": older, "desktop": None}
     known = ["ROS_MASTER_URI", "ROS_IP"]
-    assert _environment.differences(OURS, seen, [_environment.PROFILE], known) == []
-    assert len(_environment.differences(OURS, seen, [_environment.SSHD], known)) == 2
-    assert _environment.differences(OURS, seen, [_environment.DESKTOP]) == []
+    assert environment_module.differences(OURS, seen, [environment_module.PROFILE], known) == []
+    assert len(environment_module.differences(OURS, seen, [environment_module.SSHD], known)) == 2
+    assert environment_module.differences(OURS, seen, [environment_module.DESKTOP]) == []
 
 
 def test_filter_refuses_a_missing_plan_or_machine():
@@ -252,10 +254,10 @@ def test_filter_refuses_a_missing_plan_or_machine():
 
 def test_lists_of_both_sides_agree():
     """What the module strips of the system's entries, the renderers treat as lists."""
-    assert set(_ros._LISTS) <= set(_environment.LISTS)
-    assert re.fullmatch(r"[A-Z_ ]+", " ".join(_environment.LISTS))
+    assert set(ros._LISTS) <= set(environment_module.LISTS)
+    assert re.fullmatch(r"[A-Z_ ]+", " ".join(environment_module.LISTS))
 
 
 def test_only_sshd_is_asked_about_its_file():
     made = environment_files(OURS, INFO)["files"]
-    assert [file["path"] for file in made if "validate" in file] == [_environment.SSHD]
+    assert [file["path"] for file in made if "validate" in file] == [environment_module.SSHD]

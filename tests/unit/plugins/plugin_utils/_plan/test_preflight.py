@@ -12,7 +12,7 @@ import subprocess
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _preflight, _providers
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers
 
 PLAN = {
     "computer": "kobuki1computer",
@@ -83,12 +83,12 @@ def compare(change=None, **plan):
     info = copy.deepcopy(INFO)
     if change:
         change(info)
-    return _preflight.compare({**PLAN, **plan}, info)
+    return preflight.compare({**PLAN, **plan}, info)
 
 
 def test_a_machine_like_its_plan():
-    programs = _providers.programs("bundled", "/usr/bin/python3", {})
-    assert compare() == _preflight.Comparison((), (), {**PLAN, "programs": programs, "packages": []})
+    programs = providers.programs("bundled", "/usr/bin/python3", {})
+    assert compare() == preflight.Comparison((), (), {**PLAN, "programs": programs, "packages": []})
 
 
 PROBLEMS = {
@@ -292,7 +292,7 @@ def test_a_router_needs_no_ros():
 
 
 def test_a_python_that_is_too_old_is_one_sentence(tmp_path):
-    root = pathlib.Path(__file__).resolve().parents[2]
+    root = pathlib.Path(__file__).resolve().parents[5]
     old = tmp_path / "python2.7"
     old.write_text("#!/bin/sh\ncat > /dev/null\necho 'ImportError: No module named typing' >&2\nexit 1\n")
     old.chmod(0o755)
@@ -319,7 +319,7 @@ def test_a_python_that_is_too_old_is_one_sentence(tmp_path):
 # Upstream as provider
 
 
-PACKAGES = _providers.debian_packages("noetic", is_master=True)
+PACKAGES = providers.debian_packages("noetic", is_master=True)
 
 
 def noetic(info, installed=(), candidates=PACKAGES, python="3.8.10"):
@@ -365,7 +365,7 @@ def test_debians_ros_has_no_packages_of_upstream():
 def test_a_further_computer_needs_the_messages_alone():
     found = compare(noetic, provider="fkie_apt", is_master=False, ports=[], discovery={})
     assert (found.problems, found.plan["packages"]) == ((), ["ros-noetic-fkie-multimaster-msgs"])
-    assert found.plan["programs"] == _providers.NO_PROGRAMS
+    assert found.plan["programs"] == providers.NO_PROGRAMS
     found = compare(
         lambda info: noetic(info, candidates=()), provider="fkie_apt", is_master=False, ports=[], discovery={}
     )
@@ -393,7 +393,7 @@ def workspace(info, **changes):
                 "problem": "",
                 **changes.get(node["package"], {}),
             }
-            for node in _providers.looked_for("fkie_existing", True)["nodes"]
+            for node in providers.looked_for("fkie_existing", True)["nodes"]
         ],
     )
 
@@ -431,7 +431,7 @@ def test_an_installation_of_either_name(there, package):
 def test_an_installation_that_is_not_whole(there, expected):
     found = compare(lambda info: workspace(info, **there), provider="fkie_existing")
     assert len(found.problems) == 1 and re.search(expected, found.problems[0]), found.problems
-    assert found.plan["programs"] == _providers.NO_PROGRAMS
+    assert found.plan["programs"] == providers.NO_PROGRAMS
 
 
 def test_what_upstream_cannot_do_is_a_warning():

@@ -15,14 +15,16 @@ import sys
 
 import jinja2
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _fleet, _plan, _preflight, _providers
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+ROOT = pathlib.Path(__file__).resolve().parents[5]
 GOLDEN = ROOT / "tests/unit/golden/providers"
 sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
-from rosfleet_multimaster import filters  # noqa: E402
+from rosfleet_multimaster.core import filters  # noqa: E402
 
 # A fleet with upstream on the robot tibi, which has two computers and declares what it gives.
 TIBI = {
@@ -50,7 +52,7 @@ def plan(change=None, **shared):
         values.update({"multimaster_common_network": "192.168.1.0/24", **shared})
     if change:
         change(variables)
-    return _plan.plan(_fleet.read_fleet(_fleet.Inventory(robots=ROBOTS, variables=variables)))["computers"]
+    return plan_module.plan(fleet.read_fleet(fleet.Inventory(robots=ROBOTS, variables=variables)))["computers"]
 
 
 def everywhere(robot, **values):
@@ -62,7 +64,7 @@ def machine(distribution, computer="tibi-visio"):
     own = distribution == "debian"
     old = distribution not in ("noetic", "debian")
     addresses = {"tibi-visio": ("192.168.11.101", "192.168.1.201"), "dabo-pc": ("192.168.1.202",)}[computer]
-    nodes = _providers.looked_for("fkie_existing", True)["nodes"]
+    nodes = providers.looked_for("fkie_existing", True)["nodes"]
     return {
         "hostname": computer,
         "systemd": {"running": True},
@@ -95,7 +97,7 @@ def machine(distribution, computer="tibi-visio"):
         },
         "packages": [
             {"name": name, "installed": "", "candidate": "1", "ours": False}
-            for name in _providers.looked_for("fkie_apt", True)["packages"]
+            for name in providers.looked_for("fkie_apt", True)["packages"]
         ],
         "ports": [],
         "exports": [],
@@ -127,7 +129,7 @@ def rendered(found):
 
 
 CASES = {
-    **{distribution: (distribution, "fkie_apt") for distribution in _providers.DISTRIBUTIONS},
+    **{distribution: (distribution, "fkie_apt") for distribution in providers.DISTRIBUTIONS},
     "debian": ("debian", "fkie_existing"),
     "bundled": ("debian", "bundled"),
 }
@@ -137,7 +139,7 @@ CASES = {
 def test_what_is_written_for_each_distribution(case):
     distribution, provider = CASES[case]
     computers = plan(everywhere("tibi", multimaster_provider=provider))
-    found = _preflight.compare(computers["tibi-visio"], machine(distribution))
+    found = preflight.compare(computers["tibi-visio"], machine(distribution))
     assert found.problems == ()
     path = GOLDEN / f"{case}.txt"
     if os.environ.get("UPDATE_GOLDEN"):
@@ -145,16 +147,16 @@ def test_what_is_written_for_each_distribution(case):
     assert rendered(found.plan) == path.read_text()
 
 
-@pytest.mark.parametrize("distribution", _providers.DISTRIBUTIONS)
+@pytest.mark.parametrize("distribution", providers.DISTRIBUTIONS)
 def test_packages_are_without_the_gui(distribution):
-    names = _providers.debian_packages(distribution, is_master=True)
+    names = providers.debian_packages(distribution, is_master=True)
     assert all(name.startswith(f"ros-{distribution}-") for name in names)
     assert not [name for name in names if name.endswith(("multimaster-fkie", "fkie-multimaster"))]
     assert not [name for name in names if "node-manager" in name]
 
 
 def test_bundled_nodes_need_nothing_of_upstream():
-    assert _providers.looked_for("bundled", True) == {"packages": [], "nodes": []}
+    assert providers.looked_for("bundled", True) == {"packages": [], "nodes": []}
     computers = plan(everywhere("tibi", multimaster_provider="bundled"))
     assert [computer["limits"] for computer in computers.values()] == [[]] * 4
 
@@ -206,7 +208,7 @@ NAMES = ("/a", "/b", "/a/x", "/Tf", "/tf_static", "/ab")
 PATTERNS = st.lists(st.sampled_from(["/a", "/A*", "/b|/a/x", "/tf", "*", " /ab ", "/x|/b"]), max_size=2)
 HOSTS = ("alpha", "beta_11411", "gamma-pc")
 HOST_PATTERNS = st.lists(st.sampled_from(["alpha", "BETA*", "*", "alpha|gamma-pc"]), max_size=2)
-LISTS = st.fixed_dictionaries({}, optional=dict.fromkeys(_providers.FILTERS, PATTERNS))
+LISTS = st.fixed_dictionaries({}, optional=dict.fromkeys(providers.FILTERS, PATTERNS))
 SECTIONS = st.dictionaries(st.sampled_from(["alpha", "Beta_11411"]), LISTS, max_size=2)
 BUNDLED = st.builds(
     lambda lists, hosts, sections: {**lists, **hosts, **sections},
@@ -219,7 +221,7 @@ BUNDLED = st.builds(
 @settings(max_examples=80, deadline=None)
 @given(BUNDLED)
 def test_upstream_decides_as_the_bundled_node(parameters):
-    bundled, upstream = filters.Filters(parameters), Upstream(_providers._sync(parameters))
+    bundled, upstream = filters.Filters(parameters), Upstream(providers._sync(parameters))
     for host in HOSTS:
         assert upstream.host(host) == bundled.wants_host(host)
         rules = bundled.rules(host)
@@ -238,7 +240,7 @@ def hides(parameters, kind, name):
 def test_what_goes_to_nobody_is_hidden(patterns, name):
     exports = [{"to": ["192.168.1.202"], "topics": patterns, "services": []}]
     given_away = any(re.fullmatch(item.replace("*", ".*"), name, re.IGNORECASE) for item in patterns)
-    hidden = _providers._hidden(exports)
+    hidden = providers._hidden(exports)
     assert hides(hidden, "topics", name) is not given_away
     assert hides(hidden, "services", name)
 

@@ -18,11 +18,11 @@ import subprocess
 import pytest
 from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.filter.router_config import router_config
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _router_config
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import router_config as router_config_module
 from hypothesis import given
 from hypothesis import strategies as st
 
-GOLDEN = pathlib.Path(__file__).with_name("golden") / "router_config"
+GOLDEN = pathlib.Path(__file__).parents[3] / "golden" / "router_config"
 
 # The report's fleet, but for two things: the gateway of dabo is a device of another make, and car has a wider network.
 PLAN = {
@@ -90,9 +90,9 @@ def test_golden_files():
 def test_every_file_says_what_it_is(path):
     device, file = path.split("/")
     name = file.partition(".")[0]
-    assert file == f"{name}.{'remove.' if '.remove.' in file else ''}{_router_config.DIALECTS[name].suffix}"
+    assert file == f"{name}.{'remove.' if '.remove.' in file else ''}{router_config_module.DIALECTS[name].suffix}"
     head = "\n".join(line for line in FILES[path].splitlines() if line[0] in "#!")
-    assert "rosfleet.multimaster" in head and _router_config.DIALECTS[name].title in head
+    assert "rosfleet.multimaster" in head and router_config_module.DIALECTS[name].title in head
     assert ("router of the common network" if device == "router" else "gateway of dabo") in head
     if ".remove." not in file:
         assert f"{name}.remove." in head
@@ -378,7 +378,7 @@ def test_something_else_than_a_plan():
 def test_a_name_is_never_a_command(name):
     plan = copy.deepcopy(PLAN)
     plan["networks"][0]["robot"] = name
-    shown = _router_config.Network(name, "192.168.11.0/24").name
+    shown = router_config_module.Network(name, "192.168.11.0/24").name
     assert re.fullmatch(r"[A-Za-z0-9_.-]+", shown)
     for file in router_config(plan):
         assert file["content"] == FILES[file["path"]].replace("tibi", shown)

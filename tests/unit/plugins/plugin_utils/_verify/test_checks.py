@@ -8,8 +8,12 @@ import time
 from collections import Counter
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _checks, _exchange, _fleet, _plan, _ways
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import checks
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import exchange as exchange_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import ways as ways_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import (
     FAILED,
     OK,
     UNKNOWN,
@@ -37,7 +41,7 @@ def plan(robots=2, computers=1, exports=None, **variables):
         }
         for n, host in enumerate(names)
     }
-    return _plan.plan(_fleet.read_fleet(_fleet.Inventory(robots=hosts, variables=values)))
+    return plan_module.plan(fleet_module.read_fleet(fleet_module.Inventory(robots=hosts, variables=values)))
 
 
 def good(fleet, name):
@@ -45,7 +49,7 @@ def good(fleet, name):
     own = fleet["computers"][name]
     me = next((member for member in fleet["members"] if member["name"] == name), None)
     others = [member for member in fleet["members"] if member["name"] != name]
-    layout, flows = _ways.Layout(fleet), _exchange.Flows(fleet)
+    layout, flows = ways_module.Layout(fleet), exchange_module.Flows(fleet)
     ways = {other["name"]: layout.way(own, other["name"]) for other in others}
     alive = {"ok": True, "rtt_ms": 0.4, "error": ""}
     probe = {
@@ -220,7 +224,7 @@ def registered(robot):
 
 def exchange(fleet, robot):
     """What the roscore of a robot holds where everything works: what the plan lets pass, and one connection with each."""
-    flows = _exchange.Flows(fleet)
+    flows = exchange_module.Flows(fleet)
     own = registered(robot)
     imports, connections = [], []
     for master in fleet["masters"]:
@@ -234,7 +238,7 @@ def exchange(fleet, robot):
                 kind: [
                     node
                     for node in entry[kind + "s"]
-                    if rules.passes(_exchange.Item(kind, entry["name"], node), entry["type"])
+                    if rules.passes(exchange_module.Item(kind, entry["name"], node), entry["type"])
                 ]
                 for kind in ("publisher", "subscriber")
             }
@@ -254,7 +258,7 @@ def exchange(fleet, robot):
         services = [
             entry
             for entry in its["services"]
-            if rules.passes(_exchange.Item("service", entry["name"], entry["node"]), "")
+            if rules.passes(exchange_module.Item("service", entry["name"], entry["node"]), "")
         ]
         if topics or services:
             imports.append({"master": master["uri"], "topics": topics, "services": services})
@@ -269,7 +273,7 @@ def evaluate(change=None, fleet=None):
     seen = {name: good(fleet, name) for name in fleet["computers"]}
     if change:
         change({name: (observation.probe, observation.multicast) for name, observation in seen.items()})
-    return list(_checks.evaluate(fleet, seen))
+    return list(checks.evaluate(fleet, seen))
 
 
 def notable(findings):
@@ -283,7 +287,7 @@ def of(entries, name, key="name"):
 def test_everything_is_checked_and_good():
     findings = evaluate()
     between_networks = {"forwarding", "reverse_path", "redirects", "source"}
-    assert {finding.check for finding in findings} == {check.id for check in _checks.CHECKS} - between_networks
+    assert {finding.check for finding in findings} == {check.id for check in checks.CHECKS} - between_networks
     assert not notable(findings)
     pairs = {(finding.observer, finding.target) for finding in findings}
     assert pairs == {(ONE, ONE), (ONE, TWO), (TWO, ONE), (TWO, TWO)}
@@ -291,10 +295,10 @@ def test_everything_is_checked_and_good():
 
 def test_every_check_is_explained_by_an_earlier_one():
     earlier = set()
-    for check in _checks.CHECKS:
+    for check in checks.CHECKS:
         for reference in check.explained_by:
             side, _colon, other = reference.rpartition(":")
-            assert side in _checks.SIDES
+            assert side in checks.SIDES
             # Gateways are looked at first, so they may explain others in the same check.
             assert other in earlier or (other == check.id and "gateway" in side), (check.id, reference)
         earlier.add(check.id)
@@ -530,7 +534,7 @@ def test_each_cause_is_told(change, check, verdict, part):
 
 def test_every_cause_has_a_row():
     told = {(check, part) for _change, check, _verdict, part in CAUSES}
-    for check in _checks.CHECKS:
+    for check in checks.CHECKS:
         texts = [cause.cause + cause.remedy for cause in check.causes]
         for text in texts:
             rows = [part for other, part in told if other == check.id and part in text]
@@ -561,9 +565,9 @@ def fig12(**variables):
         for robot, (network, common, master, hosts) in ROBOTS.items()
         for host, address in hosts.items()
     }
-    return _plan.plan(
-        _fleet.read_fleet(
-            _fleet.Inventory(
+    return plan_module.plan(
+        fleet_module.read_fleet(
+            fleet_module.Inventory(
                 robots={robot: list(hosts) for robot, (*_numbers, hosts) in ROBOTS.items()},
                 variables={**values, "router": {"multimaster_address": "192.168.1.1"}},
                 routers=["router"],
@@ -700,20 +704,20 @@ def _kernel(computer, **values):
 
 # The change, the only check that fails by itself, its verdict, what tells it (or None), whom and a part of the texts.
 BETWEEN_NETWORKS = [
-    (_closed_gateway, "forwarding", FAILED, _checks._always, {"tibi-visio"}, "run site.yml"),
-    (_kernel("router", forwarding=0), "forwarding", FAILED, _checks._always, {"router"}, "run site.yml"),
-    (_kernel("car-visio", rp_filter=1), "reverse_path", WARNING, _checks._always, {"car-visio"}, "rp_filter"),
-    (_kernel("router", send_redirects=1), "redirects", WARNING, _checks._always, {"router"}, "send_redirects"),
-    (_lost_route, "route", FAILED, _checks._no_route, {"tibi-nav"}, "tibi-nav has no way out"),
-    (_wall, "ping_address", FAILED, _checks._nothing_leaves, None, "tibi-visio is reached, but passes nothing on"),
-    (_wall, "ping_address", FAILED, _checks._nothing_enters, None, "tibi-visio is reached, but passes nothing on"),
-    (_gateway_off, "ping_address", FAILED, _checks._own_gateway_silent, None, ""),
-    (_ping("car-nav", "tibi-nav"), "ping_address", FAILED, _checks._only_from_outside, {"car-nav"}, "do not find back"),
+    (_closed_gateway, "forwarding", FAILED, checks._always, {"tibi-visio"}, "run site.yml"),
+    (_kernel("router", forwarding=0), "forwarding", FAILED, checks._always, {"router"}, "run site.yml"),
+    (_kernel("car-visio", rp_filter=1), "reverse_path", WARNING, checks._always, {"car-visio"}, "rp_filter"),
+    (_kernel("router", send_redirects=1), "redirects", WARNING, checks._always, {"router"}, "send_redirects"),
+    (_lost_route, "route", FAILED, checks._no_route, {"tibi-nav"}, "tibi-nav has no way out"),
+    (_wall, "ping_address", FAILED, checks._nothing_leaves, None, "tibi-visio is reached, but passes nothing on"),
+    (_wall, "ping_address", FAILED, checks._nothing_enters, None, "tibi-visio is reached, but passes nothing on"),
+    (_gateway_off, "ping_address", FAILED, checks._own_gateway_silent, None, ""),
+    (_ping("car-nav", "tibi-nav"), "ping_address", FAILED, checks._only_from_outside, {"car-nav"}, "do not find back"),
     (
         _ping("car-nav", "tibi-nav", error="192.168.1.203 reports: communication administratively prohibited"),
         "ping_address",
         FAILED,
-        _checks._refused_on_the_way,
+        checks._refused_on_the_way,
         {"car-nav"},
         "refuses",
     ),
@@ -721,7 +725,7 @@ BETWEEN_NETWORKS = [
         _ping("car-nav", "tibi-nav", error="192.168.1.201 reports: host unreachable"),
         "ping_address",
         FAILED,
-        _checks._gateway_finds_nobody,
+        checks._gateway_finds_nobody,
         {"car-nav"},
         "its gateway tibi-visio is reached, and finds nobody",
     ),
@@ -729,24 +733,24 @@ BETWEEN_NETWORKS = [
         _ping("car-nav", "tibi-nav", error="192.168.1.1 reports: time to live exceeded"),
         "ping_address",
         FAILED,
-        _checks._in_a_circle,
+        checks._in_a_circle,
         {"car-nav"},
         "back to where they came from",
     ),
-    (_masquerading, "source", WARNING, _checks._leaves_by_gateway, set(INNER_TIBI), "tibi-visio translates"),
-    (_masquerading_master, "udp_unicast", FAILED, _checks._translated_here, None, "masquerade"),
-    (_strange_gateway, "source", WARNING, _checks._always, {"dabo-visio"}, "NAT"),
-    (_ping("car-nav", "car-ext"), "ping_address", FAILED, _checks._always, {"car-nav"}, "client isolation"),
-    (_lonely, "ping_address", FAILED, _checks._crosses, None, "its gateway tibi-visio"),
-    (_upstream, "topic_heard", FAILED, _checks._only_the_master, {"car-nav"}, "sync_remote_nodes"),
-    (_talker_at_home, "topic_heard", FAILED, _checks._not_registered_at_home, {"tibi-nav"}, "roscore on tibi-visio"),
-    (_listener, "topic_heard", FAILED, _checks._listener_failed, {"tibi-nav"}, "overloaded"),
-    (_port, "rpc_port", FAILED, _checks._unreachable, {"tibi-nav"}, "common network"),
+    (_masquerading, "source", WARNING, checks._leaves_by_gateway, set(INNER_TIBI), "tibi-visio translates"),
+    (_masquerading_master, "udp_unicast", FAILED, checks._translated_here, None, "masquerade"),
+    (_strange_gateway, "source", WARNING, checks._always, {"dabo-visio"}, "NAT"),
+    (_ping("car-nav", "car-ext"), "ping_address", FAILED, checks._always, {"car-nav"}, "client isolation"),
+    (_lonely, "ping_address", FAILED, checks._crosses, None, "its gateway tibi-visio"),
+    (_upstream, "topic_heard", FAILED, checks._only_the_master, {"car-nav"}, "sync_remote_nodes"),
+    (_talker_at_home, "topic_heard", FAILED, checks._not_registered_at_home, {"tibi-nav"}, "roscore on tibi-visio"),
+    (_listener, "topic_heard", FAILED, checks._listener_failed, {"tibi-nav"}, "overloaded"),
+    (_port, "rpc_port", FAILED, checks._unreachable, {"tibi-nav"}, "common network"),
 ]
 
 
 def causes(check):
-    return next(entry.causes for entry in _checks.CHECKS if entry.id == check)
+    return next(entry.causes for entry in checks.CHECKS if entry.id == check)
 
 
 @pytest.mark.parametrize(("change", "check", "verdict", "when", "observers", "part"), BETWEEN_NETWORKS)
@@ -814,7 +818,7 @@ WAYS = [
 @pytest.mark.parametrize(("observer", "target", "source", "hop"), WAYS)
 def test_way(observer, target, source, hop):
     fleet = fig12()
-    way = _ways.Layout(fleet).way(fleet["computers"][observer], target)
+    way = ways_module.Layout(fleet).way(fleet["computers"][observer], target)
     assert (way.source, way.hop) == (source, hop)
 
     def other_source(seen):
@@ -830,7 +834,7 @@ def test_way(observer, target, source, hop):
 @pytest.mark.parametrize("names", [["tibi-nav"], ["router"], list(ROBOTS["dabo"][3]), ["car-visio", "router"]])
 def test_with_limit_any_part_of_the_fleet_is_judged(names):
     fleet = fig12()
-    findings = list(_checks.evaluate(fleet, {name: good(fleet, name) for name in names}))
+    findings = list(checks.evaluate(fleet, {name: good(fleet, name) for name in names}))
     assert not notable(findings)
     assert {finding.observer for finding in findings} == set(names)
 
@@ -896,21 +900,21 @@ def test_behind_a_gateway_that_is_down_nobody_is_named():
         for entry in (one.multicast or {"udp": ()})["udp"]:
             if entry["name"] == "car-visio":
                 entry.update(heard_from=False, unicast=None, source_address=None, own_source_address=None)
-    found = [finding for finding in notable(_checks.evaluate(fleet, seen)).values() if not finding.because]
+    found = [finding for finding in notable(checks.evaluate(fleet, seen)).values() if not finding.because]
     assert [(finding.check, finding.observer) for finding in found] == [("reachable", "car-visio")]
 
 
 # What the other tests of this file bring about.
 UNTOLD = {
     (check.id, cause.cause + cause.remedy)
-    for check in _checks.CHECKS
+    for check in checks.CHECKS
     for cause in check.causes
     if check.id in ("reachable", "default_routes", "strangers")
-    or cause.when in (_checks._target_down, _checks._left_out)
+    or cause.when in (checks._target_down, checks._left_out)
     or (check.id, cause.when) in {(row[1], row[3]) for row in BETWEEN_NETWORKS}
-    or cause.when in (_checks._other_hop, _checks._no_way_back)
-    or cause.when in (_checks._device_passes_nothing_out, _checks._device_passes_nothing_in)
-    or (check.id in ("ping_address", "udp_multicast", "icmp_rounds", "list_masters") and cause.when is _checks._always)
+    or cause.when in (checks._other_hop, checks._no_way_back)
+    or cause.when in (checks._device_passes_nothing_out, checks._device_passes_nothing_in)
+    or (check.id in ("ping_address", "udp_multicast", "icmp_rounds", "list_masters") and cause.when is checks._always)
 }
 
 
@@ -974,7 +978,7 @@ def test_a_computer_that_is_down_is_named_once():
         probe["list_masters"]["masters"].remove(of(probe["list_masters"]["masters"], TWO))
         probe["topics"].remove(of(probe["topics"], TWO, "computer"))
         of(multicast["udp"], TWO).update(heard_from=False, unicast=None, source_address=None)
-    found = notable(_checks.evaluate(fleet, seen))
+    found = notable(checks.evaluate(fleet, seen))
     assert [key for key, finding in found.items() if not finding.because] == [("reachable", TWO, TWO)]
     assert "no route to host" in found["reachable", TWO, TWO].found
     assert not any({observer, target} == {ONE, "kobuki3computer"} for _check, observer, target in found)
@@ -983,7 +987,7 @@ def test_a_computer_that_is_down_is_named_once():
 def test_a_computer_without_a_result_is_named():
     fleet = plan()
     seen = {ONE: good(fleet, ONE), TWO: Observation(problem="MODULE FAILURE")}
-    found = notable(_checks.evaluate(fleet, seen))
+    found = notable(checks.evaluate(fleet, seen))
     assert found["measured", TWO, TWO].found == "MODULE FAILURE"
     assert {observer for _check, observer, _target in found} == {TWO}
 
@@ -993,7 +997,7 @@ def test_with_limit_only_the_computers_of_the_run_are_judged():
     seen = copy.deepcopy(good(fleet, ONE))
     seen.probe["topics"].clear()  # nobody talks there, and nobody listens
     of(seen.multicast["udp"], TWO).update(heard_from=False, unicast=None)
-    findings = list(_checks.evaluate(fleet, {ONE: seen}))
+    findings = list(checks.evaluate(fleet, {ONE: seen}))
     assert not notable(findings)
     assert {finding.observer for finding in findings} == {ONE}
     assert {"name", "ping_name", "list_masters"} <= {finding.check for finding in findings if finding.target == TWO}
@@ -1136,6 +1140,6 @@ def test_the_cost_grows_with_the_observations():
     fleet = plan(robots=60)
     seen = {name: good(fleet, name) for name in fleet["computers"]}
     began = time.process_time()
-    findings = list(_checks.evaluate(fleet, seen))
+    findings = list(checks.evaluate(fleet, seen))
     assert len(findings) > 60 * 59 * 10
     assert time.process_time() - began < 0.0005 * len(findings)  # some 10 microseconds each on a PC

@@ -4,13 +4,10 @@
 """What is to pass between robots, and what is found where their roscores hold something else."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _exchange, _fleet, _plan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._exchange import (
-    Exchanges,
-    Flows,
-    Item,
-    Rules,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import exchange
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Exchanges, Flows, Item, Rules
 
 STRING, IMAGE = ("std_msgs/String", "992c"), ("sensor_msgs/Image", "060021")
 
@@ -27,8 +24,10 @@ def plan(robots="abc", exports=None, **filters):
         }
         for number, robot in enumerate(robots, 1)
     }
-    return _plan.plan(
-        _fleet.read_fleet(_fleet.Inventory(robots={robot: [f"{robot}1"] for robot in robots}, variables=values))
+    return plan_module.plan(
+        fleet_module.read_fleet(
+            fleet_module.Inventory(robots={robot: [f"{robot}1"] for robot in robots}, variables=values)
+        )
     )
 
 
@@ -72,7 +71,7 @@ def texts(found):
     ],
 )
 def test_a_pattern_means_the_whole_name(patterns, name, meant):
-    assert _exchange.matches(patterns, name) == meant
+    assert exchange.matches(patterns, name) == meant
 
 
 TALK, EAR, CALL = (
@@ -119,14 +118,14 @@ def test_what_passes_the_rules(rules, passing):
     ],
 )
 def test_of_which_masters_anything_is_taken(parameters, wanted):
-    assert _exchange.wants_host(parameters, "a1") == wanted
+    assert exchange.wants_host(parameters, "a1") == wanted
 
 
 def test_patterns_for_one_master_in_all_their_forms():
     parameters = {"ignore_topics": ["/x", {"A1": ["/y"], "b1": ["/z"]}], "a1": {"ignore_topics": ["/w"]}}
-    own = [text for text in _exchange.patterns(parameters, "ignore_topics", "a1") if len(text) == 2]
+    own = [text for text in exchange.patterns(parameters, "ignore_topics", "a1") if len(text) == 2]
     assert own == ["/x", "/y", "/w"]
-    assert "/rosout" in _exchange.patterns({}, "ignore_topics", "a1")
+    assert "/rosout" in exchange.patterns({}, "ignore_topics", "a1")
 
 
 def test_without_a_declaration_everything_passes_subscribers_too():

@@ -6,8 +6,14 @@
 import json
 
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils import _checks, _report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import FAILED, OK, UNKNOWN, WARNING, Finding
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import checks, report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import (
+    FAILED,
+    OK,
+    UNKNOWN,
+    WARNING,
+    Finding,
+)
 
 ONE, TWO = "kobuki1computer", "kobuki2computer"
 
@@ -89,8 +95,8 @@ FAILED: 3 of 8 checks failed (1 with a warning, 1 not judged)."""
 
 
 def test_report():
-    summary = _report.summarise(FINDINGS, [ONE, TWO], 2)
-    assert _report.render(summary) == TEXT
+    summary = report.summarise(FINDINGS, [ONE, TWO], 2)
+    assert report.render(summary) == TEXT
 
 
 def test_what_differs_is_told_for_each():
@@ -98,7 +104,7 @@ def test_what_differs_is_told_for_each():
         Finding("names", ONE, two, FAILED, "each name once", f"the node /{node} is twice", "one name", "rename")
         for two, node in ((TWO, "a"), ("c", "a"), ("d", "b"), ("e", "c"), ("f", "d"), ("g", "e"))
     ]
-    lines = _report.render(_report.summarise(findings, [ONE], 2)).splitlines()
+    lines = report.render(report.summarise(findings, [ONE], 2)).splitlines()
     assert [line.strip() for line in lines if "found:" in line] == [
         f"found:    the node /a is twice ({ONE} -> {TWO})",
         f"found:    the node /b is twice ({ONE} -> d)",
@@ -108,7 +114,7 @@ def test_what_differs_is_told_for_each():
 
 
 def test_nothing_to_say():
-    text = _report.render(_report.summarise([finding for finding in FINDINGS if finding.verdict == OK], [ONE], 2))
+    text = report.render(report.summarise([finding for finding in FINDINGS if finding.verdict == OK], [ONE], 2))
     assert text.startswith("VERIFICATION of 1 of 2 computers; the others are not in this run")
     assert text.endswith("PASSED: none of 3 checks failed.")
     assert "from / to" not in text and "Failed" not in text
@@ -117,7 +123,7 @@ def test_nothing_to_say():
 def test_a_matrix_of_thirteen_computers_fits():
     names = [f"tibi-visio-{number:02}" for number in range(13)]
     findings = [Finding("ping_address", one, two, FAILED, "", "") for one in names for two in names for _n in range(12)]
-    lines = _report.render(_report.summarise(findings, names, 13)).splitlines()
+    lines = report.render(report.summarise(findings, names, 13)).splitlines()
     row = next(line for line in lines if line.startswith("   1  "))
     assert row.split() == ["1", names[0], *["FAIL"] * 13] and len(row) <= 120
 
@@ -132,15 +138,15 @@ def test_large_fleets_stay_readable():
         for one in names
         if one != two
     ]
-    text = _report.render(_report.summarise(findings, names, 100))
+    text = report.render(report.summarise(findings, names, 100))
     assert "from / to" not in text
     assert "and 95 more" in text and "and 20 more kinds" in text
     assert len(text.splitlines()) < 150 and max(map(len, text.splitlines())) <= 120
 
 
 def test_document_has_every_finding_as_plain_data():
-    summary = _report.summarise(FINDINGS, [ONE, TWO], 2)
-    document = json.loads(json.dumps(_report.document(summary, FINDINGS)))
+    summary = report.summarise(FINDINGS, [ONE, TWO], 2)
+    document = json.loads(json.dumps(report.document(summary, FINDINGS)))
     assert (document["verdict"], document["computers"], len(document["findings"])) == (FAILED, [ONE, TWO], 8)
     assert document["findings"][4]["because"] == "name"
     assert {
@@ -156,11 +162,11 @@ def test_document_has_every_finding_as_plain_data():
 def test_registered_results_become_an_observation():
     good = {"verify_multicast": {"udp": []}, "verify_probe": {"members": []}, "multimaster_info": {"changed": False}}
     seen = fleet_report.observation(good, "verify_multicast", "verify_probe", ["multimaster_info"])
-    assert seen == _checks.Observation({"udp": []}, {"members": []})
+    assert seen == checks.Observation({"udp": []}, {"members": []})
     down = {"multimaster_info": {"unreachable": True, "msg": "no route\n to host"}}
     assert fleet_report.observation(
         down, "verify_multicast", "verify_probe", ["multimaster_info"]
-    ) == _checks.Observation(unreachable=True, problem="no route to host")
+    ) == checks.Observation(unreachable=True, problem="no route to host")
     broken = {
         **good,
         "verify_talker": {"failed": True, "msg": "Cannot start."},
@@ -168,7 +174,7 @@ def test_registered_results_become_an_observation():
     }
     assert fleet_report.observation(
         broken, "verify_multicast", "verify_probe", ["verify_talker"]
-    ) == _checks.Observation({"udp": []}, problem="Cannot start.")
+    ) == checks.Observation({"udp": []}, problem="Cannot start.")
 
 
 def test_report_is_written_whole_or_not_at_all(tmp_path):

@@ -15,7 +15,7 @@ import urllib.parse
 from dataclasses import dataclass, field
 from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
 
-from .sync_core import NodeKey, Registration, View
+from .sync import NodeKey, Registration, View
 
 FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv4.tcp_retries2)
 RESOLVE = 300.0  # seconds between two looks at the address of a host

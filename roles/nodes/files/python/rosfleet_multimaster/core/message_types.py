@@ -25,7 +25,7 @@ from typing import (
     TypeVar,
 )
 
-from .sync_core import UNKNOWN_TYPES, NodeKey, Refusal, View, Wanted
+from .sync import UNKNOWN_TYPES, NodeKey, Refusal, View, Wanted
 
 MOST = 500  # types of one question
 AGAIN = 60.0  # seconds after an answer, or none, until the same is asked again: nothing tells that it would be another

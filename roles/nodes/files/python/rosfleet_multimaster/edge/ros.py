@@ -23,9 +23,9 @@ import rospy  # noqa: E402
 import std_srvs.srv  # noqa: E402
 from fkie_multimaster_msgs import msg, srv  # noqa: E402
 
-from .discovery_core import Link, Master  # noqa: E402
-from .program import within  # noqa: E402
-from .sync_core import Announced, Registration  # noqa: E402
+from ..core.discovery import Link, Master  # noqa: E402
+from ..core.sync import Announced, Registration  # noqa: E402
+from .patience import within  # noqa: E402
 
 try:
     import diagnostic_msgs.msg as diagnostics

@@ -9,17 +9,17 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import (
-    _routes_boot,
-    _routes_ifupdown,
-    _routes_managers,
-    _routes_networkd,
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import (
+    contract,
+    ifupdown,
+    networkd,
+    table,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_kernel import Route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_plan import Item
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.plan import Item
 
-FIXTURES = Path(__file__).parent / "fixtures" / "routes"
+FIXTURES = Path(__file__).parents[4] / "fixtures" / "routes"
 DROP_IN = "/etc/systemd/network/{}.d/90-rosfleet-multimaster.conf"
 
 ROUTES = {
@@ -37,7 +37,7 @@ ROUTES = {
 
 def machine(*names):
     links = {name: {"name": name, "index": number, "up": True} for number, name in enumerate(names, 2)}
-    return _routes_boot.Machine(links, booted=False)
+    return contract.Machine(links, booted=False)
 
 
 @pytest.fixture
@@ -66,61 +66,61 @@ def end(kind, tree, names=("eth0", "eth1.5"), recorded=None):
 
 
 def test_ifupdown_owns_what_ifup_brought_up(tree):
-    assert end(_routes_ifupdown, tree).owns() == {"eth0"}
+    assert end(ifupdown, tree).owns() == {"eth0"}
 
 
 def test_the_hook_of_ifupdown(tree):
-    hook = end(_routes_ifupdown, tree).render(ROUTES)[_routes_ifupdown.HOOK]
+    hook = end(ifupdown, tree).render(ROUTES)[ifupdown.HOOK]
     assert hook == (FIXTURES / "if-up.d").read_text()
     subprocess.run(["sh", "-n"], input=hook, text=True, check=True)
 
 
 def test_no_routes_no_hook(tree):
-    assert end(_routes_ifupdown, tree).render({"eth0": []}) == {_routes_ifupdown.HOOK: None}
+    assert end(ifupdown, tree).render({"eth0": []}) == {ifupdown.HOOK: None}
 
 
 def test_the_name_of_the_hook_is_one_that_run_parts_runs(tree):
-    back_end = end(_routes_ifupdown, tree)
+    back_end = end(ifupdown, tree)
     os.mkdir(tree / "etc/network/if-up.d")
-    back_end.write(_routes_ifupdown.HOOK, back_end.render(ROUTES)[_routes_ifupdown.HOOK])
+    back_end.write(ifupdown.HOOK, back_end.render(ROUTES)[ifupdown.HOOK])
     listed = subprocess.run(
         ["run-parts", "--test", tree / "etc/network/if-up.d"], capture_output=True, text=True, check=True
     )
     assert listed.stdout.split() == [str(tree / "etc/network/if-up.d/rosfleet-multimaster")]
-    back_end.write(_routes_ifupdown.HOOK, None)
+    back_end.write(ifupdown.HOOK, None)
     assert os.listdir(tree / "etc/network/if-up.d") == []
 
 
 def test_without_ifupdown_there_is_no_place(tmp_path):
     with pytest.raises(Problem, match="expected ifupdown installed"):
-        end(_routes_ifupdown, tmp_path).place("eth0")
+        end(ifupdown, tmp_path).place("eth0")
 
 
 def test_a_hook_of_somebody_else_is_left(tree):
     (tree / "etc/network/if-up.d").mkdir()
     (tree / "etc/network/if-up.d/rosfleet-multimaster").write_text("#!/bin/sh\nroute add default gw 192.168.11.1\n")
     with pytest.raises(Problem, match="is there and not ours"):
-        end(_routes_ifupdown, tree).read()
+        end(ifupdown, tree).read()
 
 
 # systemd-networkd
 
 
 def test_networkd_owns_what_it_configures(tree):
-    assert end(_routes_networkd, tree).owns() == {"eth1.5"}
+    assert end(networkd, tree).owns() == {"eth1.5"}
 
 
 def test_the_drop_in_of_networkd(tree):
-    wanted = end(_routes_networkd, tree).render({"eth1.5": [route for routes in ROUTES.values() for route in routes]})
+    wanted = end(networkd, tree).render({"eth1.5": [route for routes in ROUTES.values() for route in routes]})
     assert list(wanted) == [DROP_IN.format("50-robot.network")]
     assert next(iter(wanted.values())) == (FIXTURES / "networkd.conf").read_text()
 
 
 def test_a_drop_in_of_an_earlier_file_goes(tree):
-    back_end = end(_routes_networkd, tree)
+    back_end = end(networkd, tree)
     old = DROP_IN.format("10-old.network")
     os.makedirs(os.path.dirname(back_end.path(old)))
-    back_end.write(old, _routes_boot.HEADER)
+    back_end.write(old, contract.HEADER)
     assert back_end.render(ROUTES | {"eth0": []}) == {
         old: None,
         DROP_IN.format("50-robot.network"): back_end.render({"eth1.5": ROUTES["eth1.5"]})[
@@ -141,14 +141,14 @@ def test_a_drop_in_of_an_earlier_file_goes(tree):
 def test_where_networkd_has_no_place_for_one_interface(tree, state, words):
     (tree / "run/systemd/netif/links/2").write_text(state)
     with pytest.raises(Problem, match=words):
-        end(_routes_networkd, tree).place("eth0")
+        end(networkd, tree).place("eth0")
 
 
 # Together
 
 
 def boot(tree, record=None, choice=None):
-    plan = _routes_managers.Boot(machine("eth0", "eth1.5"), str(tree), record or {})
+    plan = table.Boot(machine("eth0", "eth1.5"), str(tree), record or {})
     plan.want(choice or {})
     return plan
 

@@ -7,11 +7,12 @@ import os
 
 import pytest
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _routes_boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _routes_netplan as netplan
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _routes_networkmanager as nm
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import netplan as netplan
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager as nm
 
 ROUTES = [
     Route("192.168.11.0/24", "192.168.1.201", "eth0"),
@@ -36,7 +37,7 @@ def machine(root, files):
         text = "ADMIN_STATE=configured\n" + ("NETWORK_FILE=%s\n" % file if file else "")
         write(root, "/run/systemd/netif/links/%d" % index, text)
     interfaces = {name: {"index": index} for index, name in enumerate(sorted(files), 2)}
-    return _routes_boot.Machine(interfaces, booted=False)
+    return contract.Machine(interfaces, booted=False)
 
 
 def back_end(root, files, recorded=None):
@@ -86,7 +87,7 @@ def test_the_definition_behind_a_profile_of_networkmanager(tmp_path, monkeypatch
     write("/", start + "x.nmconnection", text)
     monkeypatch.setattr(nm, "NETPLANS", start)
     monkeypatch.setattr(nm, "active_profiles", lambda: {"eth0": nm.Active("1-2", False, start + "x.nmconnection")})
-    end = netplan.BackEnd(_routes_boot.Machine({"eth0": {"index": 99999}}, booted=True), str(tmp_path), {})
+    end = netplan.BackEnd(contract.Machine({"eth0": {"index": 99999}}, booted=True), str(tmp_path), {})
     assert end._definitions() == {"eth0": netplan.Definition(section, name, start + "x.nmconnection")}
 
 
@@ -95,7 +96,7 @@ def test_the_file_says_what_netplan_reads(tmp_path):
         {"eth0": ROUTES, "eth1": []}
     )
     text = wanted.pop(netplan.FILE)
-    assert not wanted and text.startswith(_routes_boot.HEADER)
+    assert not wanted and text.startswith(contract.HEADER)
     assert yaml.safe_load(text) == {
         "network": {
             "version": 2,
@@ -158,14 +159,14 @@ def tool(monkeypatch):
     def run(argv, limit):
         seen["argv"] = argv[:-1]
         seen["files"] = {
-            os.path.relpath(os.path.join(folder, name), argv[-1]): _machine.text(os.path.join(folder, name))
+            os.path.relpath(os.path.join(folder, name), argv[-1]): commands.text(os.path.join(folder, name))
             for folder, _folders, names in os.walk(argv[-1])
             for name in names
         }
         seen["copy"] = argv[-1]
-        return seen.get("answer", _machine.Answer(0, b"", ""))
+        return seen.get("answer", commands.Answer(0, b"", ""))
 
-    monkeypatch.setattr(netplan._machine, "run", run)
+    monkeypatch.setattr(netplan.commands, "run", run)
     return seen
 
 
@@ -180,11 +181,11 @@ def test_netplan_is_asked_on_a_copy_that_goes_away(tmp_path, tool):
     end.check({netplan.FILE: None})
     assert tool["files"] == {"etc/netplan/01-site.yaml": "site"}
     assert not os.path.exists(tool["copy"])
-    assert _machine.text(str(tmp_path / netplan.FILE.lstrip("/"))) == "old"
+    assert commands.text(str(tmp_path / netplan.FILE.lstrip("/"))) == "old"
 
 
 def test_its_refusal_is_one_sentence(tmp_path, tool):
-    tool["answer"] = _machine.Answer(
+    tool["answer"] = commands.Answer(
         1, b"", "** WARNING **: open\nERROR: eth0: NetworkManager only supports unicast routes\n\n"
     )
     with pytest.raises(

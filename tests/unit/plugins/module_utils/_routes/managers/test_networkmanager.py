@@ -4,10 +4,11 @@
 """The back end for NetworkManager, over profiles held here; the real daemon is in the Molecule scenario `routes`."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _machine, _routes_boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _routes_networkmanager as nm
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._owned import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes_kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager as nm
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -34,7 +35,7 @@ class Daemon:
             return answer("%s:%s\n1-2:/run/NetworkManager/system-connections/lo.nmconnection" % (UUID, FILE))
         uuid = words[words.index("uuid") + 1]
         if uuid not in self.lines:
-            return _machine.Answer(10, b"", "Error: %s - no such connection profile." % uuid)
+            return commands.Answer(10, b"", "Error: %s - no such connection profile." % uuid)
         if "modify" in words:
             return self.modify(uuid, words[words.index("uuid") + 2 :])
         routes = {setting: [] for setting in ("ipv4.routes", "ipv6.routes")}
@@ -46,7 +47,7 @@ class Daemon:
 
     def modify(self, uuid, words):
         if self.refuse:
-            return _machine.Answer(1, b"", "Error: %s." % self.refuse)
+            return commands.Answer(1, b"", "Error: %s." % self.refuse)
         for setting, route in zip(words[::2], words[1::2]):
             line = "%s %s" % (setting[1:], route)
             if setting[0] == "+":
@@ -57,7 +58,7 @@ class Daemon:
 
 
 def answer(text):
-    return _machine.Answer(0, text.encode(), "")
+    return commands.Answer(0, text.encode(), "")
 
 
 @pytest.fixture
@@ -69,7 +70,7 @@ def daemon(monkeypatch):
 
 
 def back_end(recorded=None, booted=True):
-    machine = _routes_boot.Machine({"eth0": {"index": 2}, "lo": {"index": 1}, "wlan0": {"index": 3}}, booted)
+    machine = contract.Machine({"eth0": {"index": 2}, "lo": {"index": 1}, "wlan0": {"index": 3}}, booted)
     return nm.BackEnd(machine, "/", recorded or {})
 
 

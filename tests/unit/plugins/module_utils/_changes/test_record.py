@@ -8,13 +8,15 @@ import signal
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils import _owned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 
 def test_write_replaces_content_and_mode(tmp_path):
     path = tmp_path / "file"
     path.write_bytes(b"old")
-    _owned.write_by_rename(str(path), b"new", mode=0o640)
+    atomic.write_by_rename(str(path), b"new", mode=0o640)
     assert path.read_bytes() == b"new"
     assert path.stat().st_mode & 0o777 == 0o640
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
@@ -25,7 +27,7 @@ def test_failed_write_leaves_the_old_file(tmp_path):
     folder.mkdir()
     (folder / "inside").touch()
     with pytest.raises(OSError):
-        _owned.write_by_rename(str(folder), b"a file cannot replace a folder")
+        atomic.write_by_rename(str(folder), b"a file cannot replace a folder")
     assert [entry.name for entry in tmp_path.iterdir()] == ["target"]
 
 
@@ -37,18 +39,18 @@ def test_killed_writer_leaves_old_or_new_and_no_leftover_after_the_next_run(tmp_
         child = os.fork()
         if child == 0:
             while True:
-                _owned.write_by_rename(str(path), versions[number % 2])
+                atomic.write_by_rename(str(path), versions[number % 2])
         time.sleep(0.002 + number * 0.001)
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         assert path.read_bytes() in versions
-    _owned.write_by_rename(str(path), b"last")
+    atomic.write_by_rename(str(path), b"last")
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
 def test_record_comes_and_goes_with_its_folder(tmp_path):
     folder = tmp_path / "a" / "records"
-    first, second = _owned.Record("first", str(folder)), _owned.Record("second", str(folder))
+    first, second = Record("first", str(folder)), Record("second", str(folder))
     assert first.load() == {}
     first.save({"x": 1})
     second.save({"y": 2})
@@ -62,23 +64,23 @@ def test_record_comes_and_goes_with_its_folder(tmp_path):
 @pytest.mark.parametrize("content", [b"{", b"[1]", b"\xff"])
 def test_a_broken_record_is_a_sentence(tmp_path, content):
     (tmp_path / "broken.json").write_bytes(content)
-    with pytest.raises(_owned.Problem, match="broken.json"):
-        _owned.Record("broken", str(tmp_path)).load()
+    with pytest.raises(Problem, match="broken.json"):
+        Record("broken", str(tmp_path)).load()
 
 
 def test_make_folders_ends_for_a_relative_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert _owned.make_folders("a/b") == ["a", "a/b"]
+    assert atomic.make_folders("a/b") == ["a", "a/b"]
 
 
 def test_make_folders_tells_what_it_made(tmp_path):
-    assert _owned.make_folders(str(tmp_path / "a" / "b")) == [str(tmp_path / "a"), str(tmp_path / "a" / "b")]
-    assert _owned.make_folders(str(tmp_path / "a" / "b")) == []
-    assert _owned.remove_folder_if_empty(str(tmp_path / "a")) is False
+    assert atomic.make_folders(str(tmp_path / "a" / "b")) == [str(tmp_path / "a"), str(tmp_path / "a" / "b")]
+    assert atomic.make_folders(str(tmp_path / "a" / "b")) == []
+    assert atomic.remove_folder_if_empty(str(tmp_path / "a")) is False
 
 
 def test_the_names_of_the_records(tmp_path):
-    assert _owned.records(str(tmp_path / "none")) == []
-    _owned.Record("sysctl", str(tmp_path)).save({"a": 1})
-    _owned.Record("files-nodes", str(tmp_path)).save({"a": 1})
-    assert _owned.records(str(tmp_path)) == ["files-nodes", "sysctl"]
+    assert record.records(str(tmp_path / "none")) == []
+    Record("sysctl", str(tmp_path)).save({"a": 1})
+    Record("files-nodes", str(tmp_path)).save({"a": 1})
+    assert record.records(str(tmp_path)) == ["files-nodes", "sysctl"]

@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Files and folders replaced in one step.
+
+A file is replaced by writing a neighbour and renaming it, so whoever reads it, and whatever ends the
+writer, finds the old content or the new one (rename(2)).
+"""
+
+import errno
+import glob
+import os
+import typing
+
+_NEIGHBOUR = ".rosfleet-new"
+
+
+def read_bytes(path: str) -> typing.Optional[bytes]:
+    """The content of a file, or None where there is none."""
+    try:
+        with open(path, "rb") as stream:
+            return stream.read()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+
+
+def write_by_rename(
+    path: str, content: bytes, mode: int = 0o644, owner: typing.Optional[typing.Tuple[int, int]] = None
+) -> None:
+    """Replace a file in one step, with these permission bits and, where given, this (uid, gid).
+
+    Raises OSError with the file unchanged; EBUSY means that the path is a mount point.
+    """
+    remove_leftovers(path)
+    neighbour = "%s%s-%d" % (path, _NEIGHBOUR, os.getpid())
+    descriptor = os.open(neighbour, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(descriptor, "wb") as stream:
+            if owner is not None:
+                os.fchown(stream.fileno(), owner[0], owner[1])
+            os.fchmod(stream.fileno(), mode)
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.rename(neighbour, path)
+    except BaseException:
+        remove(neighbour)
+        raise
+    sync_folder(os.path.dirname(path))
+
+
+def remove_leftovers(path: str) -> None:
+    """Remove the neighbours that an ended writer of this path left behind."""
+    for leftover in leftovers(path):
+        remove(leftover)
+
+
+def leftovers(path: str) -> typing.List[str]:
+    """The neighbours that an ended writer of this path left behind."""
+    return glob.glob(glob.escape(path + _NEIGHBOUR) + "-*")
+
+
+def remove(path: str) -> None:
+    """Remove a file; that it is already gone is no error."""
+    try:
+        os.unlink(path)
+    except FileNotFoundError:
+        return
+
+
+def make_folders(path: str) -> typing.List[str]:
+    """Make a folder (mode 0755) and its missing parents; returns those that were made, outermost first."""
+    missing = []
+    while path and not os.path.isdir(path):
+        missing.append(path)
+        path = os.path.dirname(path)
+    for folder in reversed(missing):
+        os.mkdir(folder, 0o755)
+        os.chmod(folder, 0o755)
+    return missing[::-1]
+
+
+def remove_folder_if_empty(path: str) -> bool:
+    """Remove a folder that holds nothing; returns whether it is gone."""
+    try:
+        os.rmdir(path)
+    except FileNotFoundError:
+        return True
+    except OSError as problem:
+        if problem.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.EBUSY):
+            return False
+        raise
+    return True
+
+
+def sync_folder(path: str) -> None:
+    """Make renames and removals in a folder last over a loss of power (fsync(2) of the folder)."""
+    descriptor = os.open(path or ".", os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

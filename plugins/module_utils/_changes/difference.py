@@ -1,0 +1,20 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The entries of a module's `diff`."""
+
+import typing
+
+
+def difference(path: str, before: typing.Optional[bytes], after: typing.Optional[bytes]) -> typing.Dict[str, str]:
+    """One entry of a module's `diff`: a file's text before and after; None is a file that is not there."""
+
+    def text(content: typing.Optional[bytes]) -> str:
+        return "" if content is None else content.decode("utf-8", "replace")
+
+    return {
+        "before_header": path if before is not None else path + " (absent)",
+        "after_header": path if after is not None else path + " (absent)",
+        "before": text(before),
+        "after": text(after),
+    }

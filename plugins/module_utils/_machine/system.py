@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The system of this machine: its name, release, Python, systemd and multicast routers."""
+
+import os
+import platform
+import re
+import shlex
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
+
+
+def system(root: str = "/") -> typing.Dict[str, typing.Any]:
+    """Host name, Python, operating system (os-release(5)) and systemd."""
+    release = {}
+    for word in _words(text(os.path.join(root, "etc/os-release"))):
+        name, _equals, value = word.partition("=")
+        release[name] = value
+    version = re.match(r"systemd (\d+)", run(["systemctl", "--version"]).output.decode("utf-8", "replace"))
+    return {
+        "hostname": os.uname().nodename,
+        "python": platform.python_version(),
+        "os": {
+            "id": release.get("ID", ""),
+            "version": release.get("VERSION_ID", ""),
+            "name": release.get("PRETTY_NAME", ""),
+        },
+        "systemd": {
+            # sd_booted(3)
+            "running": os.path.isdir(os.path.join(root, "run/systemd/system")),
+            "version": int(version.group(1)) if version else 0,
+        },
+    }
+
+
+def _words(content: str) -> typing.List[str]:
+    try:
+        return shlex.split(content, comments=True)
+    except ValueError:  # an unfinished quotation
+        return content.split()
+
+
+# Programs that pass multicast on between interfaces, by their units in Debian; the kernel takes one at a time.
+_MULTICAST_ROUTERS = ("smcroute.service", "mrouted.service", "pimd.service", "igmpproxy.service")
+
+
+def multicast_routing() -> typing.Dict[str, typing.Any]:
+    """Where smcrouted is, and which units of others pass multicast on."""
+    places = (os.path.join(folder, "smcrouted") for folder in ("/usr/sbin", "/usr/local/sbin", "/sbin"))
+    states = run(["systemctl", "is-active"] + list(_MULTICAST_ROUTERS)).output.decode("utf-8", "replace").split()
+    return {
+        "smcrouted": next((path for path in places if os.access(path, os.X_OK)), ""),
+        "others": [unit for unit, state in zip(_MULTICAST_ROUTERS, states) if state == "active"],
+    }

@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The house: which folder may import which, in all three trees; where a file's test stands; where sockets and ROS are.
+
+ROOMS is the picture in docs/architecture.md, line by line.
+"""
+
+import ast
+import pathlib
+
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[2]
+MODULE_UTILS = "plugins/module_utils"
+PLUGIN_UTILS = "plugins/plugin_utils"
+NODES = "roles/nodes/files/python/rosfleet_multimaster"
+
+#: room -> the rooms that it may import, beside itself; a room is a folder, or a folder's own files ("")
+ROOMS = {
+    MODULE_UTILS: {
+        "_machine": set(),
+        "_changes": {"_machine"},
+        "_hosts": {"_changes", "_machine"},
+        "_sysctl": {"_changes", "_machine"},
+        "_routes": {"_changes", "_machine"},
+        "_verify": {"_machine"},
+    },
+    PLUGIN_UTILS: {
+        "_fleet": set(),
+        "_plan": {"_fleet"},
+        "_changes": set(),
+        "_verify": {"_plan", "_fleet"},
+    },
+    NODES: {
+        "core": set(),
+        "edge": {"core"},
+        "": {"core", "edge"},
+    },
+}
+COLLECTION = "ansible_collections.rosfleet.multimaster."
+
+NOT_IN_THE_CORE = {
+    *(
+        "socket",
+        "socketserver",
+        "select",
+        "selectors",
+        "http",
+        "xmlrpc",
+        "subprocess",
+        "signal",
+        "os",
+        "sys",
+        "logging",
+    ),
+    *("time", "datetime", "threading", "queue", "asyncio", "concurrent", "multiprocessing"),
+    *("random", "secrets", "uuid"),
+}
+ROS = {
+    *("rospy", "rosgraph", "roslib", "rospkg", "genpy", "std_msgs", "std_srvs", "diagnostic_msgs"),
+    "fkie_multimaster_msgs",
+}
+
+
+def sources(tree):
+    """The Python files of a tree."""
+    return sorted((ROOT / tree).rglob("*.py"))
+
+
+def imports(path):
+    """The modules that a file imports, by their full names; relative ones as if the tree of the nodes were a package."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                folder = path.parents[node.level - 1].relative_to(ROOT / NODES).parts
+                base = ".".join(["rosfleet_multimaster", *folder, *([node.module] if node.module else [])])
+            found |= {base} | {f"{base}.{alias.name}" for alias in node.names}
+    return found
+
+
+def rooms_of(tree, path):
+    """The room of a file, and the rooms of its tree that it imports."""
+    folder = ROOT / tree
+    prefix = "rosfleet_multimaster" if tree == NODES else COLLECTION + tree.replace("/", ".")
+    own = path.relative_to(folder).parts
+    named = {name[len(prefix) + 1 :].split(".")[0] for name in imports(path) if name.startswith(prefix + ".")}
+    rooms = {
+        name if (folder / name).is_dir() else ""
+        for name in named
+        if (folder / name).is_dir() or (folder / f"{name}.py").exists()
+    }
+    return (own[0] if len(own) > 1 else ""), rooms
+
+
+CASES = [(tree, path) for tree in ROOMS for path in sources(tree)]
+IDS = [str(path.relative_to(ROOT)) for _tree, path in CASES]
+
+
+@pytest.mark.parametrize(("tree", "path"), CASES, ids=IDS)
+def test_a_room_imports_only_what_stands_below_it(tree, path):
+    room, imported = rooms_of(tree, path)
+    if path.name == "__init__.py" and not room:
+        return
+    assert room in ROOMS[tree], f"{room} is a folder that this table does not know"
+    assert imported <= ROOMS[tree][room] | {room}
+
+
+@pytest.mark.parametrize("tree", ROOMS)
+def test_no_arrow_goes_up(tree):
+    below = {}
+    for room, arrows in ROOMS[tree].items():  # the table is written from the ground up
+        assert arrows - {room} <= set(below), f"{room} stands before what it imports"
+        below[room] = arrows
+
+
+def test_the_halves_do_not_know_each_other():
+    for path in sources(MODULE_UTILS) + sources("plugins/modules"):
+        assert not any("plugin_utils" in name for name in imports(path)), path
+    for path in sources(PLUGIN_UTILS):
+        assert not any(
+            "module_utils" in name or name.startswith("ansible.")
+            for name in imports(path)
+            if path.parent.name != "_changes"
+        ), path
+
+
+# The nodes
+
+
+@pytest.mark.parametrize("path", sources(NODES + "/core"), ids=lambda path: path.stem)
+def test_the_core_has_no_sockets_no_threads_no_clock_and_no_ros(path):
+    assert not {name.split(".")[0] for name in imports(path)} & (NOT_IN_THE_CORE | ROS)
+
+
+@pytest.mark.parametrize("path", sources(NODES), ids=lambda path: path.stem)
+def test_ros_has_one_file(path):
+    if path.relative_to(ROOT / NODES).as_posix() != "edge/ros.py":
+        assert not {name.split(".")[0] for name in imports(path)} & ROS
+
+
+@pytest.mark.parametrize("path", sources(NODES), ids=lambda path: path.stem)
+def test_no_setting_of_the_process_is_changed(path):
+    text = path.read_text(encoding="utf-8")
+    assert "setdefaulttimeout" not in text and not text.startswith("#!")
+    ast.parse(text, feature_version=(3, 8))
+
+
+# The tests
+
+MIRRORED = {
+    "tests/unit/plugins": "plugins",
+    "tests/unit/nodes/core": NODES + "/core",
+    "tests/unit/nodes/edge": NODES + "/edge",
+}
+
+
+@pytest.mark.parametrize("tests", MIRRORED)
+def test_a_test_stands_at_the_path_of_its_file(tests):
+    for path in sorted((ROOT / tests).rglob("test_*.py")):
+        folder = ROOT / MIRRORED[tests] / path.parent.relative_to(ROOT / tests)
+        name = path.stem[len("test_") :]
+        assert (folder / f"{name}.py").exists() or (folder / name).is_dir(), f"{path} tests no file"
