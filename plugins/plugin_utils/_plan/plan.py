@@ -19,10 +19,17 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.export
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.fleet import Computer, Fleet, Robot, Router
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain
 
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
 LOOKED_AT = ["system", "owned", "interfaces", "ways", "multicast_routing"]
 LOOKED_AT_WITH_ROS = ["ros", "packages", "ports", "exports", "sshd", "environment"]
+
+
+def fleet_plan(fleet: Fleet) -> FleetPlan:
+    """Return the plan of the fleet."""
+    return from_plain(FleetPlan, plan(fleet))
 
 
 def plan(fleet: Fleet) -> dict[str, Any]:

@@ -1,0 +1,228 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The plan of a fleet as types: what all computers share (FleetPlan), and what one computer needs (ComputerPlan).
+
+`plain.to_plain` makes of it what Ansible's variables `multimaster_fleet` and `multimaster_plan` hold. A field here is a
+key there, in the same order. `plain.from_plain` reads them again. Only actions, filters and lookups do either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from ipaddress import IPv4Address, IPv4Network
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import spelling
+
+DEFAULT_ROUTE = IPv4Network("0.0.0.0/0")
+
+# Parameters of a node, in the words of the provider; the services get them as JSON.
+Parameters = Mapping[str, Any]
+
+
+# What all computers share
+
+
+@dataclass(frozen=True)
+class HostsEntry:
+    """A line of /etc/hosts: an address and its names, the name in the inventory first."""
+
+    address: IPv4Address
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Master:
+    """A ROS master as every discovery node is expected to list it."""
+
+    robot: str
+    computer: str
+    address: IPv4Address  # that discovery uses: on a gateway the one in the common network
+    name: str
+    uri: str
+    monitor_uri: str
+    rpc_port: int
+    declared: bool = False  # the robot says what it gives to the others
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Topics and services that each of `givers` gives to each of `to`."""
+
+    givers: tuple[str, ...] = field(metadata=spelling(key="from"))
+    to: tuple[str, ...]
+    topics: tuple[str, ...] = ()
+    services: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RobotNetwork:
+    """The own network of a robot, and its gateway to the common network."""
+
+    robot: str
+    network: IPv4Network
+    gateway: IPv4Address  # in this network
+    common_address: IPv4Address  # of the gateway, in the common network
+    device: bool = False  # the gateway is no computer of the inventory
+
+
+@dataclass(frozen=True)
+class Router:
+    """The device that manages the common network (section 4.1 of the report)."""
+
+    name: str  # the host; empty for a device that is not in the inventory
+    address: IPv4Address
+
+
+@dataclass(frozen=True)
+class Member:
+    """A computer of a robot as the other computers see it."""
+
+    name: str
+    robot: str
+    address: IPv4Address
+    network: IPv4Network
+    discovery_address: IPv4Address
+    discovery: bool  # it takes part in the traffic of discovery
+    multicast: bool  # it hears the multicast group of the others
+
+
+# What one computer needs
+
+
+@dataclass(frozen=True)
+class Interface:
+    """An address of the computer, and the network that its interface is in."""
+
+    network: IPv4Network
+    address: IPv4Address
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A kernel parameter (sysctl). `{common}` in a name is the interface on the common network, see preflight."""
+
+    name: str
+    value: str
+
+
+@dataclass(frozen=True)
+class Route:
+    """A route that the computer needs."""
+
+    destination: IPv4Network = field(metadata=spelling(words=((DEFAULT_ROUTE, "default"),)))
+    gateway: IPv4Address
+
+
+@dataclass(frozen=True)
+class ExpectedRoute:
+    """A route that something else makes; one of the gateways is the right one."""
+
+    destination: IPv4Network
+    gateways: tuple[IPv4Address, ...]
+
+
+@dataclass(frozen=True)
+class Node:
+    """A ROS node to look for: its package, its executable, and the Python modules that it imports."""
+
+    package: str
+    executable: str
+    modules: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LookAt:
+    """The options of multimaster_info for this computer."""
+
+    parts: tuple[str, ...] = ()
+    destinations: tuple[IPv4Address, ...] = ()
+    packages: tuple[str, ...] = ()
+    nodes: tuple[Node, ...] = ()
+
+
+@dataclass(frozen=True)
+class MulticastRouting:
+    """The group that a gateway passes on, and between which of its addresses."""
+
+    group: IPv4Address
+    addresses: tuple[IPv4Address, ...]
+    interfaces: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))  # filled in by preflight
+
+
+@dataclass(frozen=True)
+class Port:
+    """A port that a service of the collection listens on."""
+
+    protocol: str  # tcp or udp
+    port: int
+
+
+@dataclass(frozen=True)
+class UnitLines:
+    """The lines of a systemd unit that differ by provider: the last of its [Unit] and of its [Service]."""
+
+    unit: str = ""
+    service: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComputerPlan:
+    """What one computer needs; the router of the common network has a plan, too."""
+
+    computer: str
+    robot: str = ""  # empty for the router
+    address: IPv4Address
+    common_address: IPv4Address | None = None  # None behind a gateway
+    network: IPv4Network
+    networks: tuple[Interface, ...] = ()
+    is_master: bool = False
+    is_gateway: bool = False
+    is_router: bool = False
+    roscore: str = "managed"
+    roscore_port: int = 0
+    ros_setup: str = "auto"
+    sysctl: tuple[Setting, ...] = ()
+    routes: tuple[Route, ...] = ()
+    routes_expected: tuple[ExpectedRoute, ...] = ()
+    look_at: LookAt = LookAt()
+    multicast_routing: MulticastRouting | None = None
+    environment: Mapping[str, str] = field(default_factory=dict)
+    ports: tuple[Port, ...] = ()
+    services: tuple[str, ...] = ()  # in the order in which they start
+    provider: str = "bundled"
+    discovery: Parameters = field(default_factory=dict)
+    sync: Parameters = field(default_factory=dict)
+    limits: tuple[str, ...] = ()  # sentences about what the provider cannot do
+    # Filled in by preflight, which knows the machine.
+    programs: Mapping[str, UnitLines] | None = field(default=None, metadata=spelling(left_out=True))
+    packages: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetPlan:
+    """The plan of the fleet: what all share, and one entry for each computer.
+
+    Lists that every computer needs are here once, so the plan grows with the number of computers.
+    """
+
+    hosts_entries: tuple[HostsEntry, ...] = ()
+    masters: tuple[Master, ...] = ()
+    flows: tuple[Flow, ...] = ()
+    common_network: IPv4Network
+    networks: tuple[RobotNetwork, ...] = ()
+    router: Router | None = None
+    transport: str = "both"
+    multicast_group: IPv4Address = IPv4Address("226.0.0.0")
+    multicast_port: int = 11511
+    multicast_routing: str = "none"
+    members: tuple[Member, ...] = ()
+    computers: Mapping[str, ComputerPlan] = field(default_factory=dict)
+
+    @cached_property
+    def master_of(self) -> Mapping[str, Master]:
+        """The master of each robot, by the robot's name."""
+        return {master.robot: master for master in self.masters}

@@ -1,0 +1,194 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Conversion between dataclasses and plain data, as Ansible's variables and JSON have it.
+
+The type of a field decides: a dataclass is a dictionary, a tuple is a list, an address or a network is its text.
+Where a field may be None, plain data has an empty text or an empty dictionary. `spelling` names what is different.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+from collections.abc import Callable, Mapping
+from functools import cache
+from ipaddress import IPv4Address, IPv4Network
+from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
+
+T = TypeVar("T")
+
+_SPELLING = "spelling"
+
+
+class Mismatch(ValueError):
+    """Plain data does not fit its type; the text says where, what was found and what was expected."""
+
+
+class Spelling(NamedTuple):
+    """The exceptions to the rules above for one field; see `spelling`."""
+
+    key: str = ""
+    words: tuple[tuple[Any, str], ...] = ()
+    left_out: bool = False
+
+
+def spelling(key: str = "", words: tuple[tuple[Any, str], ...] = (), left_out: bool = False) -> dict[str, Any]:
+    """Metadata for a field of a dataclass.
+
+    `key` is its key in plain data where that is no Python name, such as `from`. `words` are values with a text of their
+    own, such as (0.0.0.0/0, "default"). With `left_out` the key is missing while the field is None.
+    """
+    return {_SPELLING: Spelling(key, words, left_out)}
+
+
+def to_plain(value: Any) -> Any:
+    """Return a dataclass as a dictionary of plain data. The keys have the order of the fields."""
+    return _converter(type(value)).write(value)
+
+
+def from_plain(kind: type[T], data: Any) -> T:
+    """Return plain data as an object of the dataclass `kind`. Unknown keys are ignored. Raises Mismatch."""
+    read: T = _converter(kind).read(data, "")
+    return read
+
+
+class Converter(NamedTuple):
+    """The two directions for one type; `read` also takes the path of the data, for the text of an error."""
+
+    write: Callable[[Any], Any]
+    read: Callable[[Any, str], Any]
+    nothing: Any = ""  # plain data for None
+
+
+@cache
+def _converter(kind: Any) -> Converter:
+    origin, arguments = get_origin(kind), get_args(kind)
+    if dataclasses.is_dataclass(kind):
+        return _record(kind)
+    if origin in (types.UnionType, Union):
+        return _optional(_converter(next(each for each in arguments if each is not type(None))))
+    if origin is tuple:
+        return _list(_converter(arguments[0]))
+    if origin is not None:
+        return _dictionary(_converter(arguments[1]))
+    return _SCALARS[kind]
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def _checked(kind: type, expected: str) -> Converter:
+    def read(data: Any, path: str) -> Any:
+        if not isinstance(data, kind) or (isinstance(data, bool) and kind is not bool):
+            raise Mismatch(f"{path} is {data!r}; expected {expected}.")
+        return data
+
+    return Converter(_same, read)
+
+
+def _parsed(kind: Callable[[str], Any], expected: str) -> Converter:
+    def read(data: Any, path: str) -> Any:
+        try:
+            return kind(str(data))
+        except ValueError:
+            raise Mismatch(f"{path} is {data!r}; expected {expected}.") from None
+
+    return Converter(str, read)
+
+
+_SCALARS: Mapping[Any, Converter] = {
+    Any: Converter(_same, lambda data, path: data),
+    str: _checked(str, "a text"),
+    int: _checked(int, "a whole number"),
+    bool: _checked(bool, "true or false"),
+    IPv4Address: _parsed(IPv4Address, "an IPv4 address"),
+    IPv4Network: _parsed(IPv4Network, "an IPv4 network"),
+}
+
+
+def _optional(inner: Converter) -> Converter:
+    def write(value: Any) -> Any:
+        return inner.nothing if value is None else inner.write(value)
+
+    def read(data: Any, path: str) -> Any:
+        return None if data is None or data == inner.nothing else inner.read(data, path)
+
+    # The empty dictionary is made anew each time, since plain data may be changed by whoever gets it.
+    if inner.nothing == {}:
+        return Converter(lambda value: {} if value is None else inner.write(value), read, inner.nothing)
+    return Converter(write, read, inner.nothing)
+
+
+def _list(item: Converter) -> Converter:
+    def read(data: Any, path: str) -> tuple[Any, ...]:
+        if not isinstance(data, (list, tuple)):
+            raise Mismatch(f"{path} is {data!r}; expected a list.")
+        return tuple(item.read(each, f"{path}[{number}]") for number, each in enumerate(data))
+
+    return Converter(lambda value: [item.write(each) for each in value], read, None)
+
+
+def _dictionary(item: Converter) -> Converter:
+    def read(data: Any, path: str) -> dict[str, Any]:
+        if not isinstance(data, Mapping):
+            raise Mismatch(f"{path} is {data!r}; expected a mapping.")
+        return {str(key): item.read(each, f"{path}.{key}") for key, each in data.items()}
+
+    return Converter(lambda value: {key: item.write(each) for key, each in value.items()}, read, None)
+
+
+class _Field(NamedTuple):
+    """A field of a dataclass with its key in plain data."""
+
+    name: str
+    key: str
+    converter: Converter
+    required: bool
+    words: Mapping[Any, str]
+    values: Mapping[str, Any]  # word -> value
+    left_out: bool
+
+
+def _record(kind: Any) -> Converter:
+    hints = get_type_hints(kind)
+    fields = [_field(each, hints[each.name]) for each in dataclasses.fields(kind)]
+
+    def write(value: Any) -> dict[str, Any]:
+        plain = {}
+        for field in fields:
+            content = getattr(value, field.name)
+            if field.words and content in field.words:
+                plain[field.key] = field.words[content]
+            elif not (field.left_out and content is None):
+                plain[field.key] = field.converter.write(content)
+        return plain
+
+    def read(data: Any, path: str) -> Any:
+        if not isinstance(data, Mapping):
+            raise Mismatch(f"{path or kind.__name__} is {data!r}; expected a mapping.")
+        values = {}
+        for field in fields:
+            if field.key in data:
+                content, where = data[field.key], f"{path}.{field.key}" if path else field.key
+                word = field.values.get(content) if isinstance(content, str) else None
+                values[field.name] = word if word is not None else field.converter.read(content, where)
+            elif field.required:
+                raise Mismatch(f"{f'{path}.' if path else ''}{field.key} is missing.")
+        return kind(**values)
+
+    return Converter(write, read, {})
+
+
+def _field(field: dataclasses.Field[Any], kind: Any) -> _Field:
+    spelled: Spelling = field.metadata.get(_SPELLING, Spelling())
+    return _Field(
+        name=field.name,
+        key=spelled.key or field.name,
+        converter=_converter(kind),
+        required=field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING,
+        words=dict(spelled.words),
+        values={word: value for value, word in spelled.words},
+        left_out=spelled.left_out,
+    )
