@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Records of what is ours on a machine: one JSON file per module and purpose."""
+"""Records of what the modules own on a machine: one JSON file per module and purpose."""
 
 import glob
 import json
@@ -15,19 +15,19 @@ RECORDS = "/var/lib/rosfleet-multimaster"
 
 
 class Record:
-    """What one module remembers on this machine: a JSON object in a file of its own, absent while empty."""
+    """The record of one module on this machine: a JSON object in a file of its own, absent while empty."""
 
     def __init__(self, name: str, folder: str = RECORDS) -> None:
         self.path = os.path.join(folder, name + ".json")
 
     def load(self) -> typing.Dict[str, typing.Any]:
-        """The remembered object, or an empty one. Raises Problem where the file is not ours to read."""
+        """The saved object, or an empty one. Raises Problem where the file cannot be read as a record."""
         try:
             content = atomic.read_bytes(self.path)
         except OSError as problem:
             raise Problem(
-                "The record %s cannot be read (%s); expected a file that this module wrote: run as root (become: true)."
-                % (self.path, problem.strerror)
+                f"The record {self.path} cannot be read ({problem.strerror}); expected a file that this module wrote: "
+                "run as root (become: true)."
             ) from problem
         if content is None:
             return {}
@@ -35,24 +35,34 @@ class Record:
             data = json.loads(content.decode("utf-8"))
         except ValueError as problem:
             raise Problem(
-                "The record %s is not readable as JSON (%s); expected what this module wrote there: "
-                "restore it from a backup, or remove it and what it owned by hand." % (self.path, problem)
+                f"The record {self.path} is not readable as JSON ({problem}); expected what this module wrote there: "
+                "restore it from a backup, or remove it and what it owned by hand."
             ) from problem
         if not isinstance(data, dict):
-            raise Problem("The record %s holds no JSON object; remove it to start without a memory." % self.path)
+            raise Problem(f"The record {self.path} holds no JSON object; remove it to start without a memory.")
         return data
 
     def save(self, data: typing.Dict[str, typing.Any]) -> None:
-        """Remember an object; an empty one removes the file, and the folder with the last file."""
+        """Save an object; an empty one removes the file, and the folder with the last file. Raises OSError."""
         folder = os.path.dirname(self.path)
         if data:
             atomic.make_folders(folder)
-            text = json.dumps(data, indent=2, sort_keys=True) + "\n"
-            atomic.write_by_rename(self.path, text.encode("utf-8"), mode=0o600)
+            atomic.write_by_rename(self.path, _encoded(data), mode=0o600)
         else:
             atomic.remove_leftovers(self.path)
             atomic.remove(self.path)
             atomic.remove_folder_if_empty(folder)
+
+    def save_if_changed(self, data: typing.Dict[str, typing.Any]) -> None:
+        """Save an object unless it is saved already: a run that only removes things works on a full disk, too."""
+        if data and atomic.read_bytes(self.path) == _encoded(data):
+            atomic.remove_leftovers(self.path)
+        else:
+            self.save(data)
+
+
+def _encoded(data: typing.Dict[str, typing.Any]) -> bytes:
+    return (json.dumps(data, indent=2, sort_keys=True) + "\n").encode("utf-8")
 
 
 def records(folder: str = RECORDS) -> typing.List[str]:

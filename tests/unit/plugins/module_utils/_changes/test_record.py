@@ -61,6 +61,20 @@ def test_record_comes_and_goes_with_its_folder(tmp_path):
     assert not folder.exists()
 
 
+def test_what_is_saved_already_is_not_written_again(tmp_path):
+    kept = Record("kept", str(tmp_path))
+    kept.save({"x": 1})
+    before = os.stat(kept.path)
+    leftover = tmp_path / "kept.json.rosfleet-new-1"
+    leftover.touch()
+    kept.save_if_changed({"x": 1})
+    assert os.stat(kept.path) == before and not leftover.exists()
+    kept.save_if_changed({"x": 2})
+    assert kept.load() == {"x": 2}
+    kept.save_if_changed({})
+    assert not tmp_path.exists()
+
+
 @pytest.mark.parametrize("content", [b"{", b"[1]", b"\xff"])
 def test_a_broken_record_is_a_sentence(tmp_path, content):
     (tmp_path / "broken.json").write_bytes(content)

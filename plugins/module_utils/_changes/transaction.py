@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Steps of a change: done in their order, and undone in the reverse order where one of them fails.
+
+A change that has a record begins with the step `intent`, which saves what is about to happen. So a run that is killed
+leaves nothing on the machine that the next run does not know of. It ends with the step `settled`, which saves what is
+owned from then on:
+
+    carry_out([intent(record, planned, before), Step("/etc/example", write, restore), settled(record, after)])
+"""
+
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
+
+FAILURES = (OSError, ValueError, Problem)  # what a step may raise; anything else is a defect of the program
+Data = typing.Dict[str, typing.Any]
+
+
+def nothing() -> None:
+    """Do nothing: for a step that has only one of its two halves."""
+
+
+class Step(typing.NamedTuple):
+    """One step of a change."""
+
+    what: str  # names the step in the sentence that says what could not be undone
+    do: typing.Callable[[], typing.Any]  # raises OSError, ValueError or Problem
+    #: brings the state from before back, also after half of `do`; raises as `do`, or returns a sentence per failure
+    undo: typing.Callable[[], typing.Optional[typing.List[str]]] = nothing
+    only_if_all_undone: bool = False  # undo this step only if every step after it could be undone
+    failure: str = "{what} ({reason})"  # says that `undo` raised an exception
+
+
+class NotDone(Problem):
+    """A step has failed, and the steps before it are undone as far as possible.
+
+    Its text is the sentence of the cause, followed by what was undone.
+    """
+
+    def __init__(self, cause: Exception, left: typing.List[str]) -> None:
+        self.cause = cause
+        self.left = left  # a text for everything that could not be undone
+        end = f"Not put back: {', '.join(left)}." if left else "Everything is as it was before."
+        super().__init__(f"{sentence(cause)} {end}")
+
+
+def carry_out(steps: typing.Iterable[Step]) -> None:
+    """Do all steps or none. Raises NotDone."""
+    begun: typing.List[Step] = []
+    try:
+        for step in steps:
+            begun.append(step)
+            step.do()
+    except FAILURES as problem:
+        raise NotDone(problem, undo(begun)) from problem
+
+
+def undo(steps: typing.Sequence[Step]) -> typing.List[str]:
+    """Undo steps, the last one first; returns a text for everything that could not be undone."""
+    left: typing.List[str] = []
+    for step in reversed(steps):
+        if left and step.only_if_all_undone:
+            continue
+        try:
+            left += step.undo() or []
+        except FAILURES as problem:
+            reason = getattr(problem, "strerror", None) or problem
+            left.append(step.failure.format(what=step.what, reason=reason))
+    return left
+
+
+def intent(record: Record, data: Data, before: Data, what: str = "", failure: str = "{what} ({reason})") -> Step:
+    """The step that saves what is about to happen, before the first change.
+
+    Its undo saves what the record held `before`, unless something could not be undone: then the next run needs the
+    intent to repair it.
+    """
+    return Step(what or record.path, lambda: record.save_if_changed(data), lambda: record.save(before), True, failure)
+
+
+def settled(record: Record, after: Data) -> Step:
+    """The step that saves what is owned after the last change; an undo of it is that of `intent`."""
+    return Step(record.path, lambda: record.save_if_changed(after))
