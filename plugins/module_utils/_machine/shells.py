@@ -12,6 +12,7 @@ import shutil
 import time
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, run, text
 
 Found = typing.List[typing.Dict[str, typing.Any]]
@@ -150,11 +151,8 @@ def _patterns(rest: str) -> typing.List[str]:
 
 def _listener() -> typing.Tuple[str, float]:
     """The active unit of sshd's daemon, or an empty text, and when (s since 1970) it last read its files."""
-    shown = run(
-        ["systemctl", "show", "-p", "Id,ActiveState,StateChangeTimestampMonotonic", "ssh.service", "sshd.service"]
-    )
-    for block in shown.output.decode("utf-8", "replace").split("\n\n"):
-        unit = dict(line.partition("=")[::2] for line in block.splitlines())
+    properties = ("Id", "ActiveState", "StateChangeTimestampMonotonic")
+    for unit in systemd.show(("ssh.service", "sshd.service"), properties).units:
         if unit.get("ActiveState") == "active":
             # A reload is a change of state too (active, reloading, active).
             age = time.monotonic() - int(unit.get("StateChangeTimestampMonotonic") or 0) / 1e6

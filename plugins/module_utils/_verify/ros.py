@@ -16,6 +16,7 @@ import time
 import typing
 import xmlrpc.client
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import processes, systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, run, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import listener, texts
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import PAUSE, TRIES, awaited, server
@@ -251,8 +252,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
         pid = seen.get("MainPID", "0")
         if pid != "0":
             try:
-                with open(f"/proc/{pid}/environ", "rb") as stream:
-                    entry["differing"] = texts.differing(stream.read(), variables)
+                entry["differing"] = texts.differing(processes.environment(pid), variables)
             except OSError:
                 entry["differing"] = None  # it ended since, or is not ours to look at
         found.append(entry)
@@ -260,8 +260,8 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
 
 
 def _show(unit: str) -> typing.Dict[str, str]:
-    answer = run(["systemctl", "show", unit, "--property=" + ",".join(_PROPERTIES)])
-    return texts.properties(answer.output.decode("utf-8", "replace"))
+    shown = systemd.show([unit], _PROPERTIES).units
+    return shown[0] if shown else {}
 
 
 def start_talker(ros: Ros, label: str, computer: str, lifetime: int) -> str:

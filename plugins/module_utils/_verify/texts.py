@@ -67,16 +67,9 @@ def environment(content: str) -> typing.Dict[str, str]:
     return variables
 
 
-def differing(process: bytes, wanted: typing.Dict[str, str]) -> typing.List[str]:
-    """The names of wanted variables that have another value, or none, in the text of /proc/PID/environ."""
-    entries = process.decode("utf-8", "surrogateescape").split("\0")
-    has = dict(entry.split("=", 1) for entry in entries if "=" in entry)
-    return sorted(name for name, value in wanted.items() if has.get(name) != value)
-
-
-def properties(output: str) -> typing.Dict[str, str]:
-    """The properties in the output of `systemctl show`."""
-    return dict(line.split("=", 1) for line in output.splitlines() if "=" in line)
+def differing(process: typing.Dict[str, str], wanted: typing.Dict[str, str]) -> typing.List[str]:
+    """Name the wanted variables that have another value, or none, in the environment of a process."""
+    return sorted(name for name, value in wanted.items() if process.get(name) != value)
 
 
 def masters(output: str) -> typing.List[typing.Dict[str, typing.Any]]:

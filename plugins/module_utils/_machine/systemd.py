@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The reader of `systemctl show`: properties of systemd's units, and of systemd itself."""
+
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+
+_LIMIT = 5.0  # seconds; systemctl show starts nothing
+
+Properties = typing.Dict[str, str]
+
+
+class Shown(typing.NamedTuple):
+    """The properties of each unit, in the order in which they were asked for; and the error, empty if there is none."""
+
+    units: typing.List[Properties]
+    error: str = ""
+
+
+def show(units: typing.Sequence[str], properties: typing.Sequence[str], limit: float = _LIMIT) -> Shown:
+    """Ask systemd for properties of units in one call of at most `limit` seconds; without units of systemd itself.
+
+    The names of properties are those of org.freedesktop.systemd1(5). A unit that does not exist has the LoadState
+    "not-found", and that is no error.
+    """
+    answer = commands.run(["systemctl", "show", "--property=" + ",".join(properties), "--"] + list(units), limit=limit)
+    error = "" if answer.status == 0 else answer.error or str(answer.status)
+    return Shown(parse(answer.output.decode("utf-8", "replace")), error)
+
+
+def parse(output: str) -> typing.List[Properties]:
+    """Split the output of `systemctl show`: one block of NAME=VALUE for each unit, and an empty line between blocks."""
+    blocks = [block for block in output.strip("\n").split("\n\n") if block]
+    return [dict(line.partition("=")[::2] for line in block.splitlines() if "=" in line) for block in blocks]
