@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The shell of the modules that change a machine: plan, refuse or warn, apply unless in check mode, report.
+
+A module's `main` makes the AnsibleModule and gives it to `run_module`, with the function that makes its ModuleRun:
+
+    run_module(module, lambda memory: Run(module.params, memory), Guard(module, "routes", "routes"))
+"""
+
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+Fields = typing.Dict[str, typing.Any]
+
+
+class ModuleRun:
+    """One run of a module. Making it reads the machine and plans; it changes nothing and raises Problem."""
+
+    #: whether anything changes on the machine
+    changed = False
+
+    @property
+    def refusals(self) -> typing.List[str]:
+        """The sentences that say why the plan is not carried out, also in check mode; none where it is."""
+        return []
+
+    @property
+    def warnings(self) -> typing.List[str]:
+        """The sentences to warn with; asked for before `apply` and again after it."""
+        return []
+
+    @property
+    def difference(self) -> typing.Any:
+        """The value of `diff`, None where `result` has it."""
+        return None
+
+    def result(self) -> Fields:
+        """The other return values of the module; asked for after `apply`."""
+        raise NotImplementedError
+
+    def failure(self, problem: Problem) -> Fields:
+        """The return values beside `msg` where the run ends with this problem."""
+        return {}
+
+    def summary(self, check_mode: bool) -> str:
+        """The sentences of `msg`."""
+        raise NotImplementedError
+
+    def apply(self) -> None:
+        """Carry out the plan. Raises Problem; then everything is as it was before, or the sentence says what is not."""
+        raise NotImplementedError
+
+
+class Unguarded:
+    """The ends of a module without a dead-man's switch, with the methods of deadman.Guard."""
+
+    def __init__(self, module: typing.Any) -> None:
+        self.module = module
+
+    def begin(self) -> typing.Any:
+        """Return the memory of an earlier run: there is none."""
+        return None
+
+    def apply(self, run: typing.Any) -> None:
+        """Carry out the plan. Raises Problem."""
+        run.apply()
+
+    def fail(self, problem: Problem, **result: typing.Any) -> typing.NoReturn:
+        """End the module with a sentence."""
+        self.module.fail_json(msg=str(problem), **result)
+
+    def exit(self, changed: bool, **result: typing.Any) -> typing.NoReturn:
+        """End the module with its result."""
+        self.module.exit_json(changed=changed, **result)
+
+
+def run_module(module: typing.Any, make: typing.Callable[[typing.Any], ModuleRun], guard: typing.Any = None) -> None:
+    """Run a module and end it.
+
+    `make` makes the ModuleRun out of the memory of an earlier run, which only a guard (deadman.Guard) has.
+    """
+    guard = guard or Unguarded(module)
+    try:
+        run = make(guard.begin())
+    except Problem as problem:
+        return guard.fail(problem)
+    try:
+        _carry_out(module, run, guard)
+    except Problem as problem:
+        return guard.fail(problem, **run.failure(problem))
+    result = run.result()
+    if module._diff and run.difference is not None:
+        result["diff"] = run.difference
+    return guard.exit(changed=run.changed, msg=run.summary(module.check_mode), **result)
+
+
+def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any) -> None:
+    if run.refusals:
+        raise Problem(" ".join(run.refusals))
+    warned = run.warnings
+    _warn(module, warned)
+    if not module.check_mode:
+        guard.apply(run)
+        _warn(module, [sentence for sentence in run.warnings if sentence not in warned])
+
+
+def _warn(module: typing.Any, sentences: typing.Iterable[str]) -> None:
+    for sentence in sentences:
+        module.warn(sentence)

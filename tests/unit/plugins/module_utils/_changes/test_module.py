@@ -1,0 +1,125 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The shell of the modules that change a machine, with a module and a run that write down what happens."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import module as shell
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+
+class End(Exception):
+    """The end of the module, with its return values."""
+
+
+class Module:
+    """An AnsibleModule as far as the shell needs it."""
+
+    def __init__(self, check_mode=False, diff=False):
+        self.check_mode, self._diff = check_mode, diff
+        self.warned = []
+
+    def warn(self, sentence):
+        self.warned.append(sentence)
+
+    def exit_json(self, **result):
+        raise End({"failed": False, **result})
+
+    def fail_json(self, **result):
+        raise End({"failed": True, **result})
+
+
+class Run(shell.ModuleRun):
+    changed = True
+
+    def __init__(self, refusals=(), problem=None):
+        self.applied = False
+        self.refused, self.problem = list(refusals), problem
+
+    refusals = property(lambda self: self.refused)
+    warnings = property(lambda self: ["first"] + (["second"] if self.applied else []))
+    difference = property(lambda self: [{"before": "a", "after": "b"}])
+
+    def result(self):
+        return {"applied": self.applied}
+
+    def failure(self, problem):
+        return {"said": str(problem)}
+
+    def summary(self, check_mode):
+        return "would be" if check_mode else "was"
+
+    def apply(self):
+        if self.problem:
+            raise self.problem
+        self.applied = True
+
+
+def end(module, make, guard=None):
+    with pytest.raises(End) as caught:
+        shell.run_module(module, make, guard)
+    return caught.value.args[0]
+
+
+def test_plan_warn_apply_and_report():
+    module = Module(diff=True)
+    assert end(module, lambda memory: Run()) == {
+        "failed": False,
+        "changed": True,
+        "applied": True,
+        "msg": "was",
+        "diff": [{"before": "a", "after": "b"}],
+    }
+    assert module.warned == ["first", "second"]
+
+
+def test_check_mode_is_the_plan_alone():
+    module = Module(check_mode=True)
+    assert end(module, lambda memory: Run()) == {"failed": False, "changed": True, "applied": False, "msg": "would be"}
+    assert module.warned == ["first"]
+
+
+@pytest.mark.parametrize("check_mode", [False, True])
+def test_a_refusal_ends_the_module_before_any_change(check_mode):
+    module, run = Module(check_mode), Run(["No.", "Never."])
+    assert end(module, lambda memory: run) == {"failed": True, "msg": "No. Never.", "said": "No. Never."}
+    assert not run.applied and module.warned == []
+
+
+def test_a_failure_has_the_fields_of_the_run():
+    module = Module()
+    assert end(module, lambda memory: Run(problem=Problem("Full."))) == {
+        "failed": True,
+        "msg": "Full.",
+        "said": "Full.",
+    }
+    assert module.warned == ["first"]
+
+
+def test_a_run_that_cannot_be_made_is_a_sentence():
+    def make(memory):
+        raise Problem("Wrong option.")
+
+    assert end(Module(), make) == {"failed": True, "msg": "Wrong option."}
+
+
+class Guard(shell.Unguarded):
+    """Stands for deadman.Guard."""
+
+    def begin(self):
+        return "memory"
+
+    def apply(self, run):
+        run.applied = "guarded"
+
+    def fail(self, problem, **result):
+        self.module.fail_json(msg=f"{problem} Rolled back.", **result)
+
+
+def test_a_guard_is_asked_at_every_end():
+    module = Module()
+    memories = []
+    assert end(module, lambda memory: memories.append(memory) or Run(), Guard(module))["applied"] == "guarded"
+    assert memories == ["memory"]
+    refused = end(module, lambda memory: Run(["No."]), Guard(module))
+    assert refused["msg"] == "No. Rolled back."
