@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from ansible.errors import AnsibleError
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet, variables
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read, variables
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 
@@ -25,8 +25,8 @@ class ActionModule(ActionBase):
             inventory = read_inventory(
                 task_vars, self._task.args.get("group", "robots"), self._task.args.get("router_group", "routers")
             )
-            plan = plan_module.plan(fleet.read_fleet(inventory))
-        except fleet.InventoryProblems as found:
+            plan = plan_module.plan(read.read_fleet(inventory))
+        except read.InventoryProblems as found:
             result.update(failed=True, problems=found.problems, msg=numbered(found.problems))
             return result
         count = len(plan["members"])
@@ -58,7 +58,7 @@ def read_inventory(task_vars, group, router_group):
     members = [] if root is None else [str(host.name) for host in root.get_hosts()]
     of_router = hostvars._inventory.groups.get(router_group)
     routers = [] if of_router is None else [str(host.name) for host in of_router.get_hosts()]
-    return fleet.Inventory(
+    return read.Inventory(
         robots=robots,
         variables={host: _variables_of(host, hostvars[host]) for host in (*hosts, *routers)},
         strays=[host for host in members if host not in hosts],
@@ -73,7 +73,7 @@ def _variables_of(host, hostvars):
             try:
                 values[str(name)] = hostvars[name]
             except AnsibleError as problem:
-                raise fleet.InventoryProblems(
+                raise read.InventoryProblems(
                     [f"{host}: {name} cannot be computed ({problem}); expected a value: correct it in the inventory."]
                 ) from problem
     return values

@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.export
     FROM_SERVER,
     topics_of,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.fleet import Computer, Fleet, Robot, Router
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Computer, Fleet, Robot, Router
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain

@@ -13,8 +13,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.fleet import Fleet, Robot
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Fleet, Robot
 
 UPSTREAM = ("fkie_apt", "fkie_existing")
 # Where the roles install.

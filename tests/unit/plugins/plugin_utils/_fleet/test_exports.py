@@ -12,8 +12,8 @@ import sys
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import contradictions
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports as exports_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given, settings

@@ -6,7 +6,7 @@
 import json
 from ipaddress import IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain, to_plain
@@ -33,7 +33,7 @@ def fleet_plan(**of_dabo):
     }
     robots = {"tibi": ["tibi-visio", "tibi-laser"], "dabo": ["dabo-pc"]}
     return plan_module.fleet_plan(
-        fleet.read_fleet(fleet.Inventory(robots=robots, variables=variables, routers=["router"]))
+        read.read_fleet(read.Inventory(robots=robots, variables=variables, routers=["router"]))
     )
 
 

@@ -15,7 +15,7 @@ import sys
 
 import jinja2
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers
 from hypothesis import given, settings
@@ -52,7 +52,7 @@ def plan(change=None, **shared):
         values.update({"multimaster_common_network": "192.168.1.0/24", **shared})
     if change:
         change(variables)
-    return plan_module.plan(fleet.read_fleet(fleet.Inventory(robots=ROBOTS, variables=variables)))["computers"]
+    return plan_module.plan(read.read_fleet(read.Inventory(robots=ROBOTS, variables=variables)))["computers"]
 
 
 def everywhere(robot, **values):

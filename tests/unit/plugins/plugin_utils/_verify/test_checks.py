@@ -8,7 +8,7 @@ import time
 from collections import Counter
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import checks
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import exchange as exchange_module

@@ -4,7 +4,7 @@
 """What is to pass between robots, and what is found where their roscores hold something else."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import fleet as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import exchange
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Exchanges, Flows, Item, Rules
