@@ -564,6 +564,17 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
     system,
 )
 
+
+def interfaces():
+    """The network interfaces, as plain data."""
+    return [interface.plain() for interface in network.interfaces()]
+
+
+def ways(destinations):
+    """The routes to these addresses, as plain data."""
+    return [route.plain() for route in network.routes_to(destinations)]
+
+
 # part: the function that looks, its options, the most seconds that it may take, and the value where it cannot look
 PARTS = (
     (
@@ -574,8 +585,8 @@ PARTS = (
         {"hostname": "", "python": "", "os": {}, "systemd": {"running": False, "version": 0}},
     ),
     ("owned", record.records, (), 5, []),
-    ("interfaces", network.interfaces, (), 15, []),
-    ("ways", network.ways, ("destinations",), 15, []),
+    ("interfaces", interfaces, (), 15, []),
+    ("ways", ways, ("destinations",), 15, []),
     ("multicast_routing", system.multicast_routing, (), 10, {"smcrouted": "", "others": []}),
     (
         "ros",

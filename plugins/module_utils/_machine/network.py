@@ -1,8 +1,13 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The network of this machine: its interfaces, and the routes that the kernel would take."""
+"""The network of this machine: its interfaces with their addresses, and the routes that the kernel takes.
 
+Every caller reads the output of `ip address`, `ip route get` and `ip route show default` through this file.
+(`_routes/kernel.py` reads whole routing tables, because it must be able to make every route again.)
+"""
+
+import ipaddress
 import json
 import os
 import re
@@ -11,9 +16,66 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
 
 _FLAGS = {"up": 0x1, "loopback": 0x8, "multicast": 0x1000}  # net_device(7), linux/if.h
+_HOST_PREFIX = {"inet": 32, "inet6": 128}
 
 
-def interfaces() -> typing.List[typing.Dict[str, typing.Any]]:
+class Address(typing.NamedTuple):
+    """An address of an interface, with the length of its network's prefix."""
+
+    address: str
+    prefix: int
+    family: str  # "inet" or "inet6", as `ip` says it
+
+    @property
+    def interface(self) -> typing.Union[ipaddress.IPv4Interface, ipaddress.IPv6Interface]:
+        """The address together with its network."""
+        return ipaddress.ip_interface(f"{self.address}/{self.prefix}")
+
+
+class Interface(typing.NamedTuple):
+    """A network interface."""
+
+    name: str
+    index: int = 0
+    up: bool = False
+    multicast: bool = False
+    loopback: bool = False
+    mtu: int = 0  # bytes
+    addresses: typing.Tuple[Address, ...] = ()
+
+    @property
+    def networks(self) -> typing.List[typing.Any]:
+        """The addresses of the interface with their networks (ipaddress)."""
+        return [address.interface for address in self.addresses]
+
+    def plain(self) -> typing.Dict[str, typing.Any]:
+        """The interface as multimaster_info returns it."""
+        fields = self._asdict()
+        del fields["index"]
+        return dict(fields, addresses=[dict(address._asdict()) for address in self.addresses])
+
+
+class RouteTo(typing.NamedTuple):
+    """The route that the kernel takes to a destination. A field is None where `ip route` does not name it."""
+
+    destination: str
+    gateway: typing.Optional[str] = None
+    device: typing.Optional[str] = None
+    source: typing.Optional[str] = None  # the address with which this machine sends there
+    metric: typing.Optional[str] = None
+    error: str = ""  # the kernel's words where there is no route
+
+    def plain(self) -> typing.Dict[str, typing.Optional[str]]:
+        """The route as multimaster_info returns it."""
+        fields = self._asdict()
+        del fields["metric"]
+        return dict(fields)
+
+
+# Interfaces
+
+
+def interfaces() -> typing.List[Interface]:
     """The network interfaces with their addresses. Raises OSError where the machine cannot be asked."""
     answer = run(["ip", "-json", "address"])
     if answer.status == 0:
@@ -23,69 +85,85 @@ def interfaces() -> typing.List[typing.Dict[str, typing.Any]]:
             pass  # iproute2 before 4.14 takes the option and prints text
     answer = run(["ip", "-oneline", "address"])
     if answer.status != 0:
-        raise OSError("the interfaces' addresses cannot be read: %s" % (answer.error or "ip failed"))
+        raise OSError(f"the interfaces' addresses cannot be read: {answer.error or 'ip failed'}")
     return from_text(answer.output.decode("utf-8", "replace"), links())
 
 
-def from_json(output: str) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Interfaces out of the text of `ip -json address`. Raises ValueError for anything else."""
+def from_json(output: str) -> typing.List[Interface]:
+    """The interfaces in the output of `ip -json address`. Raises ValueError for anything else."""
     data = json.loads(output)
     if not isinstance(data, list):
         raise ValueError("expected a list of interfaces")
     return [
-        {
-            "name": link["ifname"],
-            "up": "UP" in link.get("flags", ()),
-            "multicast": "MULTICAST" in link.get("flags", ()),
-            "loopback": "LOOPBACK" in link.get("flags", ()),
-            "mtu": link.get("mtu", 0),
-            "addresses": [
-                {"address": entry["local"], "prefix": entry["prefixlen"], "family": entry["family"]}
+        Interface(
+            name=link["ifname"],
+            index=link.get("ifindex", 0),
+            up="UP" in link.get("flags", ()),
+            multicast="MULTICAST" in link.get("flags", ()),
+            loopback="LOOPBACK" in link.get("flags", ()),
+            mtu=link.get("mtu", 0),
+            addresses=tuple(
+                Address(entry["local"], entry["prefixlen"], entry["family"])
                 for entry in link.get("addr_info", ())
                 if "local" in entry
-            ],
-        }
+            ),
+        )
         for link in data
         if "ifname" in link  # old versions leave empty objects
     ]
 
 
-def links(folder: str = "/sys/class/net") -> typing.List[typing.Dict[str, typing.Any]]:
-    """Interfaces without their addresses, as the kernel shows them in files."""
+def from_text(output: str, found: typing.Iterable[Interface]) -> typing.List[Interface]:
+    """These interfaces with the addresses in the output of `ip -oneline address`."""
+    addresses: typing.Dict[str, typing.List[Address]] = {}
+    lines = re.findall(
+        r"^\d+:\s+([^\s@]+)\S*\s+(inet6?)\s+([^\s/]+)(?: peer [^\s/]+)?(?:/(\d+))?", output, re.MULTILINE
+    )
+    for name, family, address, prefix in lines:
+        length = int(prefix) if prefix else _HOST_PREFIX[family]
+        addresses.setdefault(name, []).append(Address(address, length, family))
+    return [link._replace(addresses=link.addresses + tuple(addresses.get(link.name, ()))) for link in found]
+
+
+def links(folder: str = "/sys/class/net") -> typing.List[Interface]:
+    """The interfaces without their addresses, from the files of the kernel (sysfs(5))."""
     found = []
     for name in sorted(os.listdir(folder)):
         flags = text(os.path.join(folder, name, "flags")).strip()
         if not flags:
             continue  # a file such as bonding_masters
-        link = {"name": name, "mtu": int(text(os.path.join(folder, name, "mtu")).strip() or 0), "addresses": []}
-        link.update((key, bool(int(flags, 16) & bit)) for key, bit in _FLAGS.items())
-        found.append(link)
+        is_set = {flag: bool(int(flags, 16) & bit) for flag, bit in _FLAGS.items()}
+        index, mtu = (int(text(os.path.join(folder, name, file)).strip() or 0) for file in ("ifindex", "mtu"))
+        found.append(Interface(name=name, index=index, mtu=mtu, **is_set))
     return found
 
 
-def from_text(
-    output: str, found: typing.List[typing.Dict[str, typing.Any]]
-) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Interfaces with the addresses out of the text of `ip -oneline address`."""
-    by_name = {link["name"]: link for link in found}
-    lines = re.findall(r"^\d+:\s+(\S+)\s+(inet6?)\s+([^\s/]+)(?: peer [^\s/]+)?(?:/(\d+))?", output, re.MULTILINE)
-    for name, family, address, prefix in lines:
-        if name in by_name:
-            length = int(prefix) if prefix else {"inet": 32, "inet6": 128}[family]
-            by_name[name]["addresses"].append({"address": address, "prefix": length, "family": family})
-    return found
+# Routes
 
 
-def ways(destinations: typing.List[str]) -> typing.List[typing.Dict[str, typing.Any]]:
-    """The routes that the kernel would take to IPv4 addresses (ip-route(8), get)."""
-    found = []
-    for destination in destinations:
-        answer = run(["ip", "-json", "-4", "route", "get", destination])
-        way = {"destination": destination, "gateway": None, "device": None, "source": None, "error": ""}
-        if answer.status == 0:
-            route = json.loads(answer.output.decode("utf-8"))[0]
-            way.update(gateway=route.get("gateway"), device=route.get("dev"), source=route.get("prefsrc"))
-        else:
-            way["error"] = answer.error.replace("RTNETLINK answers: ", "") or "no route"
-        found.append(way)
-    return found
+def route_to(destination: str) -> RouteTo:
+    """The route that the kernel takes to an IPv4 address (ip-route(8), get)."""
+    answer = run(["ip", "-4", "route", "get", destination])
+    if answer.status != 0:
+        return RouteTo(destination, error=answer.error.replace("RTNETLINK answers: ", "") or "no route")
+    return route_from_text(answer.output.decode("utf-8", "replace"), destination)
+
+
+def routes_to(destinations: typing.Iterable[str]) -> typing.List[RouteTo]:
+    """The routes that the kernel takes to IPv4 addresses."""
+    return [route_to(destination) for destination in destinations]
+
+
+def default_routes() -> typing.List[RouteTo]:
+    """The default routes of IPv4 in the table main."""
+    output = run(["ip", "-4", "route", "show", "default"]).output.decode("utf-8", "replace")
+    return [route_from_text(line, "default") for line in output.splitlines() if line.startswith("default")]
+
+
+def route_from_text(output: str, destination: str) -> RouteTo:
+    """The route in the output of `ip route get`, or in a line of `ip route show`."""
+    found = {}
+    for field, word in (("gateway", "via"), ("device", "dev"), ("source", "src"), ("metric", "metric")):
+        match = re.search(rf"\b{word} (\S+)", output)
+        found[field] = match.group(1) if match else None
+    return RouteTo(destination, **found)

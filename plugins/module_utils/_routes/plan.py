@@ -7,6 +7,7 @@ import ipaddress
 import shlex
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
     DEFAULTS,
@@ -24,7 +25,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
 _LARGEST = 2**32 - 1
 _LOCAL = 255  # the table local, which is the kernel's own
 
-Interfaces = typing.Dict[str, typing.Dict[str, typing.Any]]
+Interfaces = typing.Mapping[str, Interface]
 Current = typing.Dict[Key, typing.List[Held]]
 
 
@@ -158,11 +159,6 @@ def _names(interfaces: typing.Iterable[str]) -> str:
     return ", ".join(sorted(interfaces)) or "none"
 
 
-def networks(link: typing.Mapping[str, typing.Any]) -> typing.List[typing.Any]:
-    """The addresses of an interface with their networks (ipaddress)."""
-    return [ipaddress.ip_interface("%(address)s/%(prefix)d" % entry) for entry in link["addresses"]]
-
-
 def _device_towards(gateway: str, where: str, interfaces: Interfaces) -> str:
     """The interface whose connected network holds the gateway: the smallest such network decides."""
     address = ipaddress.ip_address(gateway)
@@ -172,8 +168,8 @@ def _device_towards(gateway: str, where: str, interfaces: Interfaces) -> str:
         )
     found: typing.Dict[int, typing.Set[str]] = {}
     for name, link in interfaces.items():
-        for own in networks(link):
-            if not link["loopback"] and address in own.network:
+        for own in link.networks:
+            if not link.loopback and address in own.network:
                 found.setdefault(own.network.prefixlen, set()).add(name)
     if not found:
         raise Problem(
@@ -190,19 +186,19 @@ def _addresses(interfaces: Interfaces) -> str:
     found = [
         "%s %s" % (name, own)
         for name, link in sorted(interfaces.items())
-        for own in networks(link)
-        if not link["loopback"] and not own.is_link_local
+        for own in link.networks
+        if not link.loopback and not own.is_link_local
     ]
     return ", ".join(found) or "no address"
 
 
 def check_usable(items: typing.List[Item], interfaces: Interfaces, current: Current) -> None:
     """Raises Problem for a route that the kernel would refuse as the interfaces are now."""
-    own = {str(address.ip) for link in interfaces.values() for address in networks(link)}
+    own = {str(address.ip) for link in interfaces.values() for address in link.networks}
     routes = [item.route for item in items] + [held.route for there in current.values() for held in there]
     for route in (item.route for item in items):
         where = "routes: %s" % text_of(route)
-        if route.device and not interfaces[route.device]["up"]:
+        if route.device and not interfaces[route.device].up:
             raise Problem("%s: the interface %s is down, expected it up: bring it up first." % (where, route.device))
         if route.source and route.source not in own:
             raise Problem(
@@ -217,7 +213,7 @@ def check_usable(items: typing.List[Item], interfaces: Interfaces, current: Curr
                 % where
             )
         gateway = ipaddress.ip_address(route.gateway)
-        near = [address.network for address in networks(interfaces[route.device])]
+        near = [address.network for address in interfaces[route.device].networks]
         near += [
             ipaddress.ip_network(other.destination)
             for other in routes

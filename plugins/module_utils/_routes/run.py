@@ -92,7 +92,7 @@ class Run:
         held = [held.route for there in self.current.values() for held in there]
         devices = [other.carrier for other in items if other.backend != NONE]
         devices += [route.device for route in held if route.destination in DEFAULTS.values()]
-        devices += sorted(name for name, link in self.machine.interfaces.items() if link["up"] and not link["loopback"])
+        devices += sorted(name for name, link in self.machine.interfaces.items() if link.up and not link.loopback)
         return item._replace(carrier=next((device for device in devices if device), ""))
 
     def _items(self, items: typing.List[plan.Item]) -> typing.List[typing.Dict[str, typing.Any]]:

@@ -225,9 +225,9 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
 
     found = []
     for interface in interfaces():
-        addresses = [entry["address"] for entry in interface["addresses"] if entry["family"] == "inet"]
-        if addresses and not interface["loopback"]:
-            name = interface["name"]
+        addresses = [entry.address for entry in interface.addresses if entry.family == "inet"]
+        if addresses and not interface.loopback:
+            name = interface.name
             found.append(
                 {
                     "interface": name,

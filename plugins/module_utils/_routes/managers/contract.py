@@ -7,7 +7,6 @@ A back end knows one manager and its files, nothing of the kernel's routes: thos
 """
 
 import os
-import socket
 import stat
 import typing
 
@@ -24,9 +23,9 @@ Wanted = typing.Dict[str, typing.Optional[str]]  # place -> what shall be there,
 
 
 class Machine(typing.NamedTuple):
-    """What every back end may know: the interfaces by name (as network.interfaces(), with their `index`)."""
+    """What every back end may know: the interfaces by name."""
 
-    interfaces: typing.Dict[str, typing.Dict[str, typing.Any]]
+    interfaces: typing.Dict[str, network.Interface]
     booted: bool  # this is the running system with systemd, so its managers can be asked and told
 
 
@@ -113,12 +112,5 @@ def machine(root: str = "/") -> Machine:
         found = network.interfaces()
     except OSError as problem:
         raise Problem("routes: %s; expected the command ip (package iproute2)." % problem) from problem
-    interfaces = {link["name"]: dict(link, index=_index(link["name"])) for link in found}
+    interfaces = {link.name: link for link in found}
     return Machine(interfaces, root == "/" and os.path.isdir("/run/systemd/system"))
-
-
-def _index(name: str) -> int:
-    try:
-        return socket.if_nametoindex(name)
-    except OSError:  # gone since
-        return 0

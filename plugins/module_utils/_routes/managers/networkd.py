@@ -31,7 +31,7 @@ class BackEnd(contract.BackEnd):
     def network_file(self, interface: str) -> str:
         """The .network file that networkd has chosen for an interface, "" for none."""
         # The command networkctl says the same in words for people only; these names are unchanged since systemd 209.
-        text = commands.text(self.path("/run/systemd/netif/links/%d" % self.machine.interfaces[interface]["index"]))
+        text = commands.text(self.path("/run/systemd/netif/links/%d" % self.machine.interfaces[interface].index))
         state = dict(line.partition("=")[::2] for line in text.splitlines())
         return "" if state.get("ADMIN_STATE", "") in _FREE else state.get("NETWORK_FILE", "")
 

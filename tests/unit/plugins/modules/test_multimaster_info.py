@@ -3,7 +3,6 @@
 
 """What multimaster_info reads of a machine: real commands, sockets and files where there are some."""
 
-import json
 import os
 import pwd
 import socket
@@ -12,25 +11,9 @@ import sys
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, network, shells, system
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, shells, system
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports as ports_module
 from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_info
-
-IP_JSON = [
-    {},
-    {
-        "ifname": "eth0",
-        "flags": ["BROADCAST", "MULTICAST", "UP", "LOWER_UP"],
-        "mtu": 1500,
-        "addr_info": [{"family": "inet", "local": "192.168.1.229", "prefixlen": 24}, {}],
-    },
-]
-IP_TEXT = r"""1: lo    inet 127.0.0.1/8 scope host lo\       valid_lft forever preferred_lft forever
-2: eth0    inet 192.168.1.229/24 brd 192.168.1.255 scope global eth0\       valid_lft forever preferred_lft forever
-2: eth0    inet6 fe80::1/64 scope link \       valid_lft forever preferred_lft forever
-3: tun0    inet 10.0.0.1 peer 10.0.0.2/32 scope global tun0\       valid_lft forever preferred_lft forever
-4: new0    inet 10.1.0.1/16 scope global new0
-"""
 
 
 def test_run_ends_a_slow_command_and_its_children():
@@ -87,46 +70,6 @@ def test_system_reads_os_release(tmp_path):
     assert found["os"] == {"id": "ubuntu", "version": "20.04", "name": "Ubuntu 20.04.6 LTS"}
     assert found["hostname"] == socket.gethostname()
     assert found["systemd"]["running"] is False
-
-
-def test_interfaces_of_this_machine():
-    loopback = next(link for link in network.interfaces() if link["loopback"])
-    assert {"address": "127.0.0.1", "prefix": 8, "family": "inet"} in loopback["addresses"]
-    assert loopback["up"] is True
-
-
-def test_both_ways_to_read_interfaces_agree():
-    answer = commands.run(["ip", "-oneline", "address"])
-    texts = {link["name"]: link for link in network.from_text(answer.output.decode(), network.links())}
-    assert texts == {link["name"]: link for link in network.interfaces()}
-
-
-def test_interfaces_from_json():
-    assert network.from_json(json.dumps(IP_JSON)) == [
-        {
-            "name": "eth0",
-            "up": True,
-            "multicast": True,
-            "loopback": False,
-            "mtu": 1500,
-            "addresses": [{"address": "192.168.1.229", "prefix": 24, "family": "inet"}],
-        }
-    ]
-    with pytest.raises(ValueError, match="Extra data"):
-        network.from_json(IP_TEXT)
-
-
-def test_interfaces_from_text():
-    links = [{"name": name, "addresses": []} for name in ("lo", "eth0", "tun0")]
-    found = {
-        link["name"]: [(a["address"], a["prefix"]) for a in link["addresses"]]
-        for link in network.from_text(IP_TEXT, links)
-    }
-    assert found == {
-        "lo": [("127.0.0.1", 8)],
-        "eth0": [("192.168.1.229", 24), ("fe80::1", 64)],
-        "tun0": [("10.0.0.1", 32)],
-    }
 
 
 def test_ports_of_a_real_process():

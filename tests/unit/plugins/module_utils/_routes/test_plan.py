@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan as routes_plan
@@ -19,8 +20,9 @@ FIXTURES = Path(__file__).parents[3] / "fixtures" / "routes"
 
 
 def link(*addresses, up=True, loopback=False):
-    entries = [{"address": a.split("/")[0], "prefix": int(a.split("/")[1])} for a in addresses]
-    return {"up": up, "loopback": loopback, "addresses": entries}
+    split = [address.split("/") for address in addresses]
+    entries = [Address(text, int(length), "inet6" if ":" in text else "inet") for text, length in split]
+    return Interface("", up=up, loopback=loopback, addresses=tuple(entries))
 
 
 INTERFACES = {

@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import (
@@ -36,7 +37,7 @@ ROUTES = {
 
 
 def machine(*names):
-    links = {name: {"name": name, "index": number, "up": True} for number, name in enumerate(names, 2)}
+    links = {name: Interface(name, number, up=True) for number, name in enumerate(names, 2)}
     return contract.Machine(links, booted=False)
 
 

@@ -8,6 +8,7 @@ import os
 import pytest
 import yaml
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
@@ -36,7 +37,7 @@ def machine(root, files):
     for index, (_interface, file) in enumerate(sorted(files.items()), 2):
         text = "ADMIN_STATE=configured\n" + ("NETWORK_FILE=%s\n" % file if file else "")
         write(root, "/run/systemd/netif/links/%d" % index, text)
-    interfaces = {name: {"index": index} for index, name in enumerate(sorted(files), 2)}
+    interfaces = {name: Interface(name, index) for index, name in enumerate(sorted(files), 2)}
     return contract.Machine(interfaces, booted=False)
 
 
@@ -87,7 +88,7 @@ def test_the_definition_behind_a_profile_of_networkmanager(tmp_path, monkeypatch
     write("/", start + "x.nmconnection", text)
     monkeypatch.setattr(nm, "NETPLANS", start)
     monkeypatch.setattr(nm, "active_profiles", lambda: {"eth0": nm.Active("1-2", False, start + "x.nmconnection")})
-    end = netplan.BackEnd(contract.Machine({"eth0": {"index": 99999}}, booted=True), str(tmp_path), {})
+    end = netplan.BackEnd(contract.Machine({"eth0": Interface("eth0", 99999)}, booted=True), str(tmp_path), {})
     assert end._definitions() == {"eth0": netplan.Definition(section, name, start + "x.nmconnection")}
 
 

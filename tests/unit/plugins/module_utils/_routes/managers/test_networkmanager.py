@@ -5,6 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
@@ -70,7 +71,9 @@ def daemon(monkeypatch):
 
 
 def back_end(recorded=None, booted=True):
-    machine = contract.Machine({"eth0": {"index": 2}, "lo": {"index": 1}, "wlan0": {"index": 3}}, booted)
+    machine = contract.Machine(
+        {name: Interface(name, index) for index, name in enumerate(("lo", "eth0", "wlan0"), 1)}, booted
+    )
     return nm.BackEnd(machine, "/", recorded or {})
 
 

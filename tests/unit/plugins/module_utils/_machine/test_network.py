@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The reader of interfaces, addresses and routes, on texts of iproute2 and on this machine."""
+
+import json
+import socket
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface, RouteTo
+
+IP_JSON = [
+    {},
+    {
+        "ifname": "eth0",
+        "flags": ["BROADCAST", "MULTICAST", "UP", "LOWER_UP"],
+        "mtu": 1500,
+        "addr_info": [{"family": "inet", "local": "192.168.1.229", "prefixlen": 24}, {}],
+    },
+]
+IP_TEXT = r"""1: lo    inet 127.0.0.1/8 scope host lo\       valid_lft forever preferred_lft forever
+2: eth0    inet 192.168.1.229/24 brd 192.168.1.255 scope global eth0\       valid_lft forever preferred_lft forever
+2: eth0    inet6 fe80::1/64 scope link \       valid_lft forever preferred_lft forever
+3: tun0    inet 10.0.0.1 peer 10.0.0.2/32 scope global tun0\       valid_lft forever preferred_lft forever
+4: new0    inet 10.1.0.1/16 scope global new0
+"""
+
+
+def test_interfaces_of_this_machine():
+    loopback = next(link for link in network.interfaces() if link.loopback)
+    assert Address("127.0.0.1", 8, "inet") in loopback.addresses
+    assert loopback.up is True
+    assert loopback.index == socket.if_nametoindex(loopback.name)
+
+
+def test_both_ways_to_read_interfaces_agree():
+    answer = commands.run(["ip", "-oneline", "address"])
+    texts = {link.name: link for link in network.from_text(answer.output.decode(), network.links())}
+    assert texts == {link.name: link for link in network.interfaces()}
+
+
+def test_interfaces_from_json():
+    assert [link.plain() for link in network.from_json(json.dumps(IP_JSON))] == [
+        {
+            "name": "eth0",
+            "up": True,
+            "multicast": True,
+            "loopback": False,
+            "mtu": 1500,
+            "addresses": [{"address": "192.168.1.229", "prefix": 24, "family": "inet"}],
+        }
+    ]
+    with pytest.raises(ValueError, match="Extra data"):
+        network.from_json(IP_TEXT)
+
+
+def test_interfaces_from_text():
+    links = [Interface(name) for name in ("lo", "eth0", "tun0")]
+    found = {link.name: [(a.address, a.prefix) for a in link.addresses] for link in network.from_text(IP_TEXT, links)}
+    assert found == {
+        "lo": [("127.0.0.1", 8)],
+        "eth0": [("192.168.1.229", 24), ("fe80::1", 64)],
+        "tun0": [("10.0.0.1", 32)],
+    }
+
+
+@pytest.mark.parametrize(
+    ("output", "expected"),
+    [
+        ("192.168.1.15 dev eth0 src 192.168.1.14 uid 0 \n    cache \n", RouteTo("x", None, "eth0", "192.168.1.14")),
+        (
+            "192.168.10.3 via 192.168.1.202 dev wlan0 src 192.168.1.229",
+            RouteTo("x", "192.168.1.202", "wlan0", "192.168.1.229"),
+        ),
+        (
+            "multicast 226.0.0.0 dev eth0 src 192.168.1.229 uid 0 \n    cache <mc> \n",
+            RouteTo("x", None, "eth0", "192.168.1.229"),
+        ),
+        ("default via 10.0.0.1 dev wlan0 proto dhcp metric 600", RouteTo("x", "10.0.0.1", "wlan0", None, "600")),
+        ("", RouteTo("x")),
+    ],
+)
+def test_a_route_from_text(output, expected):
+    assert network.route_from_text(output, "x") == expected
+
+
+def test_routes_of_this_machine():
+    near, wrong = network.routes_to(["127.0.0.1", "no address"])
+    assert (near.device, near.source, near.gateway, near.error) == ("lo", "127.0.0.1", None, "")
+    assert wrong.error and wrong.plain() == {
+        "destination": "no address",
+        "gateway": None,
+        "device": None,
+        "source": None,
+        "error": wrong.error,
+    }
+
+
+def test_default_routes(monkeypatch):
+    output = b"default via 10.0.0.1 dev wlan0 metric 600\ndefault\n\tnexthop via 10.0.0.2 dev eth0 weight 1\n"
+    monkeypatch.setattr(network, "run", lambda _argv: commands.Answer(0, output, ""))
+    assert network.default_routes() == [RouteTo("default", "10.0.0.1", "wlan0", None, "600"), RouteTo("default")]
