@@ -81,10 +81,10 @@ def vermin(target: str, *paths: str) -> Suite:
     return Suite("lint", f"vermin {target}", ["vermin", f"--target={target}-", "--no-tips", "--violations", *present])
 
 
-def cases(group: str, *labs: str) -> Suite:
+def cases(group: str, *labs: str, options: Sequence[str] = ()) -> Suite:
     """The test cases of a folder of tests/."""
     report = REPORTS / f"{group}.xml"
-    command = ["pytest", "--quiet", f"--junit-xml={report}", f"tests/{group}"]
+    command = ["pytest", "--quiet", *options, f"--junit-xml={report}", f"tests/{group}"]
     return Suite(group, "pytest", command, pytest_cases(report), shown=True, labs=labs)
 
 
@@ -109,6 +109,7 @@ SUITES = [
     Suite("lint", "yamllint", ["yamllint", "--strict", "."]),
     Suite("lint", "ruff check", ["ruff", "check", "--no-cache", "."]),
     Suite("lint", "ruff format", ["ruff", "format", "--no-cache", "--diff", "."]),
+    Suite("lint", "mypy", ["mypy"]),
     vermin("3.6", "plugins/modules", "plugins/module_utils"),
     vermin("3.8", "roles/nodes/files/python"),
     vermin("3.10", "plugins/action", "plugins/filter", "plugins/lookup", "plugins/plugin_utils"),
@@ -118,7 +119,7 @@ SUITES = [
     Suite("lint", "antsibull-docs", ["antsibull-docs", "lint-collection-docs", "--plugin-docs", "."]),
     Suite("lint", "readme", [sys.executable, "tools/readme.py", "--check"]),
     Suite("sanity", "ansible-test", [sys.executable, "tools/sanity.py"], sanity_tests, shown=True),
-    cases("unit"),
+    cases("unit", options=["--numprocesses=auto"]),
     *scenarios(),
     cases(
         "systems",
