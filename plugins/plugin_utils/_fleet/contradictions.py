@@ -15,13 +15,18 @@ from dataclasses import dataclass, field
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
+    FILTERS,
     FROM_CLIENT,
     FROM_SERVER,
     KINDS,
-    NEVER,
     Export,
-    matches,
     topics_of,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import (
+    BUILT_IN,
+    WHITE_LISTS,
+    Filters,
+    matches,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import nearest
 
@@ -78,7 +83,7 @@ def _never_exchanged(party: Party) -> list[str]:
         f"{party.host}: multimaster_exports has the {KINDS[key]} {name}, which is never exchanged, since it belongs to the "
         f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in group_vars/{party.name}.yml."
         for key, name in dict.fromkeys(named for entry in party.exports for named in entry.names())
-        if any(matches(never, name) for never in NEVER.get(f"ignore_{key}", ()))
+        if matches(BUILT_IN.get(f"ignore_{key}", ()), name)
     ]
 
 
@@ -136,7 +141,7 @@ def _pairs(
 
 
 # The filters that are white lists of names. sync_hosts is none of them: it leaves whole masters out.
-_WHITE_LISTS = ("sync_actions", "sync_nodes", "sync_services", "sync_topics")
+_WHITE_LISTS = sorted(name for name, parameter in FILTERS.items() if parameter in WHITE_LISTS)
 
 
 def _second_white_lists(parties: Sequence[Party]) -> list[str]:
@@ -188,23 +193,18 @@ def _ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts: S
     if "*" in name:
         return False
     if key == "services":
-        return any(matches(pattern, name) for pattern in filters.get("ignore_services", ()))
+        return matches(filters.get("ignore_services", ()), name)
     ignored = [
         *filters.get("ignore_topics", ()),
         *filters.get("ignore_publishers", ()),
         *topics_of(filters.get("ignore_actions", ()), FROM_CLIENT + FROM_SERVER),
     ]
     topics = topics_of([name], parts) if key == "actions" else (name,)
-    return any(matches(pattern, topic) for pattern in ignored for topic in topics)
+    return any(matches(ignored, topic) for topic in topics)
 
 
 def _host_ignored(filters: Mapping[str, Sequence[str]], master: str) -> bool:
-    wanted = filters.get("sync_hosts", ())
-    if not master:
-        return False
-    if wanted:
-        return not any(matches(pattern, master) for pattern in wanted)
-    return any(matches(pattern, master) for pattern in filters.get("ignore_hosts", ()))
+    return bool(master) and not Filters(filters, lenient=True).wants_host(master)
 
 
 def _some(names: Sequence[str]) -> str:

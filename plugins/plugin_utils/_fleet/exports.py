@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import HOSTS, NAMES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected, nearest
 
 # What an entry names: its key, and one of it.
@@ -23,33 +24,10 @@ KINDS = {"topics": "topic", "services": "service", "actions": "action"}
 FROM_CLIENT = ("goal", "cancel")
 FROM_SERVER = ("status", "feedback", "result")
 
-# The nodes' built-in lists (filters.py): what belongs to the roscore and to the exchange itself.
-NEVER: Mapping[str, Sequence[str]] = {
-    "ignore_nodes": (
-        "/rosout",
-        "/master_discovery",
-        "/master_sync",
-        "/node_manager",
-        "/node_manager_daemon",
-        "/zeroconf",
-        "/param_sync",
-    ),
-    "ignore_topics": ("/rosout", "/rosout_agg", "/master_discovery/*", "/master_sync/*", "/zeroconf/*"),
-    "ignore_services": (
-        "/*get_loggers",
-        "/*set_logger_level",
-        "/master_discovery/*",
-        "/master_sync/*",
-        "/node_manager_daemon/*",
-        "/zeroconf/*",
-    ),
-    "ignore_type": (
-        "bond/Status",
-        "fkie_multimaster_msgs/SyncTopicInfo",
-        "fkie_multimaster_msgs/SyncServiceInfo",
-        "fkie_multimaster_msgs/SyncMasterInfo",
-        "fkie_multimaster_msgs/MasterState",
-    ),
+# Filters of the fleet -> the parameter of the nodes that each becomes. An action is five topics.
+FILTERS: Mapping[str, str] = {
+    **{{"ignore_type": "ignore_types"}.get(name, name): name for name in (*NAMES, *HOSTS) if name != "do_not_sync"},
+    **{f"{rule}_actions": f"{rule}_topics" for rule in ("ignore", "sync")},
 }
 
 # The nodes refuse patterns that take too long to match or to read (filters.py): so many of each are fine, and more than
@@ -83,11 +61,6 @@ def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:
     """The topics of actions: those of `parts`. In a filter an action is a regular expression, maybe with alternatives."""
     names = (action.strip().rstrip("/") for action in actions)
     return tuple(f"(?:{name})/{part}" if "|" in name else f"{name}/{part}" for name in names for part in parts)
-
-
-def matches(pattern: str, name: str) -> bool:
-    """Whether a pattern names this, as the nodes match: `*` is any text, the whole name counts, its case does not."""
-    return re.fullmatch(pattern.strip().replace("*", ".*"), name, re.IGNORECASE) is not None
 
 
 # Reading

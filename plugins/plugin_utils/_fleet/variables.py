@@ -21,21 +21,7 @@ PREFIX = "multimaster_"
 # Set by the preflight role for the other roles; not for an inventory.
 RESERVED = ("multimaster_fleet", "multimaster_info", "multimaster_plan")
 
-FILTERS = (
-    "ignore_actions",
-    "ignore_hosts",
-    "ignore_nodes",
-    "ignore_publishers",
-    "ignore_services",
-    "ignore_subscribers",
-    "ignore_topics",
-    "ignore_types",
-    "sync_actions",
-    "sync_hosts",
-    "sync_nodes",
-    "sync_services",
-    "sync_topics",
-)
+FILTERS = tuple(sorted(exports.FILTERS))
 
 _NAME = re.compile(r"(?!-)[a-z0-9-]{1,63}(?<!-)(\.(?!-)[a-z0-9-]{1,63}(?<!-))*", re.IGNORECASE)
 

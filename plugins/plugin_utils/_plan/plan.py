@@ -13,10 +13,12 @@ from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
+    FILTERS,
     FROM_CLIENT,
     FROM_SERVER,
     topics_of,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import WHITE_LISTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Computer, Fleet, Robot, Router
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
@@ -333,12 +335,8 @@ def _filters(robot: Robot) -> dict[str, list[str]]:
     """The robot's filters in upstream's names, an action as its five topics."""
     parameters: dict[str, list[str]] = {}
     for name, patterns in robot.filters.items():
-        rule, _underscore, what = name.partition("_")
-        if what == "actions":
-            parameters.setdefault(f"{rule}_topics", []).extend(topics_of(patterns, FROM_CLIENT + FROM_SERVER))
-        else:
-            target = "ignore_type" if name == "ignore_types" else name
-            parameters.setdefault(target, []).extend(patterns)
-    if any(parameters.get(name) for name in ("sync_nodes", "sync_services", "sync_topics")):
+        texts = topics_of(patterns, FROM_CLIENT + FROM_SERVER) if name.endswith("_actions") else patterns
+        parameters.setdefault(FILTERS[name], []).extend(texts)
+    if any(parameters.get(name) for name in WHITE_LISTS):
         parameters.setdefault("sync_topics", []).append(flows.VERIFICATION_TOPICS)
     return parameters

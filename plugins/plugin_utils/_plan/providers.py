@@ -13,6 +13,12 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import (
+    HOSTS,
+    NAMES,
+    NO_NAME,
+    WHITE_LISTS,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Fleet, Robot
 
@@ -79,19 +85,8 @@ def _nodes(release: Release) -> list[dict[str, Any]]:
 # Parameters
 
 
-# Matches no name. Upstream replaces `*` alone, and a pattern is anchored at both ends.
-NEVER = "(?!)"
-WHITE_LISTS = ("sync_nodes", "sync_topics", "sync_services")
-FILTERS = (
-    "ignore_nodes",
-    "ignore_topics",
-    "ignore_services",
-    "ignore_type",
-    "ignore_publishers",
-    "ignore_subscribers",
-    *WHITE_LISTS,
-)
-HOSTS = ("ignore_hosts", "sync_hosts")
+# The filters of upstream's master_sync beside those of hosts.
+FILTERS = tuple(name for name in NAMES if name != "do_not_sync")
 # At one heartbeat a second, ten datagrams in a row do not get lost; upstream asks nobody before it gives a robot up.
 BEATS = 10
 # Upstream's: seconds of silence that timeout_factor multiplies, at one heartbeat a second or more.
@@ -184,7 +179,7 @@ def _closed(own: Mapping[str, list[str]], everybody: Mapping[str, list[str]]) ->
     if any(own[name] or everybody.get(name) for name in WHITE_LISTS):
         for name in ("sync_topics", "sync_services"):
             if not own[name] and not everybody.get(name):
-                closed[name] = [NEVER]
+                closed[name] = [NO_NAME]
     return closed
 
 

@@ -9,18 +9,14 @@ are read once; pairs are looked at by their sets, and only names that two robots
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
 from typing import Any, NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import NEVER
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import filters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS
 
 TEST_NODES = "/multimaster_verify_"  # how the verification's own nodes begin
-
-UNKNOWN_TYPES = ("", "*", "None")
 
 
 class Item(NamedTuple):
@@ -50,60 +46,27 @@ class Conflict(NamedTuple):
     other: tuple[str, str, str]
 
 
-@lru_cache(maxsize=4096)
-def _compiled(patterns: tuple[str, ...]) -> re.Pattern[str]:
-    """Patterns as people write them: `*` is any text, the whole name is meant, case does not count."""
-    try:
-        return re.compile("|".join(rf"\A(?:{text.strip().replace('*', '.*')})\Z" for text in patterns), re.IGNORECASE)
-    except re.error:  # the node does not start with it, which is told elsewhere
-        return re.compile(r"\A(?!)\Z")
-
-
-def matches(patterns: tuple[str, ...], name: str) -> bool:
-    """Whether one of the patterns means the name; no pattern means none."""
-    return bool(patterns) and _compiled(patterns).match(name) is not None
-
-
-class Rules(NamedTuple):
+class Rules(filters.Rules):
     """What passes from one robot to another: the filters of the receiving one, and the declared flow where there is one."""
 
-    ignore_nodes: tuple[str, ...] = ()
-    ignore_topics: tuple[str, ...] = ()
-    ignore_services: tuple[str, ...] = ()
-    ignore_type: tuple[str, ...] = ()
-    ignore_publishers: tuple[str, ...] = ()
-    ignore_subscribers: tuple[str, ...] = ()
-    do_not_sync: tuple[str, ...] = ()
-    sync_nodes: tuple[str, ...] = ()
-    sync_topics: tuple[str, ...] = ()
-    sync_services: tuple[str, ...] = ()
-    hide_subscribers: tuple[str, ...] = ()  # of the giving robot
+    @classmethod
+    def of(cls, patterns: Mapping[str, Iterable[str]]) -> Rules:
+        """Rules out of patterns as people write them. `hide_subscribers` is a parameter of the giving robot."""
+        texts = {**patterns, "ignore_subscribers": _subscribers(patterns)}
+        return cls(**{name: filters.usable(texts.get(name, ())) for name in filters.NAMES}).closed()
 
     def passes(self, item: Item, type_name: str) -> bool:
-        """Whether a registration is to be known to the receiving robot."""
-        service = item.kind == "service"
-        if matches(self.ignore_nodes, item.node) or any(
-            matches(self.do_not_sync, text) for text in (item.node, item.name, type_name)
-        ):
-            return False
-        if matches(self.ignore_services if service else self.ignore_topics, item.name):
-            return False
-        if not service and matches(self.ignore_type, type_name):
-            return False
-        if item.kind == "publisher" and matches(self.ignore_publishers, item.name):
-            return False
-        if item.kind == "subscriber" and (
-            matches(self.ignore_subscribers, item.name) or matches(self.hide_subscribers, item.name)
-        ):
-            return False
-        if not (self.sync_nodes or self.sync_topics or self.sync_services):
-            return True
-        return matches(self.sync_nodes, item.node) or matches(
-            self.sync_services if service else self.sync_topics, item.name
-        )
+        """True where a registration is to be known to the receiving robot."""
+        if item.kind == "service":
+            return self.service(item.node, item.name)
+        return self.topic(item.node, item.name, type_name, item.kind == "publisher")
 
 
-NOTHING = Rules(ignore_nodes=("*",))
+def _subscribers(patterns: Mapping[str, Iterable[str]]) -> list[str]:
+    return [*patterns.get("ignore_subscribers", ()), *patterns.get("hide_subscribers", ())]
+
+
+NOTHING = Rules.of({"ignore_nodes": ("*",)})
 
 
 class Flows:
@@ -135,38 +98,17 @@ class Flows:
 
     def _made(self, source: str, target: str) -> Rules:
         """A declared flow stands in the place of the white lists that the plan makes of it: it is what they are to do."""
-        parameters, name = self._plans[target]["sync"], self._masters[source]["name"]
-        if not wants_host(parameters, name):
+        parameters, name = filters.Filters(self._plans[target]["sync"], lenient=True), self._masters[source]["name"]
+        if not parameters.wants_host(name):
             return NOTHING
-        values = {rule: patterns(parameters, rule, name) for rule in Rules._fields}
+        values: dict[str, Iterable[str]] = {rule: parameters.patterns(rule, name) for rule in filters.NAMES}
         if self._masters[source].get("declared"):
             topics, services = self._given.get((source, target), ((), ()))
             if not topics and not services:
                 return NOTHING
             values.update(sync_nodes=(), sync_topics=(*topics, VERIFICATION_TOPICS), sync_services=tuple(services))
         hidden = self._plans[source]["discovery"].get("hide_subscribers", ())
-        return Rules(**{**values, "hide_subscribers": tuple(hidden)})
-
-
-def wants_host(parameters: Mapping[str, Any], name: str) -> bool:
-    """Whether a robot takes anything of the master of this name: `sync_hosts` is a white list, beside `ignore_hosts` too."""
-    wanted = patterns(parameters, "sync_hosts", name)
-    return matches(wanted, name) if wanted else not matches(patterns(parameters, "ignore_hosts", name), name)
-
-
-def patterns(parameters: Mapping[str, Any], rule: str, host: str) -> tuple[str, ...]:
-    """The patterns of a rule for the master `host`: for all masters, for this one, and those that always hold."""
-    found = list(NEVER.get(rule, ()))
-    sections = [
-        value for key, value in parameters.items() if key.lower() == host.lower() and isinstance(value, Mapping)
-    ]
-    for value in (parameters.get(rule, ()), *(section.get(rule, ()) for section in sections)):
-        for entry in [value] if isinstance(value, str | Mapping) else value:
-            if isinstance(entry, Mapping):
-                found += [text for of, texts in entry.items() if of.lower() == host.lower() for text in texts]
-            else:
-                found.append(entry)
-    return tuple(dict.fromkeys(found))
+        return Rules.of({**values, "hide_subscribers": hidden})
 
 
 class Has(NamedTuple):
@@ -189,7 +131,7 @@ class Has(NamedTuple):
         """(kind, name) of own nodes and services, without those that every robot has."""
         found: dict[tuple[str, str], list[Item]] = defaultdict(list)
         for item in self.own:
-            if matches(NEVER["ignore_nodes"], item.node) or item.node.startswith(TEST_NODES):
+            if filters.matches(filters.BUILT_IN["ignore_nodes"], item.node) or item.node.startswith(TEST_NODES):
                 continue
             found["node", item.node].append(item)
             if item.kind == "service":
@@ -226,7 +168,7 @@ class Exchanges:
                 item
                 for item, kind in self.robots[source].own.items()
                 if not item.node.startswith(TEST_NODES)
-                and not (item.kind == "publisher" and kind in UNKNOWN_TYPES)
+                and not (item.kind == "publisher" and kind in filters.UNKNOWN_TYPES)
                 and rules.passes(item, kind)
             )
         return self._wanted[source, rules]
@@ -333,6 +275,6 @@ def _unlike(sums: Mapping[str, Mapping[str, tuple[str, str]]]) -> list[str]:
 
 def _differ(one: tuple[str, str], other: tuple[str, str]) -> bool:
     """Whether two of (type, md5 sum) are known to be different."""
-    if one[0] in UNKNOWN_TYPES or other[0] in UNKNOWN_TYPES:
+    if one[0] in filters.UNKNOWN_TYPES or other[0] in filters.UNKNOWN_TYPES:
         return False
     return one[0] != other[0] or bool(one[1] and other[1] and one[1] != other[1])

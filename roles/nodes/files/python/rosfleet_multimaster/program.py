@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import time
+import warnings
 import xmlrpc.client
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
@@ -213,6 +214,9 @@ def leave_process(status: int) -> None:
 
 def run(main: Callable[[], int]) -> None:
     """Run a program, and end it with one sentence where it cannot go on."""
+    # Python would say something about each questionable pattern that a stranger sends.
+    warnings.filterwarnings("ignore", "Possible (nested set|set )", FutureWarning)
+    warnings.filterwarnings("ignore", "Flags not at the start", DeprecationWarning)
     try:
         status = main()
     except Fatal as problem:

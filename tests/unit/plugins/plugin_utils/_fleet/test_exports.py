@@ -157,10 +157,6 @@ def test_whatever_is_declared_the_answer_is_entries_or_a_sentence(value):
         assert len(found) == len(value)
 
 
-def test_what_is_never_exchanged_is_what_the_nodes_never_exchange():
-    assert exports_module.NEVER == filters.BUILT_IN
-
-
 # Contradictions
 
 POSE = {"topics": ["/pose"]}

@@ -4,9 +4,9 @@
 """What is to pass between robots, and what is found where their roscores hold something else."""
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import filters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import exchange
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Exchanges, Flows, Item, Rules
 
 STRING, IMAGE = ("std_msgs/String", "992c"), ("sensor_msgs/Image", "060021")
@@ -71,7 +71,7 @@ def texts(found):
     ],
 )
 def test_a_pattern_means_the_whole_name(patterns, name, meant):
-    assert exchange.matches(patterns, name) == meant
+    assert filters.matches(patterns, name) == meant
 
 
 TALK, EAR, CALL = (
@@ -100,7 +100,7 @@ TALK, EAR, CALL = (
     ],
 )
 def test_what_passes_the_rules(rules, passing):
-    made = Rules(**rules)
+    made = Rules.of(rules)
     assert [
         item for item in (TALK, EAR, CALL) if made.passes(item, "" if item is CALL else "std_msgs/String")
     ] == passing
@@ -118,14 +118,14 @@ def test_what_passes_the_rules(rules, passing):
     ],
 )
 def test_of_which_masters_anything_is_taken(parameters, wanted):
-    assert exchange.wants_host(parameters, "a1") == wanted
+    assert filters.Filters(parameters).wants_host("a1") == wanted
 
 
 def test_patterns_for_one_master_in_all_their_forms():
     parameters = {"ignore_topics": ["/x", {"A1": ["/y"], "b1": ["/z"]}], "a1": {"ignore_topics": ["/w"]}}
-    own = [text for text in exchange.patterns(parameters, "ignore_topics", "a1") if len(text) == 2]
+    own = [text for text in filters.Filters(parameters).patterns("ignore_topics", "a1") if len(text) == 2]
     assert own == ["/x", "/y", "/w"]
-    assert "/rosout" in exchange.patterns({}, "ignore_topics", "a1")
+    assert "/rosout" in filters.Filters({}).patterns("ignore_topics", "a1")
 
 
 def test_without_a_declaration_everything_passes_subscribers_too():

@@ -1,18 +1,20 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is exchanged: patterns of nodes, topics, services, types and hosts.
+"""Filters of the exchange: patterns, the names of all filters, and the rules for one master.
 
-In a pattern `*` stands for any characters and everything else is a Python regular expression, matched as a whole and
-without regard to case: `/tf` is only /tf, `/tf*` also /tf_static. (`.*` therefore means "at least one character".)
+One file for the nodes and for the controller (plugins/plugin_utils/_fleet/filters.py is a link to it). It needs the
+standard library of Python 3.8 only.
 
-`Rules` have upstream's semantics, since the other robot may apply them: what travels as the argument of
-masterInfoFiltered means the same to both implementations. Upstream's traps end before that, in `Filters`.
+In a pattern `*` stands for any text. Everything else is a Python regular expression. A pattern matches a whole name, in
+upper or lower case: `/tf` matches only /tf, `/tf*` matches /tf_static too. (So `.*` means "at least one character".)
+
+`Rules` mean the same as upstream's, because they travel: they are the argument of masterInfoFiltered, and the other
+robot may run either implementation. `Filters` are the parameters of a node. They avoid upstream's traps.
 """
 
 import re
 import reprlib
-import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from math import comb
 from typing import Any, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
@@ -25,18 +27,18 @@ except ImportError:
     import sre_parse as _sre  # type: ignore[no-redef]
 
 MAX_TEXT = 65536  # characters of all patterns of a request
-MAX_NAME = 255  # characters of a name; longer ones are not exchanged
-MAX_COST = 5_000_000  # steps of one match of another computer's pattern: about 0.1 s, in which nothing else runs
+MAX_NAME = 255  # characters of a name; a longer one is not exchanged
+MAX_COST = 5_000_000  # steps of one match of a pattern from another computer: about 0.1 s, in which nothing else runs
+UNKNOWN_TYPES = ("", "*", "None")  # written by a master that does not know the type of a topic
 _CACHED = 4096  # characters of a text that is kept compiled
 _NODE = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]{0,255}\Z")
 
-# What Python says of questionable patterns would be repeated for each one that a stranger sends.
-warnings.filterwarnings("ignore", "Possible (nested set|set )", FutureWarning)
-warnings.filterwarnings("ignore", "Flags not at the start", DeprecationWarning)
+
+# Patterns
 
 
 class InvalidPattern(ValueError):
-    """The pattern cannot be used; the text names it and says why."""
+    """The pattern is not usable; the text names it and says why."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Pattern:
 
     @classmethod
     def of(cls, items: Iterable[str], what: str = "a pattern") -> "Pattern":
-        """The pattern of a list as people write it. Raises InvalidPattern, naming `what`."""
+        """Make the pattern of a list as people write it. Raises InvalidPattern, naming `what`."""
         texts = []
         for item in items:
             if not isinstance(item, str):
@@ -63,7 +65,7 @@ class Pattern:
 
     @classmethod
     def from_wire(cls, text: Any) -> "Pattern":
-        """The pattern that another computer sent. Raises InvalidPattern also where it would be too costly."""
+        """Accept the pattern of another computer. Raises InvalidPattern, also where it would be too costly."""
         if not isinstance(text, str):
             raise InvalidPattern(f"{reprlib.repr(text)} is no text")
         _check(text, "the pattern", costly=False)
@@ -73,7 +75,7 @@ class Pattern:
         return bool(self.text)
 
     def matches(self, name: str) -> bool:
-        """Whether the whole name is matched."""
+        """True where the whole name matches."""
         if not self.text or len(name) > MAX_NAME:
             return False
         if len(self.text) > _CACHED:
@@ -82,12 +84,35 @@ class Pattern:
 
     @cached_property
     def cheap(self) -> bool:
-        """Whether another computer would accept it."""
+        """True where another computer would accept it."""
         return len(self.text) <= MAX_TEXT and _cost(_sre.parse(self.text, re.IGNORECASE)) <= MAX_COST
 
     @cached_property
     def _compiled(self) -> "re.Pattern[str]":
         return _compile(self.text)
+
+
+NO_NAME = "(?!)"  # as people write it: a pattern that matches no name
+#: The pattern that matches no name: a white list that admits nothing. An empty list would not do: to upstream it is none.
+NOTHING = Pattern(rf"\A{NO_NAME}\Z")
+
+
+def matches(items: Iterable[str], name: str) -> bool:
+    """True where one of the patterns, as people write them, matches the name. Unusable patterns match nothing."""
+    return usable(items).matches(name)
+
+
+def usable(items: Iterable[str]) -> Pattern:
+    """The pattern of a list as people write it. An unusable list matches nothing: no node starts with it."""
+    return _usable(tuple(items))
+
+
+@lru_cache(maxsize=4096)
+def _usable(items: Tuple[str, ...]) -> Pattern:
+    try:
+        return Pattern.of(items)
+    except InvalidPattern:
+        return NOTHING
 
 
 def _compile(text: str) -> "re.Pattern[str]":
@@ -103,6 +128,7 @@ def _matches(text: str, name: str) -> bool:
 
 
 def _check(text: str, what: str, costly: bool = True) -> None:
+    """Raise InvalidPattern where the text is too long, no regular expression, or (unless `costly`) too slow to match."""
     if len(text) > MAX_TEXT:
         raise InvalidPattern(f"{what} is longer than {MAX_TEXT} characters")
     try:
@@ -116,9 +142,9 @@ def _check(text: str, what: str, costly: bool = True) -> None:
 
 
 def _cost(tree: Any) -> int:
-    """The steps of the worst match: n choices after each other can divide a name in so many ways.
+    """Steps of the worst match: n choices one after the other can divide a name in so many ways.
 
-    The alternatives of the whole are tried one after the other, so their costs add up.
+    The alternatives of the whole pattern are tried one after the other, so their costs add up.
     """
     parts = list(tree)
     if parts and str(parts[-1][0]) == "BRANCH":  # what all alternatives begin with stands before them
@@ -131,7 +157,7 @@ _MANY = 7  # choices that are too many in any case
 
 
 def _choices(tree: Any) -> int:
-    """How many choices follow each other in a pattern; one that is repeated counts as often, or as too many."""
+    """Number of choices that follow each other in a pattern. A repeated one counts as often, or as too many."""
     count = 0
     for operation, argument in tree:
         name = str(operation)
@@ -153,29 +179,90 @@ def _choices(tree: Any) -> int:
     return count
 
 
-# What no name is: a white list that admits nothing. An empty pattern would not do, since to upstream it means "no list".
-NOTHING = Pattern(r"\A(?!)\Z")
+# The rules for one master
 
 
-# The rules of a master
+@dataclass(frozen=True)
+class Rules:
+    """What is exchanged with one master.
 
-# The order is that of the list which masterInfoFiltered takes, after its first element (sync_remote_nodes).
-NAMES = (
-    "ignore_nodes",
-    "sync_nodes",
-    "ignore_topics",
-    "sync_topics",
-    "ignore_services",
-    "sync_services",
-    "ignore_type",
-    "ignore_publishers",
-    "ignore_subscribers",
-    "do_not_sync",
-)
+    The fields are the filters. Their order is that of the list which masterInfoFiltered takes.
+    """
+
+    ignore_nodes: Pattern = Pattern()
+    sync_nodes: Pattern = Pattern()
+    ignore_topics: Pattern = Pattern()
+    sync_topics: Pattern = Pattern()
+    ignore_services: Pattern = Pattern()
+    sync_services: Pattern = Pattern()
+    ignore_type: Pattern = Pattern()
+    ignore_publishers: Pattern = Pattern()
+    ignore_subscribers: Pattern = Pattern()
+    do_not_sync: Pattern = Pattern()
+
+    def topic(self, node: str, topic: str, kind: str, publisher: bool) -> bool:
+        """True where this publisher (or subscriber) is wanted. A sync list cannot take back an ignored node."""
+        if any(len(name) > MAX_NAME or self.do_not_sync.matches(name) for name in (node, topic, kind)):
+            return False
+        if (self.ignore_publishers if publisher else self.ignore_subscribers).matches(topic):
+            return False
+        if self.ignore_type.matches(kind) or self.ignore_nodes.matches(node) or self.ignore_topics.matches(topic):
+            return False
+        if self.sync_nodes.matches(node) or self.sync_topics.matches(topic):
+            return True
+        return not self.sync_nodes and not self.sync_topics
+
+    def service(self, node: str, service: str) -> bool:
+        """True where this service is wanted. As upstream has it, `sync_topics` says nothing about services."""
+        if any(len(name) > MAX_NAME or self.do_not_sync.matches(name) for name in (node, service)):
+            return False
+        if self.ignore_nodes.matches(node) or self.ignore_services.matches(service):
+            return False
+        if self.sync_nodes.matches(node) or self.sync_services.matches(service):
+            return True
+        return not self.sync_nodes and not self.sync_services
+
+    def closed(self) -> "Rules":
+        """The same rules, where any white list restricts topics and services alike.
+
+        To upstream, a white list of topics alone admits every service. So the empty one of the two lists becomes one
+        that admits nothing.
+        """
+        if not any(getattr(self, name) for name in WHITE_LISTS):
+            return self
+        return replace(self, sync_topics=self.sync_topics or NOTHING, sync_services=self.sync_services or NOTHING)
+
+    def to_wire(self, sync_remote_nodes: bool) -> List[Any]:
+        """Make the list that masterInfoFiltered takes.
+
+        The other master may refuse a costly pattern, so that one is left empty. All rules are applied again here.
+        """
+        costly = {name for name in NAMES if not getattr(self, name).cheap}
+        if sum(len(getattr(self, name).text) for name in NAMES) > MAX_TEXT:
+            costly = set(NAMES)
+        if costly.intersection(WHITE_LISTS):  # one of them without another would admit less
+            costly.update(WHITE_LISTS)
+        return [sync_remote_nodes] + ["" if name in costly else getattr(self, name).text for name in NAMES]
+
+    @classmethod
+    def from_wire(cls, value: Any) -> "Rules":
+        """Read the rules of another computer: 8 to 11 elements, the first is sync_remote_nodes. Raises InvalidPattern."""
+        if not isinstance(value, (list, tuple)) or not 8 <= len(value) <= 11:
+            raise InvalidPattern("the filter is no array of 8 to 11 elements")
+        if sum(len(text) for text in value[1:] if isinstance(text, str)) > MAX_TEXT:
+            raise InvalidPattern(f"the patterns are longer than {MAX_TEXT} characters")
+        return cls(**{name: Pattern.from_wire(text) for name, text in zip(NAMES, value[1:])})
+
+
+# The names of the filters
+
+NAMES = tuple(rule.name for rule in fields(Rules))
 HOSTS = ("ignore_hosts", "sync_hosts")
 WHITE_LISTS = ("sync_nodes", "sync_topics", "sync_services")
+#: Parameters of master_discovery that hide something from every other master -> the filter that each of them is.
+HIDDEN = {f"hide_{kind}": f"ignore_{kind}" for kind in ("nodes", "topics", "services", "subscribers")}
 
-# Never exchanged: what belongs to the roscore and to the exchange itself.
+#: Never exchanged: what belongs to the roscore and to the exchange itself.
 BUILT_IN: Mapping[str, Sequence[str]] = {
     "ignore_nodes": (
         "/rosout",
@@ -205,73 +292,18 @@ BUILT_IN: Mapping[str, Sequence[str]] = {
 }
 
 
-@dataclass(frozen=True)
-class Rules:
-    """What is exchanged with one master."""
-
-    ignore_nodes: Pattern = Pattern()
-    sync_nodes: Pattern = Pattern()
-    ignore_topics: Pattern = Pattern()
-    sync_topics: Pattern = Pattern()
-    ignore_services: Pattern = Pattern()
-    sync_services: Pattern = Pattern()
-    ignore_type: Pattern = Pattern()
-    ignore_publishers: Pattern = Pattern()
-    ignore_subscribers: Pattern = Pattern()
-    do_not_sync: Pattern = Pattern()
-
-    def topic(self, node: str, topic: str, kind: str, publisher: bool) -> bool:
-        """Whether this publisher (or subscriber) is wanted. An ignored node cannot be re-admitted by a sync list."""
-        if any(len(name) > MAX_NAME or self.do_not_sync.matches(name) for name in (node, topic, kind)):
-            return False
-        if (self.ignore_publishers if publisher else self.ignore_subscribers).matches(topic):
-            return False
-        if self.ignore_type.matches(kind) or self.ignore_nodes.matches(node) or self.ignore_topics.matches(topic):
-            return False
-        if self.sync_nodes.matches(node) or self.sync_topics.matches(topic):
-            return True
-        return not self.sync_nodes and not self.sync_topics
-
-    def service(self, node: str, service: str) -> bool:
-        """Whether this service is wanted; as upstream has it, `sync_topics` says nothing of services."""
-        if any(len(name) > MAX_NAME or self.do_not_sync.matches(name) for name in (node, service)):
-            return False
-        if self.ignore_nodes.matches(node) or self.ignore_services.matches(service):
-            return False
-        if self.sync_nodes.matches(node) or self.sync_services.matches(service):
-            return True
-        return not self.sync_nodes and not self.sync_services
-
-    def to_wire(self, sync_remote_nodes: bool) -> List[Any]:
-        """The list that masterInfoFiltered takes.
-
-        What the other master may refuse as too costly stays here, where all rules are applied again: less is left out there.
-        """
-        costly = {name for name in NAMES if not getattr(self, name).cheap}
-        if sum(len(getattr(self, name).text) for name in NAMES) > MAX_TEXT:
-            costly = set(NAMES)
-        if costly.intersection(WHITE_LISTS):  # one of them without another would admit less
-            costly.update(WHITE_LISTS)
-        return [sync_remote_nodes] + ["" if name in costly else getattr(self, name).text for name in NAMES]
-
-    @classmethod
-    def from_wire(cls, value: Any) -> "Rules":
-        """The rules that another computer sent, 8 to 11 elements. Raises InvalidPattern."""
-        if not isinstance(value, (list, tuple)) or not 8 <= len(value) <= 11:
-            raise InvalidPattern("the filter is no array of 8 to 11 elements")
-        if sum(len(text) for text in value[1:] if isinstance(text, str)) > MAX_TEXT:
-            raise InvalidPattern(f"the patterns are longer than {MAX_TEXT} characters")
-        return cls(**{name: Pattern.from_wire(text) for name, text in zip(NAMES, value[1:])})
+# The parameters of master_sync
 
 
 @dataclass(frozen=True)
 class Filters:
-    """The filters of master_sync as they stand in its parameters, valid for every host."""
+    """The filters of master_sync as they stand in its parameters, for every host."""
 
     values: Mapping[str, Any] = field(default_factory=dict)
+    lenient: bool = False  # unusable patterns match nothing, instead of raising InvalidPattern
 
     def check(self) -> None:
-        """Raises InvalidPattern with a sentence that names the parameter."""
+        """Raise InvalidPattern with a sentence that names the parameter, where a filter is not usable."""
         for name in (*NAMES, *HOSTS):
             for _host, items in _parts(name, self.values.get(name)):
                 Pattern.of(items, name)
@@ -284,28 +316,23 @@ class Filters:
             self.rules(host)
 
     def wants_host(self, host: str) -> bool:
-        """Whether a master of this name is synchronised with: `sync_hosts` is a white list, also beside `ignore_hosts`."""
-        if len(host) > MAX_NAME:  # which no pattern matches, so none could ignore it
+        """True where a master of this name is synchronised with. `sync_hosts` is a white list, beside `ignore_hosts` too."""
+        if len(host) > MAX_NAME:  # no pattern matches it, so none could ignore it
             return False
         wanted = self._pattern("sync_hosts", host)
         return wanted.matches(host) if wanted else not self._pattern("ignore_hosts", host).matches(host)
 
     def rules(self, host: str, also_ignore: Sequence[str] = ()) -> Rules:
-        """The rules for the master of this name; `also_ignore` are nodes that are never exchanged.
-
-        A white list of nodes, topics or services restricts topics and services: to upstream, one of topics alone admits
-        every service. So the empty one of the two becomes one that admits nothing.
-        """
-        patterns = {name: self._pattern(name, host, BUILT_IN.get(name, ())) for name in NAMES}
+        """The rules for the master of this name. `also_ignore` are nodes that are never exchanged."""
         # What is no name of a node is somebody's nonsense, and must not become a pattern.
-        nodes = [node for node in also_ignore if _NODE.match(node) and node not in BUILT_IN["ignore_nodes"]]
-        patterns["ignore_nodes"] = self._pattern("ignore_nodes", host, (*BUILT_IN["ignore_nodes"], *nodes))
-        if any(patterns[name] for name in WHITE_LISTS):
-            patterns.update({name: patterns[name] or NOTHING for name in ("sync_topics", "sync_services")})
-        return Rules(**patterns)
+        also = {
+            "ignore_nodes": [node for node in also_ignore if _NODE.match(node) and node not in BUILT_IN["ignore_nodes"]]
+        }
+        return Rules(**{name: self._pattern(name, host, also.get(name, ())) for name in NAMES}).closed()
 
-    def _pattern(self, name: str, host: str, always: Sequence[str] = ()) -> Pattern:
-        items = list(always)
+    def patterns(self, name: str, host: str, also: Sequence[str] = ()) -> List[str]:
+        """The patterns of one filter for one host: the built-in ones, then `also`, then the own ones."""
+        items = [*BUILT_IN.get(name, ()), *also]
         for of, values in _parts(name, self.values.get(name)):
             if of is None or of.lower() == host.lower():
                 items += values
@@ -313,7 +340,11 @@ class Filters:
             if of.lower() == host.lower():
                 for _of, values in _parts(name, section.get(name)):
                     items += values
-        return Pattern.of(items, name)
+        return items
+
+    def _pattern(self, name: str, host: str, also: Sequence[str] = ()) -> Pattern:
+        items = self.patterns(name, host, also)
+        return usable(items) if self.lenient else Pattern.of(items, name)
 
     def _hosts(self) -> Set[str]:
         """The hosts with filters of their own, and "" for all others."""

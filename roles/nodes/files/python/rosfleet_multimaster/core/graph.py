@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
-from .filters import NOTHING, Pattern, Rules
+from .filters import HIDDEN, NOTHING, Pattern, Rules
 
 LOCAL, REMOTE = "local", "remote"
 END = 2**31 - 1  # seconds: what the record of a heartbeat can hold
@@ -172,13 +172,8 @@ class Policy:
             value = parameters.get(name) or []
             return Pattern.of([value] if isinstance(value, str) else value, name)
 
-        hidden = Rules(
-            ignore_nodes=pattern("hide_nodes"),
-            ignore_topics=pattern("hide_topics"),
-            ignore_services=pattern("hide_services"),
-            ignore_subscribers=pattern("hide_subscribers"),
-            do_not_sync=pattern("do_not_sync"),
-        )
+        filters = {**HIDDEN, "do_not_sync": "do_not_sync"}
+        hidden = Rules(**{rule: pattern(name) for name, rule in filters.items()})
         exports = parameters.get("exports")
         return cls(hidden, None if exports is None else _exports(exports))
 

@@ -25,7 +25,8 @@ from typing import (
     TypeVar,
 )
 
-from .sync import UNKNOWN_TYPES, NodeKey, Refusal, View, Wanted
+from .filters import UNKNOWN_TYPES
+from .sync import NodeKey, Refusal, View, Wanted
 
 MOST = 500  # types of one question
 AGAIN = 60.0  # seconds after an answer, or none, until the same is asked again: nothing tells that it would be another

@@ -6,7 +6,7 @@ import difflib
 import ipaddress
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
 
-from .filters import HOSTS, NAMES, Filters, InvalidPattern, Pattern
+from .filters import HIDDEN, HOSTS, NAMES, Filters, InvalidPattern, Pattern
 
 SHORTEST = 2.0  # seconds of ~offline_after: less leaves no time to ask
 
@@ -72,10 +72,7 @@ DISCOVERY: Mapping[str, Parameter] = {
     "robot_hosts": Parameter([], "texts"),
     "send_mcast": Parameter(True, "flag"),
     "listen_mcast": Parameter(True, "flag"),
-    "hide_nodes": Parameter([], "names"),
-    "hide_topics": Parameter([], "names"),
-    "hide_services": Parameter([], "names"),
-    "hide_subscribers": Parameter([], "names"),
+    **{name: Parameter([], "names") for name in HIDDEN},
     "exports": Parameter(None, "exports"),
     "do_not_sync": Parameter([], "names"),
     "log_level": Parameter("INFO", "level"),
@@ -126,7 +123,7 @@ def overlay(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> Tuple[D
 def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
     try:
         Filters(values).check()
-        for name in ("hide_nodes", "hide_topics", "hide_services", "hide_subscribers"):
+        for name in HIDDEN:
             value = values.get(name) or []
             Pattern.of([value] if isinstance(value, str) else value, name)
     except InvalidPattern as problem:

@@ -12,14 +12,12 @@ Free of sockets, threads and clocks: times are arguments, in seconds of a clock 
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
-from .filters import Filters, Pattern, Rules
+from .filters import UNKNOWN_TYPES, Filters, Pattern, Rules
 from .graph import LOCAL, State
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
 RETRY = (0.2, 1.0, 3.0, 10.0, 30.0)  # seconds after failed fetches
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
-
-UNKNOWN_TYPES = ("", "*", "None")  # as documents say that a master knows no type
 
 NodeKey = Tuple[str, str]  # name and URI of a node
 Claims = Dict[NodeKey, str]  # nodes that we registered -> URI of the master that they are of
