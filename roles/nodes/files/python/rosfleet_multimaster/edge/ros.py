@@ -10,7 +10,8 @@ import urllib.parse
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 # rospy would write log files: its configuration is replaced before it is imported.
-os.environ["ROS_PYTHON_LOG_CONFIG_FILE"] = os.path.join(os.path.dirname(os.path.abspath(__file__)), "logging.conf")
+_PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+os.environ["ROS_PYTHON_LOG_CONFIG_FILE"] = os.path.join(_PACKAGE, "logging.conf")
 if "RUNTIME_DIRECTORY" in os.environ:  # systemd's: the only folder that a service may write
     os.environ.setdefault("ROS_HOME", os.environ["RUNTIME_DIRECTORY"])
     os.environ.setdefault("ROS_LOG_DIR", os.environ["RUNTIME_DIRECTORY"])
