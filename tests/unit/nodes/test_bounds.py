@@ -14,8 +14,12 @@ import xmlrpc.client
 import pytest
 from rosfleet_multimaster.core.filters import InvalidPattern, Rules
 from rosfleet_multimaster.core.graph import Graph, build, document
-from rosfleet_multimaster.edge import sockets
-from rosfleet_multimaster.edge.sockets import Loop, Refused, Rpc, RpcServer, Workers, loads, monotonic, unpack
+from rosfleet_multimaster.edge import loop, rpc_server
+from rosfleet_multimaster.edge.clock import monotonic
+from rosfleet_multimaster.edge.loop import Loop, Workers
+from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_server import Refused, RpcServer
+from rosfleet_multimaster.edge.xml_rpc import loads, unpack
 
 # Queues
 
@@ -58,7 +62,7 @@ def test_a_loop_that_is_behind_is_not_buried(running):
     for thread in posting:
         thread.start()
     time.sleep(0.5)
-    assert running.loop._posted.qsize() <= sockets._MAX_POSTED + len(posting)
+    assert running.loop._posted.qsize() <= loop._MAX_POSTED + len(posting)
     gate.set()
     for thread in posting:
         thread.join(10)
@@ -71,7 +75,7 @@ def test_the_loop_never_waits_for_itself(running):
     done = threading.Event()
 
     def many():
-        for _count in range(2 * sockets._MAX_POSTED):
+        for _count in range(2 * loop._MAX_POSTED):
             running.loop.post(int)
         running.loop.post(done.set)
 
@@ -224,7 +228,7 @@ def test_a_hostile_argument_is_a_fault_in_few_words(server, caplog, arguments):
 
 
 def test_a_request_of_one_byte_a_second_is_ended_and_the_others_are_answered(server, monkeypatch):
-    monkeypatch.setattr(sockets, "_MAX_SECONDS", 2.0)
+    monkeypatch.setattr(rpc_server, "_MAX_SECONDS", 2.0)
     with server.connect(wait=10.0) as slow:
         started, data = monotonic(), iter(post(CALL))
         with contextlib.suppress(OSError):
@@ -236,7 +240,7 @@ def test_a_request_of_one_byte_a_second_is_ended_and_the_others_are_answered(ser
 
 
 def test_an_answer_that_nobody_reads_does_not_stay(server, monkeypatch):
-    monkeypatch.setattr(sockets, "_MAX_SECONDS", 1.0)
+    monkeypatch.setattr(rpc_server, "_MAX_SECONDS", 1.0)
     idle = [server.connect() for _count in range(4)]
     for connection in idle:
         connection.sendall(post(call("", "big")))
@@ -255,11 +259,11 @@ def test_idle_connections_are_bounded_and_one_address_cannot_take_all(server):
     with server.connect("127.0.0.10") as other:
         other.sendall(post(CALL))
         assert b"200 OK" in read_all(other)
-    assert threading.active_count() - before <= sockets._MAX_PER_ADDRESS + 1
-    assert len(server.malformed) == 100 - sockets._MAX_PER_ADDRESS
+    assert threading.active_count() - before <= rpc_server._MAX_PER_ADDRESS + 1
+    assert len(server.malformed) == 100 - rpc_server._MAX_PER_ADDRESS
     idle += [server.connect(f"127.0.1.{number}") for number in range(100)]
     time.sleep(0.3)
-    assert threading.active_count() - before <= sockets._MAX_CONNECTIONS + 1
+    assert threading.active_count() - before <= rpc_server._MAX_CONNECTIONS + 1
     for connection in idle:
         connection.close()
     assert server.answers()

@@ -19,7 +19,8 @@ from rosfleet_multimaster.core.filters import NAMES, Filters, InvalidPattern, Ru
 from rosfleet_multimaster.core.graph import Policy, State, build, document, graph_of, own_types, stamp_text, stamped
 from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, decode, encode
 from rosfleet_multimaster.core.parameters import DISCOVERY, ParameterError, overlay
-from rosfleet_multimaster.edge.sockets import PerCaller, Refused, Rpc, RpcServer
+from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_server import PerCaller, Refused, RpcServer
 from virtual_time import Robot, World
 
 NODES = pathlib.Path(__file__).parents[3] / "roles/nodes/files/python"
@@ -97,7 +98,7 @@ def told(caller, **parameters):
 ON_THE_WIRE = """
 import socket
 from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, encode
-from rosfleet_multimaster.edge.sockets import Udp
+from rosfleet_multimaster.edge.udp import Udp
 udp = Udp("226.0.0.0", 11511, "192.168.1.1", True)
 second = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # upstream's options
 second.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)

@@ -23,7 +23,7 @@ from rosfleet_multimaster.core.filters import Filters
 from rosfleet_multimaster.core.graph import Node, State
 from rosfleet_multimaster.core.sync import MISSING, Announced, Sync
 from rosfleet_multimaster.edge import patience
-from rosfleet_multimaster.edge.sockets import Refused, RpcServer
+from rosfleet_multimaster.edge.rpc_server import Refused, RpcServer
 
 FOLDER = pathlib.Path(rosfleet_multimaster.__file__).parent
 R2 = "http://robot2:11311/"

@@ -35,21 +35,14 @@ from .core.discovery import (
 from .core.filters import InvalidPattern, Pattern, Rules
 from .core.graph import Graph, Policy, State, build, document, graph_of, own_types, stamp_text, stamped
 from .edge import ros
-from .edge.sockets import (
-    Loop,
-    PerCaller,
-    Refused,
-    Roscore,
-    Rpc,
-    RpcServer,
-    Udp,
-    Workers,
-    addresses,
-    monotonic,
-    notify,
-    resolve,
-    wall_clock,
-)
+from .edge.addresses import addresses, resolve
+from .edge.clock import monotonic, wall_clock
+from .edge.loop import Loop, Workers
+from .edge.roscore import Roscore
+from .edge.rpc_client import Rpc
+from .edge.rpc_server import PerCaller, Refused, RpcServer
+from .edge.systemd import notify
+from .edge.udp import Udp
 
 CONTACT_SIZE = 1 << 16  # bytes of an answer that says who somebody is
 RETRY = 0.1  # seconds until a roscore that does not answer is asked again

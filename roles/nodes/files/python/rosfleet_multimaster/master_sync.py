@@ -19,7 +19,11 @@ from .core.losses import Connection, Ending, Look, Losses, connections_of
 from .core.message_types import Question, TypeGuard
 from .core.sync import Announced, Claims, Fetch, Plan, Refusal, Registration, Sync, View, Wanted, calls, plan
 from .edge import connections, ros
-from .edge.sockets import Loop, Roscore, Rpc, Workers, monotonic, notify, wall_clock
+from .edge.clock import monotonic, wall_clock
+from .edge.loop import Loop, Workers
+from .edge.roscore import Roscore
+from .edge.rpc_client import Rpc
+from .edge.systemd import notify
 
 FETCH_TIMEOUT, MAX_STATE = 10.0, 16 << 20  # seconds, bytes: 5,000 topics are 3 MB
 UPDATE_TIMEOUT = 3.0  # seconds

@@ -14,7 +14,11 @@ import xmlrpc.client
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from .core import parameters
-from .edge.sockets import Loop, Roscore, Rpc, monotonic, notify
+from .edge.clock import monotonic
+from .edge.loop import Loop
+from .edge.roscore import Roscore
+from .edge.rpc_client import Rpc
+from .edge.systemd import notify
 
 FAILURES = (OSError, ValueError, xmlrpc.client.Fault)  # what a call to another program may end with
 IMPORTS = (

@@ -13,7 +13,7 @@ import socket
 import struct
 from typing import Callable, FrozenSet, Iterator, List, NamedTuple, Tuple
 
-from .sockets import addresses
+from .addresses import addresses
 
 _NETLINK_SOCK_DIAG, _SOCK_DIAG_BY_FAMILY, _SOCK_DESTROY = 4, 20, 21
 _REQUEST, _ACK, _DUMP = 0x1, 0x4, 0x300

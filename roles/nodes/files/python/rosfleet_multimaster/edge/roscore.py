@@ -1,0 +1,28 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The master API of a roscore (http://wiki.ros.org/ROS/Master_API)."""
+
+from typing import Any, List, Tuple
+
+from .rpc_client import Rpc
+
+
+class Roscore:
+    """The master API of a roscore. Its answers are [code, text, value]."""
+
+    def __init__(self, uri: str, caller: str, timeout: float = 5.0) -> None:
+        self.rpc, self.caller = Rpc(uri, timeout), caller
+
+    def ask(self, *calls: Tuple[Any, ...]) -> List[Any]:
+        """The values of many calls (without the caller's name) in one request; None where one was refused.
+
+        Raises OSError, ValueError or xmlrpc.client.Fault where the roscore does not answer at all.
+        """
+        results = self.rpc.multicall([(call[0], self.caller, *call[1:]) for call in calls])
+        return [_value(result) for result in results]
+
+
+def _value(result: Any) -> Any:
+    if isinstance(result, (list, tuple)) and len(result) == 3 and result[0] == 1:
+        return result[2]
+    return None

@@ -1,0 +1,158 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The XML-RPC server: what other programs call."""
+
+import gzip
+import logging
+import socket
+import socketserver
+import threading
+import xmlrpc.client
+from http.server import BaseHTTPRequestHandler
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple
+
+from .clock import monotonic
+from .xml_rpc import MAX_REQUEST, loads, unpack
+
+_log = logging.getLogger("rosfleet.rpc_server")
+
+_MAX_CONNECTIONS, _MAX_PER_ADDRESS = 64, 8
+_MAX_SECONDS = 15.0
+_COMPRESS = 1400  # bytes
+
+
+class Refused(Exception):
+    """A method's way to answer with a fault: the text is the fault's sentence."""
+
+
+class PerCaller(NamedTuple):
+    """A method whose answer depends on who calls: its first argument is the caller's address."""
+
+    method: Callable[..., Any]
+
+    def __call__(self, caller: str, *arguments: Any) -> Any:
+        return self.method(caller, *arguments)
+
+
+class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
+    """An XML-RPC server with bounds: connections, size of a request, and time of a connection."""
+
+    daemon_threads = True
+    block_on_close = False
+    allow_reuse_address = True
+    request_queue_size = 128
+
+    def __init__(
+        self, address: str, port: int, methods: Mapping[str, Callable[..., Any]], malformed: Callable[[str, str], None]
+    ) -> None:
+        """`malformed(host, why)` is told of every request that is none. Raises OSError where the port is taken."""
+        self.methods = dict(methods)
+        self.methods["system.listMethods"] = lambda: sorted(self.methods)
+        self.methods["system.methodHelp"] = lambda name: _help(self.methods.get(name))
+        self.methods["system.methodSignature"] = lambda name: "signatures not supported"
+        self.malformed = malformed
+        self._open: Dict[socket.socket, Tuple[str, float]] = {}  # whose, and since when
+        super().__init__((address, port), _Handler)
+        threading.Thread(target=self.serve_forever, name="xml-rpc", kwargs={"poll_interval": 1.0}, daemon=True).start()
+
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Refuse what is too much at once."""
+        address = client_address[0]
+        same = sum(1 for other, _since in list(self._open.values()) if other == address)
+        if len(self._open) >= _MAX_CONNECTIONS or same >= _MAX_PER_ADDRESS:
+            self.malformed(address, "too many connections at once")
+            return False
+        self._open[request] = (address, monotonic())
+        return True
+
+    def service_actions(self) -> None:
+        """End the connections that take too long."""
+        for request, (_address, since) in list(self._open.items()):
+            if monotonic() - since > _MAX_SECONDS:
+                try:
+                    request.shutdown(socket.SHUT_RDWR)
+                except OSError:
+                    pass
+
+    def shutdown_request(self, request: Any) -> None:
+        """A connection has ended."""
+        self._open.pop(request, None)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A connection that breaks is nobody's fault here."""
+        _log.debug("a connection of %s broke", client_address, exc_info=True)
+
+    def stop(self) -> None:
+        """Close the port."""
+        self.socket.shutdown(socket.SHUT_RDWR)  # wakes the thread that waits for connections
+        self.shutdown()
+        self.server_close()
+
+
+def _help(method: Any) -> str:
+    return (getattr(getattr(method, "method", method), "__doc__", "") or "").strip()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: RpcServer
+    timeout = 5.0
+    wbufsize = -1
+    disable_nagle_algorithm = True
+
+    def do_POST(self) -> None:  # the name is the standard library's
+        if self.path not in ("/", "/RPC2"):
+            self.send_error(404)
+            return
+        try:
+            name, arguments = self._request()
+        except Exception as problem:  # expat, xmlrpc, gzip and int have a dozen
+            self.server.malformed(self.client_address[0], f"{type(problem).__name__}: {problem}"[:200])
+            self.send_error(400)
+            return
+        try:
+            body = xmlrpc.client.dumps((self._call(name, arguments),), methodresponse=True, allow_none=True)
+        except Refused as refusal:
+            body = xmlrpc.client.dumps(xmlrpc.client.Fault(1, str(refusal)), methodresponse=True)
+        except Exception as problem:
+            _log.debug("%s failed", name, exc_info=True)
+            text = f"{name[:100]} failed: {type(problem).__name__}: {problem}"[:500]
+            self.server.malformed(self.client_address[0], text)
+            body = xmlrpc.client.dumps(xmlrpc.client.Fault(1, text), methodresponse=True)
+        self._answer(body.encode("utf-8", "replace"))
+
+    def _request(self) -> Tuple[str, Tuple[Any, ...]]:
+        length = int(self.headers["Content-Length"] or "")
+        if not 0 < length <= MAX_REQUEST:
+            raise ValueError(f"a request of {length} bytes")
+        body = self.rfile.read(length)
+        if self.headers.get("Content-Encoding", "identity").lower() == "gzip":
+            body = unpack(body, MAX_REQUEST)
+        arguments, name = loads(body)
+        if not name:
+            raise ValueError("no method is named")
+        return name, arguments
+
+    def _call(self, name: str, arguments: Tuple[Any, ...]) -> Any:
+        method = self.server.methods.get(name)
+        if method is None:
+            raise Refused(f"there is no method {name[:100]}")
+        if isinstance(method, PerCaller):
+            arguments = (self.client_address[0], *arguments)
+        try:
+            return method(*arguments)
+        except TypeError as problem:
+            raise Refused(f"{name}: {problem}"[:500]) from None
+
+    def _answer(self, body: bytes) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/xml")
+        if len(body) > _COMPRESS and "gzip" in self.headers.get("Accept-Encoding", ""):
+            body = gzip.compress(body, 1)
+            self.send_header("Content-Encoding", "gzip")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *arguments: Any) -> None:  # the name is the standard library's
+        _log.debug("%s " + format, self.client_address[0], *arguments)
