@@ -74,11 +74,12 @@ class Rpc:
             if self._connection.sock is not None:
                 self._connection.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         # The socket's own limit begins again with each byte, so whoever sends one now and then would hold this thread.
+        deadline = monotonic() + self._timeout  # before the timer: who is cut off is late
         limit = threading.Timer(self._timeout, _cut, (self._connection.sock,))
         limit.daemon = True
         limit.start()
         try:
-            return self._exchange(self._connection, body, monotonic() + self._timeout)
+            return self._exchange(self._connection, body, deadline)
         finally:
             limit.cancel()
 
