@@ -109,8 +109,7 @@ def rendered(found):
     """The files that the roles nodes and services write for a checked plan."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(ROOT / "roles/services/templates"),
-        keep_trailing_newline=True,
-        trim_blocks=True,  # as Ansible's
+        trim_blocks=True,  # as Ansible's, which also drops the last newline of an included template
         undefined=jinja2.StrictUndefined,
     )
     variables = {
