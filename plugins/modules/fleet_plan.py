@@ -231,6 +231,26 @@ members:
       description: Whether it hears the multicast group of the others.
       type: bool
       sample: true
+listeners:
+  description:
+    - The computers that measure datagrams, as M(rosfleet.multimaster.multicast_verify) takes them.
+    - They are the members that take part in discovery, and those that hear the multicast group come first.
+  returned: success
+  type: list
+  elements: dict
+  contains:
+    name:
+      description: The name of the computer.
+      type: str
+      sample: kobuki1computer
+    address:
+      description: The address that discovery uses.
+      type: str
+      sample: 192.168.1.229
+    multicast:
+      description: Whether it hears the multicast group of the others.
+      type: bool
+      sample: true
 computers:
   description: What each computer needs, by the name of the computer; the router's too.
   returned: success

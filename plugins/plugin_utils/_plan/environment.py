@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.providers import CONFIGURATION, LIBRARY
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.units import CONFIGURATION, LIBRARY
 
 # Lists of folders: ours come first, what a person has stays.
 LISTS = (

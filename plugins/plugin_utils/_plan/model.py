@@ -9,7 +9,7 @@ key there, in the same order. `plain.from_plain` reads them again. Only actions,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
@@ -87,6 +87,15 @@ class Member:
     network: IPv4Network
     discovery_address: IPv4Address
     discovery: bool  # it takes part in the traffic of discovery
+    multicast: bool  # it hears the multicast group of the others
+
+
+@dataclass(frozen=True)
+class Listener:
+    """A computer that measures the datagrams of the others, as the module multicast_verify takes it."""
+
+    name: str
+    address: IPv4Address  # that discovery uses
     multicast: bool  # it hears the multicast group of the others
 
 
@@ -197,9 +206,12 @@ class ComputerPlan:
     discovery: Parameters = field(default_factory=dict)
     sync: Parameters = field(default_factory=dict)
     limits: tuple[str, ...] = ()  # sentences about what the provider cannot do
+    listens: bool = False  # it is one of the listeners
     # Filled in by preflight, which knows the machine.
     programs: Mapping[str, UnitLines] | None = field(default=None, metadata=spelling(left_out=True))
     packages: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))
+    # Multicast routing is planned, or an earlier plan left some behind.
+    multicast_routing_due: bool | None = field(default=None, metadata=spelling(left_out=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,9 +232,23 @@ class FleetPlan:
     multicast_port: int = 11511
     multicast_routing: str = "none"
     members: tuple[Member, ...] = ()
+    listeners: tuple[Listener, ...] = ()
     computers: Mapping[str, ComputerPlan] = field(default_factory=dict)
 
     @cached_property
     def master_of(self) -> Mapping[str, Master]:
         """The master of each robot, by the robot's name."""
         return {master.robot: master for master in self.masters}
+
+    def heard(self, talkers: Collection[str]) -> dict[str, list[str]]:
+        """Return which of the computers in `talkers` each robot is to hear; the empty name is the router.
+
+        A robot hears whoever gives it something: robots that declare nothing, those with a flow to it, and itself.
+        """
+        open_robots = {master.robot for master in self.masters if not master.declared}
+        heard = {}
+        for robot in ("", *self.master_of):
+            declared = {giver for flow in self.flows if robot in flow.to for giver in flow.givers}
+            givers = open_robots | declared | {robot}
+            heard[robot] = [member.name for member in self.members if member.robot in givers and member.name in talkers]
+        return heard

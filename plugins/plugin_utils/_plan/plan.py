@@ -9,6 +9,7 @@ Pure: a Fleet in, plain data (for Ansible's variables) out.
 from __future__ import annotations
 
 import ipaddress
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows
@@ -39,6 +40,7 @@ def plan(fleet: Fleet) -> dict[str, Any]:
 
     Lists that every computer needs are there once, so the plan grows with the number of computers.
     """
+    members = [_member(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers]
     return {
         "hosts_entries": [
             {"address": computer.address, "names": [computer.name, *computer.aliases]} for computer in fleet.computers
@@ -62,7 +64,8 @@ def plan(fleet: Fleet) -> dict[str, Any]:
         "multicast_group": fleet.multicast_group,
         "multicast_port": fleet.multicast_port,
         "multicast_routing": fleet.multicast_routing,
-        "members": [_member(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers],
+        "members": members,
+        "listeners": _listeners(members),
         "computers": {
             **{
                 computer.name: _computer(fleet, robot, computer)
@@ -87,6 +90,16 @@ def _member(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, Any]:
         "discovery": is_master or bool(computer.common_address),
         "multicast": bool(computer.common_address) or (is_master and routed),
     }
+
+
+def _listeners(members: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The computers that measure datagrams: those that take part in discovery, the hearers of the group first."""
+    found = [
+        {"name": member["name"], "address": member["discovery_address"], "multicast": member["multicast"]}
+        for member in members
+        if member["discovery"]
+    ]
+    return sorted(found, key=lambda listener: not listener["multicast"])
 
 
 def _master(fleet: Fleet, robot: Robot) -> dict[str, Any]:
@@ -150,6 +163,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, Any]:
         "services": _services(robot) if is_master else [],
         "provider": robot.provider,
         **_parameters(fleet, robot, is_master),
+        "listens": is_master or bool(computer.common_address),
     }
 
 
@@ -197,6 +211,7 @@ def _router(fleet: Fleet, router: Router) -> dict[str, Any]:
         "discovery": {},
         "sync": {},
         "limits": [],
+        "listens": False,
     }
 
 

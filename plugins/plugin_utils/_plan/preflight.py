@@ -8,12 +8,14 @@ Pure: plan and description in, sentences out.
 
 from __future__ import annotations
 
+import dataclasses
 import ipaddress
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers, units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
 
 # The units of the collection: what they hold is no stranger's.
 OWN_UNITS = ("multimaster-roscore.service", "multimaster-discovery.service", "multimaster-sync.service")
@@ -44,7 +46,7 @@ def compare(plan: Mapping[str, Any], info: Mapping[str, Any]) -> Comparison:
         problems += found
     problems += _systemd(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
     warnings = _own_name(plan, info)
-    provided: dict[str, Any] = {"programs": providers.NO_PROGRAMS, "packages": []}
+    provided: dict[str, Any] = {"programs": _plain(units.NO_PROGRAMS), "packages": []}
     limits = list(plan["limits"])
     if not plan["is_router"]:
         warnings += _exports(plan, info) + _sshd(plan, info)
@@ -58,6 +60,7 @@ def compare(plan: Mapping[str, Any], info: Mapping[str, Any]) -> Comparison:
             warnings += _no_roscore(plan, info) + limits
         else:
             warnings += ros
+    provided["multicast_routing_due"] = _multicast_routing_due(plan, info)
     return Comparison(tuple(problems), tuple(warnings), {**_with_interfaces(plan, interfaces), **provided})
 
 
@@ -65,8 +68,17 @@ def _provided(plan: Mapping[str, Any], info: Mapping[str, Any], found: providers
     """What only the machine knows of the nodes: their programs, and the packages to install."""
     ready = plan["is_master"] and not found.problems
     python = info["ros"]["chosen"]["python"]
-    programs = providers.programs(plan["provider"], python, found.paths) if ready else providers.NO_PROGRAMS
-    return {"programs": programs, "packages": [] if found.problems else list(found.packages)}
+    programs = units.programs(plan["provider"], python, found.paths) if ready else units.NO_PROGRAMS
+    return {"programs": _plain(programs), "packages": [] if found.problems else list(found.packages)}
+
+
+def _multicast_routing_due(plan: Mapping[str, Any], info: Mapping[str, Any]) -> bool:
+    """Whether multicast routing is planned, or an earlier plan left some behind."""
+    return bool(plan["multicast_routing"]) or any("multicast_routing" in name for name in info.get("owned", ()))
+
+
+def _plain(programs: Mapping[str, UnitLines]) -> dict[str, dict[str, str]]:
+    return {name: dataclasses.asdict(lines) for name, lines in programs.items()}
 
 
 def _with_interfaces(plan: Mapping[str, Any], interfaces: Mapping[str, str]) -> dict[str, Any]:

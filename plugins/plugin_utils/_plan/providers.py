@@ -23,12 +23,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Fleet, Robot
 
 UPSTREAM = ("fkie_apt", "fkie_existing")
-# Where the roles install.
-LIBRARY = "/usr/local/lib/rosfleet-multimaster"
-CONFIGURATION = "/etc/rosfleet-multimaster"
-# Upstream's nodes run under the Python of their ROS, our helper under the system's, which Ansible needs as well.
-SYSTEM_PYTHON = "/usr/bin/python3"
-WAIT = f"{SYSTEM_PYTHON} -m rosfleet_multimaster.wait_for_master"
 
 
 # Releases of upstream
@@ -235,62 +229,6 @@ def _exported(robot: Robot, exports: Sequence[Mapping[str, Any]]) -> str:
         "from robots that ask as master_sync does; expected a robot that knows who asks: rely on the filters of the other robots of "
         "the inventory, which leave out what is not for them, or set multimaster_provider to 'bundled', which serves nothing else."
     )
-
-
-# Programs
-
-
-# Each unit's node, and the service of it that is there as soon as it works.
-NODES = {"discovery": ("master_discovery", "list_masters"), "sync": ("master_sync", "get_sync_info")}
-PART_OF = "# Its nodes do not register again with a roscore that was started again.\nPartOf=multimaster-roscore.service"
-NETWORK = """\
-# It ends the TCP connections to a robot that was lost.
-AmbientCapabilities=CAP_NET_ADMIN
-CapabilityBoundingSet=CAP_NET_ADMIN
-"""
-NOTIFYING = """\
-Type=notify
-NotifyAccess=main
-ExecStart={python} -m rosfleet_multimaster.{node} --parameters {configuration}/{node}.json
-TimeoutStartSec=80"""
-WATCHED = """\
-Environment=ROS_PYTHON_LOG_CONFIG_FILE={library}/python/rosfleet_multimaster/logging.conf
-ExecStartPre={wait} --set /{node} {configuration}/{node}.json
-ExecStart={python} {path} __name:={node}
-# Started means that it answers.
-ExecStartPost={wait} --service /{node}/{service}
-TimeoutStartSec=150
-RestartSec=1"""
-# What of a unit differs by provider: the last lines of [Unit] and of [Service].
-PROGRAMS = {
-    "bundled": {"discovery": ("", NOTIFYING), "sync": ("", NETWORK + NOTIFYING)},
-    **{provider: {"discovery": (PART_OF, WATCHED), "sync": (PART_OF, WATCHED)} for provider in UPSTREAM},
-}
-
-
-# Where no node runs; templates are rendered there too.
-NO_PROGRAMS = {name: {"unit": "", "service": ""} for name in NODES}
-
-
-def programs(provider: str, python: str, paths: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """What of the units differs; `paths` are upstream's executables, by `discovery` and `sync`."""
-    made = {}
-    for name, (unit, lines) in PROGRAMS[provider].items():
-        node, service = NODES[name]
-        path = paths.get(name, "")
-        made[name] = {
-            "unit": unit,
-            "service": lines.format(
-                python=python,
-                wait=WAIT,
-                node=node,
-                path=path,
-                service=service,
-                configuration=CONFIGURATION,
-                library=LIBRARY,
-            ),
-        }
-    return made
 
 
 # What is on a machine

@@ -4,9 +4,11 @@
 """All roles are of one shape, and their specifications say what their defaults are."""
 
 import pathlib
+import re
 
 import pytest
 import yaml
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import units
 
 ROLES = sorted((pathlib.Path(__file__).resolve().parents[3] / "roles").iterdir())
 
@@ -38,3 +40,29 @@ def test_every_role_has_the_same_parts(role):
         for name, option in entry["options"].items():
             assert name.startswith(role.name + "_")
             assert option["description"]
+
+
+# What preflight hands to all roles, and what a role takes of another one: as the default of an option, so it can be seen.
+HANDED_ON = {"environment_digest", "nodes_digest"}
+
+
+@pytest.mark.parametrize("role", ROLES, ids=lambda role: role.name)
+def test_a_role_reads_no_variable_of_another_role(role):
+    others = "|".join(other.name for other in ROLES if other != role)
+    files = [path for folder in ("defaults", "vars", "tasks", "templates") for path in role.glob(f"{folder}/*")]
+    for path in files:
+        expressions = re.findall(r"\{\{.*?\}\}|\{%.*?%\}|when:.*|that:.*", path.read_text(encoding="utf-8"), re.DOTALL)
+        words = {word for text in expressions for word in re.findall(r"(?<![\w.'])[a-z_]+(?!\w|=[^=])", text)}
+        foreign = {word for word in words if re.match(rf"({others})_", word) and not word.startswith(f"{role.name}_")}
+        assert foreign <= (HANDED_ON if path.parent.name == "defaults" else set()), path
+
+
+def test_a_role_says_which_facts_it_hands_on():
+    for fact in HANDED_ON:
+        role = next(role for role in ROLES if fact.startswith(f"{role.name}_"))
+        assert f"Sets the fact C({fact})" in (role / "meta/argument_specs.yml").read_text(encoding="utf-8")
+
+
+def test_the_folders_of_the_nodes_are_those_of_the_units():
+    folders = read(ROLES[0].parent / "nodes/vars/main.yml")
+    assert (folders["nodes_library"], folders["nodes_configuration"]) == (units.LIBRARY, units.CONFIGURATION)

@@ -12,7 +12,7 @@ import subprocess
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units
 
 PLAN = {
     "computer": "kobuki1computer",
@@ -87,8 +87,10 @@ def compare(change=None, **plan):
 
 
 def test_a_machine_like_its_plan():
-    programs = providers.programs("bundled", "/usr/bin/python3", {})
-    assert compare() == preflight.Comparison((), (), {**PLAN, "programs": programs, "packages": []})
+    programs = preflight._plain(units.programs("bundled", "/usr/bin/python3", {}))
+    assert compare() == preflight.Comparison(
+        (), (), {**PLAN, "programs": programs, "packages": [], "multicast_routing_due": False}
+    )
 
 
 PROBLEMS = {
@@ -365,7 +367,7 @@ def test_debians_ros_has_no_packages_of_upstream():
 def test_a_further_computer_needs_the_messages_alone():
     found = compare(noetic, provider="fkie_apt", is_master=False, ports=[], discovery={})
     assert (found.problems, found.plan["packages"]) == ((), ["ros-noetic-fkie-multimaster-msgs"])
-    assert found.plan["programs"] == providers.NO_PROGRAMS
+    assert found.plan["programs"] == preflight._plain(units.NO_PROGRAMS)
     found = compare(
         lambda info: noetic(info, candidates=()), provider="fkie_apt", is_master=False, ports=[], discovery={}
     )
@@ -431,7 +433,7 @@ def test_an_installation_of_either_name(there, package):
 def test_an_installation_that_is_not_whole(there, expected):
     found = compare(lambda info: workspace(info, **there), provider="fkie_existing")
     assert len(found.problems) == 1 and re.search(expected, found.problems[0]), found.problems
-    assert found.plan["programs"] == providers.NO_PROGRAMS
+    assert found.plan["programs"] == preflight._plain(units.NO_PROGRAMS)
 
 
 def test_what_upstream_cannot_do_is_a_warning():

@@ -13,11 +13,11 @@ import pathlib
 import re
 import sys
 
-import jinja2
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -107,20 +107,12 @@ def machine(distribution, computer="tibi-visio"):
 
 def rendered(found):
     """The files that the roles nodes and services write for a checked plan."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(ROOT / "roles/services/templates"),
-        trim_blocks=True,  # as Ansible's, which also drops the last newline of an included template
-        undefined=jinja2.StrictUndefined,
+    programs = {name: UnitLines(**lines) for name, lines in found["programs"].items()}
+    roscore = units.Roscore("/opt/ros/x/bin/roscore", found["roscore_port"])
+    made = units.services(
+        ["roscore", "discovery", "sync"], found["robot"], roscore, programs, units.Inputs("4567", "0123")
     )
-    variables = {
-        "multimaster_plan": found,
-        "multimaster_info": {"ros": {"chosen": {"commands": {"roscore": "/opt/ros/x/bin/roscore"}}}},
-        "services_programs": found["programs"],
-        "services_nodes_digest": "0123",
-        "services_environment_digest": "4567",
-    }
-    units = [f"multimaster-{name}.service" for name in ("roscore", "discovery", "sync")]
-    files = {unit: environment.get_template(f"{unit}.j2").render(variables) for unit in units}
+    files = {unit.name: unit.content for unit in made}
     for name in ("discovery", "sync"):
         files[f"master_{name}.json"] = json.dumps(found[name], indent=4, sort_keys=True) + "\n"
     files["packages"] = "\n".join(found["packages"])

@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+"""The filter service_units: the units of a robot's services, for the role services."""
+
+from __future__ import annotations
+
+DOCUMENTATION = r"""
+name: service_units
+short_description: The units of the services of a robot
+version_added: "0.1.0"
+description:
+  - Renders the units of systemd that run the roscore, the discovery node and the sync node of a robot.
+  - A unit names the digest of what its service reads. So a service is restarted exactly when that changes.
+author:
+  - rosfleet contributors (@rosfleet)
+positional: _input
+options:
+  _input:
+    description: The services in the order of their start, for example V([roscore, discovery, sync]).
+    type: list
+    elements: str
+    required: true
+  robot:
+    description: The name of the robot, for example V(kobuki1).
+    type: str
+    required: true
+  roscore_command:
+    description: The path of roscore on the machine, for example V(/opt/ros/noetic/bin/roscore).
+    type: str
+    required: true
+  roscore_port:
+    description: The TCP port of the roscore, for example V(11311).
+    type: int
+    required: true
+  programs:
+    description: The lines C(unit) and C(service) of the units of C(discovery) and C(sync), which differ by provider.
+    type: dict
+    required: true
+  environment_digest:
+    description: The digest of the environment; a change of it restarts all services.
+    type: str
+    required: true
+  nodes_digest:
+    description: The digest of the nodes and their parameters; a change of it restarts C(discovery) and C(sync).
+    type: str
+    required: true
+"""
+
+EXAMPLES = r"""
+- name: Run the services
+  rosfleet.multimaster.managed_services:
+    bundle: multimaster
+    units: >-
+      {{ ['roscore', 'discovery', 'sync'] | rosfleet.multimaster.service_units(
+           robot='kobuki1', roscore_command='/usr/bin/roscore', roscore_port=11311,
+           programs=multimaster_plan.programs, environment_digest='4567', nodes_digest='0123') }}
+"""
+
+RETURN = r"""
+_value:
+  description: The units, each with C(name) and C(content).
+  type: list
+  elements: dict
+  contains:
+    name:
+      description: The name of the unit.
+      type: str
+      sample: multimaster-roscore.service
+    content:
+      description: Its text.
+      type: str
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ansible.errors import AnsibleFilterError
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
+
+
+def service_units(
+    names: Sequence[str],
+    *,
+    robot: str,
+    roscore_command: str,
+    roscore_port: int,
+    programs: Mapping[str, Mapping[str, str]],
+    environment_digest: str,
+    nodes_digest: str,
+) -> list[dict[str, str]]:
+    """Return the units by name and content; see DOCUMENTATION."""
+    unknown = [name for name in names if name not in ("roscore", *programs)]
+    if unknown:
+        raise AnsibleFilterError(
+            f"The services to run are {', '.join(names)}; expected some of roscore, {', '.join(programs)}: "
+            f"take {unknown[0]} out of services_list."
+        )
+    made = units.services(
+        names,
+        robot,
+        units.Roscore(roscore_command, roscore_port),
+        {name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
+        units.Inputs.of(environment_digest, nodes_digest),
+    )
+    return [dataclasses.asdict(unit) for unit in made]
+
+
+class FilterModule:
+    """Ansible's way to find the filter."""
+
+    def filters(self) -> dict[str, Any]:
+        """Return the filters by name."""
+        return {"service_units": service_units}

@@ -1,0 +1,290 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The text of every unit of systemd that the collection installs, and of the file of the multicast router.
+
+Pure: names, ports and paths in, text out. A unit of a node has two parts that differ by provider: the table PROGRAMS.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
+
+# Where the roles install.
+LIBRARY = "/usr/local/lib/rosfleet-multimaster"
+CONFIGURATION = "/etc/rosfleet-multimaster"
+# The nodes of upstream run under the Python of their ROS. Our helper runs under the system's, which Ansible needs too.
+SYSTEM_PYTHON = "/usr/bin/python3"
+WAIT = f"{SYSTEM_PYTHON} -m rosfleet_multimaster.wait_for_master"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as the module managed_services takes it."""
+
+    name: str
+    content: str
+
+
+@dataclass(frozen=True)
+class Roscore:
+    """The roscore of a robot: the path of its program, and its TCP port."""
+
+    command: str
+    port: int
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a unit says of what its service reads. A change of it restarts the service."""
+
+    roscore: str
+    nodes: str
+
+    @classmethod
+    def of(cls, environment: str, nodes: str) -> Inputs:
+        """Make it of the digests of the environment and of the nodes.
+
+        A restart of the roscore costs every node its registration. So the roscore depends on the environment alone.
+        """
+        return cls(environment, hashlib.sha256((environment + nodes).encode()).hexdigest())
+
+
+# The units of ROS
+
+# A service of ROS: an unprivileged user, a folder of its own, restarts.
+_SERVICE = """\
+[Service]
+EnvironmentFile={configuration}/environment
+Environment=ROSFLEET_INPUTS={inputs}
+Environment=ROS_HOME=%t/%N ROS_LOG_DIR=%t/%N
+Environment=PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1
+RuntimeDirectory=%N
+Restart=always
+RestartSec=200ms
+TimeoutStopSec=15
+# An unprivileged user that exists while the service runs; the system is read-only for it.
+DynamicUser=yes
+ProtectHome=read-only
+PrivateDevices=yes
+ProtectKernelTunables=yes
+ProtectControlGroups=yes
+RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
+CapabilityBoundingSet=
+"""
+_INSTALL = """
+[Install]
+WantedBy=multi-user.target
+"""
+_ROSCORE = (
+    """\
+# Managed by rosfleet.multimaster: the ROS master of the robot {robot}
+[Unit]
+Description=ROS master of {robot} (roscore)
+Documentation=https://github.com/rosfleet/multimaster
+Wants=network-online.target
+After=network-online.target
+# It is started again as often as it ends.
+StartLimitIntervalSec=0
+
+"""
+    + _SERVICE
+    + """\
+# More workers than three, and a timeout: unreachable subscribers of other robots must not block the robot's own nodes.
+ExecStart={command} -p {port} -w 16 -t 3
+# Started means that it answers, so what is ordered after it finds it.
+ExecStartPost={wait} --timeout 60
+KillSignal=SIGINT
+"""
+    + _INSTALL
+)
+_NODE = (
+    """\
+# Managed by rosfleet.multimaster: {task}, for the robot {robot}
+[Unit]
+Description=ROS {node} of {robot}: {task}
+Documentation=https://github.com/rosfleet/multimaster
+Wants=network-online.target
+After=network-online.target multimaster-roscore.service
+# A node ends when it sees another roscore, and is started again, as often as that happens.
+StartLimitIntervalSec=0
+{program.unit}
+
+"""
+    + _SERVICE
+    + "{program.service}\n"
+    + _INSTALL
+)
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node that runs as a service: its name, its task in words, and the ROS service that it has as soon as it works."""
+
+    name: str
+    task: str
+    service: str
+
+
+NODES = {
+    "discovery": Node("master_discovery", "discovery of other ROS masters", "list_masters"),
+    "sync": Node("master_sync", "exchange of topics and services with other ROS masters", "get_sync_info"),
+}
+
+
+def services(
+    names: Sequence[str], robot: str, roscore: Roscore, programs: Mapping[str, UnitLines], inputs: Inputs
+) -> list[Unit]:
+    """The units of a robot's services (`roscore` and the keys of NODES), in the order of `names`."""
+    made = []
+    for name in names:
+        if name == "roscore":
+            text = _ROSCORE.format(
+                robot=robot,
+                command=roscore.command,
+                port=roscore.port,
+                wait=WAIT,
+                inputs=inputs.roscore,
+                configuration=CONFIGURATION,
+            )
+        else:
+            node = NODES[name]
+            text = _NODE.format(
+                robot=robot,
+                node=node.name,
+                task=node.task,
+                program=programs[name],
+                inputs=inputs.nodes,
+                configuration=CONFIGURATION,
+            )
+        made.append(Unit(f"multimaster-{name}.service", text))
+    return made
+
+
+# What differs by provider
+
+_PART_OF = (
+    "# Its nodes do not register again with a roscore that was started again.\nPartOf=multimaster-roscore.service"
+)
+_NETWORK = """\
+# It ends the TCP connections to a robot that was lost.
+AmbientCapabilities=CAP_NET_ADMIN
+CapabilityBoundingSet=CAP_NET_ADMIN
+"""
+_NOTIFYING = """\
+Type=notify
+NotifyAccess=main
+ExecStart={python} -m rosfleet_multimaster.{node} --parameters {configuration}/{node}.json
+TimeoutStartSec=80"""
+_WATCHED = """\
+Environment=ROS_PYTHON_LOG_CONFIG_FILE={library}/python/rosfleet_multimaster/logging.conf
+ExecStartPre={wait} --set /{node} {configuration}/{node}.json
+ExecStart={python} {path} __name:={node}
+# Started means that it answers.
+ExecStartPost={wait} --service /{node}/{service}
+TimeoutStartSec=150
+RestartSec=1"""
+_UPSTREAM = {"discovery": UnitLines(_PART_OF, _WATCHED), "sync": UnitLines(_PART_OF, _WATCHED)}
+
+#: provider -> node -> the lines of its unit
+PROGRAMS: dict[str, dict[str, UnitLines]] = {
+    "bundled": {"discovery": UnitLines("", _NOTIFYING), "sync": UnitLines("", _NETWORK + _NOTIFYING)},
+    "fkie_apt": _UPSTREAM,
+    "fkie_existing": _UPSTREAM,
+}
+# For a computer where no node runs.
+NO_PROGRAMS = {name: UnitLines() for name in NODES}
+
+
+def programs(provider: str, python: str, paths: Mapping[str, str]) -> dict[str, UnitLines]:
+    """The lines that differ, by node; `paths` are upstream's executables, by node."""
+    made = {}
+    for name, program in PROGRAMS[provider].items():
+        lines = program.service.format(
+            python=python,
+            wait=WAIT,
+            node=NODES[name].name,
+            path=paths.get(name, ""),
+            service=NODES[name].service,
+            configuration=CONFIGURATION,
+            library=LIBRARY,
+        )
+        made[name] = UnitLines(program.unit, lines)
+    return made
+
+
+# The multicast router of a gateway
+
+ROUTER_UNIT = "multimaster-multicast-routing.service"
+ROUTER_FILE = f"{CONFIGURATION}/smcroute.conf"
+_ROUTER_HEADER = (
+    "# Managed by rosfleet.multimaster: multicast between the network of the robot {robot} and the common network\n"
+)
+_ROUTER = (
+    _ROUTER_HEADER
+    + """\
+[Unit]
+Description=Multicast routing of {robot} for the group {group}
+Documentation=https://github.com/rosfleet/multimaster
+Wants=network-online.target
+After=network-online.target smcroute.service
+# It is started again as often as it ends: an interface may come late.
+StartLimitIntervalSec=0
+
+[Service]
+Environment=ROSFLEET_INPUTS={inputs}
+# smcrouted goes on without routes where another program has the kernel's multicast routing, or an interface is not there,
+# so both are looked at.
+ExecStartPre=/bin/sh -c '! grep -q "^ *[0-9]" /proc/net/ip_mr_vif || {{ echo "Another program routes multicast already, perhaps smcroute.service: stop and disable it." >&2; exit 1; }}'
+ExecStart={command} -n -N -s -f {file}
+ExecStartPost=/bin/sh -c 'for try in $$(seq 25); do {tests}exit; sleep 0.2; done; echo "smcrouted does not route between {names}: are both up?" >&2; exit 1'
+Restart=always
+RestartSec=5
+# Root, as smcrouted demands, but with the rights of a router alone; the system is read-only for it.
+CapabilityBoundingSet=CAP_NET_ADMIN CAP_NET_RAW
+NoNewPrivileges=yes
+ProtectSystem=strict
+ReadWritePaths=/run
+ProtectHome=yes
+PrivateTmp=yes
+PrivateDevices=yes
+ProtectKernelTunables=yes
+ProtectKernelModules=yes
+ProtectControlGroups=yes
+RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
+RestrictNamespaces=yes
+RestrictRealtime=yes
+LockPersonality=yes
+MemoryDenyWriteExecute=yes
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+"""
+    + _INSTALL
+)
+
+
+def multicast_router(robot: str, group: str, interfaces: Sequence[str], command: str, inputs: str) -> Unit:
+    """The unit of smcrouted on a gateway; `command` is its path, `inputs` the digest of its file."""
+    text = _ROUTER.format(
+        robot=robot,
+        group=group,
+        inputs=inputs,
+        command=command,
+        file=ROUTER_FILE,
+        tests="".join(f'grep -q " {interface} " /proc/net/ip_mr_vif && ' for interface in interfaces),
+        names=" and ".join(interfaces),
+    )
+    return Unit(ROUTER_UNIT, text)
+
+
+def multicast_routes(robot: str, group: str, interfaces: Sequence[str]) -> str:
+    """The file of smcrouted (smcroute.conf(5)): the group passes both ways between two interfaces."""
+    lines = [f"phyint {interface} enable" for interface in interfaces]
+    lines += [f"mgroup from {interface} group {group}" for interface in interfaces]
+    ways = [tuple(interfaces), tuple(reversed(interfaces))]
+    lines += [f"mroute from {source} group {group} to {target}" for source, target in ways]
+    return _ROUTER_HEADER.format(robot=robot) + "".join(f"{line}\n" for line in lines)

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The filter service_units: plain data in, units out."""
+
+import pytest
+from ansible.errors import AnsibleFilterError
+from ansible_collections.rosfleet.multimaster.plugins.filter.service_units import service_units
+
+PROGRAMS = {name: {"unit": f"# {name}", "service": f"ExecStart=/{name}"} for name in ("discovery", "sync")}
+
+
+def made(names):
+    return service_units(
+        names,
+        robot="tibi",
+        roscore_command="/usr/bin/roscore",
+        roscore_port=11411,
+        programs=PROGRAMS,
+        environment_digest="4567",
+        nodes_digest="0123",
+    )
+
+
+def test_units():
+    units = made(["roscore", "sync"])
+    assert [unit["name"] for unit in units] == ["multimaster-roscore.service", "multimaster-sync.service"]
+    assert "ExecStart=/usr/bin/roscore -p 11411 " in units[0]["content"]
+    assert "\n# sync\n\n[Service]\n" in units[1]["content"] and "\nExecStart=/sync\n" in units[1]["content"]
+
+
+def test_no_service():
+    assert made([]) == []
+
+
+def test_an_unknown_service_is_named():
+    with pytest.raises(AnsibleFilterError, match="take synk out of services_list"):
+        made(["roscore", "synk"])

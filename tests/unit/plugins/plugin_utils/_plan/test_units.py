@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The units: order and digests; their whole texts are in golden/providers and golden/multicast_routing."""
+
+import hashlib
+import pathlib
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import units
+
+GOLDEN = pathlib.Path(__file__).resolve().parents[3] / "golden/multicast_routing"
+ROSCORE = units.Roscore("/usr/bin/roscore", 11311)
+INTERFACES = ["eth1", "eth0"]
+
+
+def made(names, inputs):
+    programs = units.programs("bundled", "/usr/bin/python3", {})
+    return {unit.name: unit.content for unit in units.services(names, "tibi", ROSCORE, programs, inputs)}
+
+
+def test_the_units_have_the_order_of_the_services():
+    names = ["discovery", "roscore"]
+    assert list(made(names, units.Inputs("a", "b"))) == [f"multimaster-{name}.service" for name in names]
+
+
+def test_the_roscore_depends_on_the_environment_alone():
+    old, new = (made(["roscore", "sync"], units.Inputs.of("environment", nodes)) for nodes in ("old", "new"))
+    assert old["multimaster-roscore.service"] == new["multimaster-roscore.service"]
+    assert old["multimaster-sync.service"] != new["multimaster-sync.service"]
+    digest = hashlib.sha256(b"environmentnew").hexdigest()
+    assert f"Environment=ROSFLEET_INPUTS={digest}\n" in new["multimaster-sync.service"]
+
+
+def test_a_unit_ends_with_a_newline():
+    assert all(
+        text.endswith("multi-user.target\n") for text in made(["roscore", "sync"], units.Inputs("", "")).values()
+    )
+
+
+def test_the_multicast_router():
+    unit = units.multicast_router("tibi", "239.255.11.11", INTERFACES, "/usr/sbin/smcrouted", "feed")
+    assert unit.content == (GOLDEN / unit.name).read_text(encoding="utf-8")
+    routes = units.multicast_routes("tibi", "239.255.11.11", INTERFACES)
+    assert routes == (GOLDEN / "smcroute.conf").read_text(encoding="utf-8")
