@@ -151,42 +151,9 @@ msg:
 """
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record as record_
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
-
-
-def summary(bundle: str, planned: files.Plan, check_mode: bool) -> str:
-    """What was done in one sentence, with the notes."""
-    right = len(planned.items) - len(planned.writes)
-    text = "%d files of the bundle %s %s written, %d removed and %d %s right." % (
-        len(planned.writes),
-        bundle,
-        "would be" if check_mode else "were",
-        len(planned.removals),
-        right,
-        "are" if check_mode else "were",
-    )
-    return " ".join([text] + planned.notes)
-
-
-def validate(module: AnsibleModule, planned: files.Plan) -> str:
-    """A sentence about a file that its own command does not take; empty where all are fit."""
-    commands = {entry["path"]: entry["validate"] for entry in module.params["files"] if entry["validate"]}
-    for file in planned.writes:
-        if file.path not in commands:
-            continue
-        status, output, error = module.run_command(
-            commands[file.path], data=file.content, binary_data=True, handle_exceptions=False
-        )
-        if status != 0:
-            said = " ".join((output + " " + error).split()) or "status %d" % status
-            return "The content for %s is refused by '%s' (%s); nothing was changed: correct the content." % (
-                file.path,
-                " ".join(commands[file.path]),
-                said,
-            )
-    return ""
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import ManagedFiles
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 
 
 def main() -> None:
@@ -206,55 +173,11 @@ def main() -> None:
                 ),
             ),
             brief=dict(type="list", elements="str", default=[]),
-            records=dict(type="str", default=record_.RECORDS),
+            records=dict(type="str", default=RECORDS),
         ),
         supports_check_mode=True,
     )
-    bundle = module.params["bundle"]
-    try:
-        record = files.record_of("files", bundle, module.params["records"])
-        wanted = files.wanted_files(module.params["files"])
-        remembered = record.load()
-        machine = files.read(wanted, remembered, record)
-        planned = files.plan(wanted, remembered, machine)
-    except Problem as problem:
-        module.fail_json(msg=str(problem))
-    except OSError as problem:
-        module.fail_json(msg="The present state could not be read (%s); nothing was changed." % problem)
-
-    refusal = validate(module, planned)
-    if refusal:
-        module.fail_json(msg=refusal)
-    if not module.check_mode:
-        transaction = files.Transaction(planned, machine, record, remembered)
-        try:
-            if files.changes(planned):
-                transaction.begin()
-                transaction.apply()
-            transaction.settle()
-        except OSError as problem:
-            left = transaction.take_back()
-            module.fail_json(
-                changed=bool(left),
-                msg=" ".join(
-                    ["The files of the bundle %s could not be written (%s)." % (bundle, problem)]
-                    + (left or ["Everything that this run had changed was put back."])
-                ),
-            )
-
-    result = dict(
-        changed=files.changes(planned),
-        files=[dict(path=item.path, state=item.state, mode="%04o" % item.mode) for item in planned.items],
-        removed=planned.removals,
-        folders_made=planned.folders_made,
-        folders_removed=planned.folders_removed,
-        notes=planned.notes,
-        digest=files.digest(wanted),
-        msg=summary(bundle, planned, module.check_mode),
-    )
-    if module._diff:
-        result["diff"] = files.differences(planned, machine, module.params["brief"])
-    module.exit_json(**result)
+    run_module(module, lambda memory: ManagedFiles(module.params, module.run_command))
 
 
 if __name__ == "__main__":

@@ -216,79 +216,13 @@ msg:
   sample: "multimaster-sync.service was restarted (its text changed); 2 other units were right."
 """
 
-import os
-
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record as record_
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import units as units_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
-
-# The word for what was done with a unit is that of the first of these actions.
-STATES = (
-    ("restart", "restarted"),
-    ("follow", "restarted"),
-    ("start", "started"),
-    ("stop", "stopped"),
-    ("write", "written"),
-    ("enable", "enabled"),
-    ("reenable", "enabled"),
-    ("disable", "disabled"),
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_services import (
+    USUAL_FOLDER,
+    ManagedServices,
 )
-
-
-def item(unit: units_module.Unit, step: units_module.Step, text: str, state: units_module.State) -> dict:
-    """The result of one unit."""
-    actions = [action for action in ("write" if text else "", step.switch, step.run) if action]
-    return dict(
-        name=unit.name,
-        state=next((word for action, word in STATES if action in actions), "unchanged"),
-        actions=actions,
-        why=step.why,
-        active_state=state.active,
-        sub_state=state.sub,
-        unit_file_state=state.file_state,
-        main_pid=int(state.pid or 0),
-        since=state.since,
-        inputs=units_module.planned_inputs(unit.content),
-        inputs_running=state.inputs,
-        restarts=int(state.restarts or 0),
-    )
-
-
-def summary(items: list, removed: list, reload: bool, notes: list, check_mode: bool) -> str:
-    """What was done in one sentence, with the notes."""
-    be = "would be" if check_mode else "was"
-    parts = ["%s %s removed" % (name, be) for name in removed]
-    for entry in items:
-        if entry["state"] != "unchanged":
-            why = " (%s)" % entry["why"] if entry["why"] else ""
-            parts.append("%s %s %s%s" % (entry["name"], be, entry["state"], why))
-    if reload and not parts:
-        parts.append("systemd %s told to read its units again" % be)
-    right = sum(entry["state"] == "unchanged" for entry in items)
-    if right or not parts:
-        parts.append("%d %sunits %s right" % (right, "other " if parts else "", "are" if check_mode else "were"))
-    return " ".join(["; ".join(parts) + "."] + notes)
-
-
-def state_lines(steps: list, states: dict, units: list) -> dict:
-    """The entry of the difference that shows which units start, stop and are enabled."""
-    wanted = {unit.name: unit for unit in units}
-    before, after = [], []
-    for step in sorted(steps):
-        if step.run or step.switch:
-            state, unit = states[step.name], wanted.get(step.name)
-            before.append("%s: %s, %s" % (step.name, state.active, state.file_state or "absent"))
-            if unit is None:
-                after.append("%s: inactive, absent (%s)" % (step.name, step.why))
-            else:
-                active = "active" if unit.started else "inactive"
-                verb = " (%s: %s)" % (step.run, step.why) if step.run else ""
-                after.append("%s: %s, %s%s" % (step.name, active, "enabled" if unit.enabled else "disabled", verb))
-    header = "the states of the units"
-    text = dict(before="".join(line + "\n" for line in before), after="".join(line + "\n" for line in after))
-    return dict(text, before_header=header, after_header=header)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 
 
 def main() -> None:
@@ -308,90 +242,12 @@ def main() -> None:
                 ),
             ),
             timeout=dict(type="float", default=90),
-            unit_folder=dict(type="str", default="/etc/systemd/system"),
-            records=dict(type="str", default=record_.RECORDS),
+            unit_folder=dict(type="str", default=USUAL_FOLDER),
+            records=dict(type="str", default=RECORDS),
         ),
         supports_check_mode=True,
     )
-    folder = module.params["unit_folder"]
-    systemd = units_module.Systemd(module.params["timeout"])
-    try:
-        record = files.record_of("services", module.params["bundle"], module.params["records"])
-        units = units_module.wanted_units(module.params["units"])
-        wanted = files.wanted_files(
-            dict(path=os.path.join(folder, unit.name), content=unit.content, mode="0644") for unit in units
-        )
-        remembered = record.load()
-        if not os.path.isdir("/run/systemd/system") and (units or remembered):
-            raise Problem(
-                "systemd does not run on this computer (there is no /run/systemd/system), so units cannot be managed; "
-                "boot it with systemd."
-            )
-        if folder != "/etc/systemd/system" and units and folder not in systemd.unit_path():
-            raise Problem(
-                "The unit_folder %s is none that systemd reads; expected one of: %s."
-                % (folder, ", ".join(systemd.unit_path()))
-            )
-        names = [unit.name for unit in units]
-        former = [name for name in remembered.get("units", []) if name not in names]
-        machine = files.read(wanted, remembered, record)
-        states = systemd.show(names + former)
-        owned = files.owned_files(remembered, machine)
-        units_module.check(units, states, owned)
-        planned = files.plan(wanted, remembered, machine)
-        # Whose file an interrupted run never wrote is not ours, should somebody else have a unit of this name.
-        removed = [name for name in former if not states[name].fragment or states[name].fragment in owned]
-    except Problem as problem:
-        module.fail_json(msg=str(problem))
-    except OSError as problem:
-        module.fail_json(msg="The present state could not be read (%s); nothing was changed." % problem)
-
-    paths = dict(zip(names, [file.path for file in wanted]))
-    written = {file.path for file in planned.writes}
-    texts = {name: "changed" if machine.found[path] else "new" for name, path in paths.items() if path in written}
-    pending = set(remembered.get("pending", []))
-    steps = units_module.plan(units, removed, states, texts, pending)
-    reload = files.changes(planned) or any(state.reload == "yes" for state in states.values())
-    changed = bool(reload or former or any(step.run or step.switch for step in steps))
-
-    after = states
-    if changed and not module.check_mode:
-        fresh = [name for name in names if name in texts or name in pending]
-        memory = dict(
-            units=former + names,
-            pending=fresh,
-            directories=dict(remembered.get("directories", {})),
-            parents=list(remembered.get("parents", [])),
-        )
-        transaction = files.Transaction(planned, machine, record, remembered)
-        applier = units_module.Applier(systemd, units, steps, states, transaction, memory)
-        try:
-            after = applier.apply(reload, fresh, paths)
-            applier.clean()
-            transaction.settle(dict(memory, units=names, pending=[]))
-        except (OSError, Problem) as problem:
-            left = applier.restore()
-            if applier.brought_back:
-                # They run with the old text, but with environment and code that other modules may have changed already.
-                try:
-                    record.save(dict(record.load(), pending=sorted(pending | set(applier.brought_back))))
-                except OSError as trouble:
-                    left.append("The record %s could not be written (%s)." % (record.path, trouble))
-            back = ["The previous state is back."] if not left else ["This could not be taken back:"] + left
-            module.fail_json(msg=" ".join([str(problem)] + back), changed=bool(left), previous_state_is_back=not left)
-
-    by_name = {step.name: step for step in steps}
-    items = [item(unit, by_name[unit.name], texts.get(unit.name, ""), after[unit.name]) for unit in units]
-    result = dict(
-        changed=changed,
-        units=items,
-        removed=removed,
-        notes=planned.notes,
-        msg=summary(items, removed, reload, planned.notes, module.check_mode),
-    )
-    if module._diff:
-        result["diff"] = files.differences(planned, machine) + [state_lines(steps, states, units)]
-    module.exit_json(**result)
+    run_module(module, lambda memory: ManagedServices(module.params))
 
 
 if __name__ == "__main__":

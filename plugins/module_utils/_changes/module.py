@@ -97,8 +97,9 @@ def run_module(module: typing.Any, make: typing.Callable[[typing.Any], ModuleRun
 
 
 def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any) -> None:
-    if run.refusals:
-        raise Problem(" ".join(run.refusals))
+    refusals = run.refusals
+    if refusals:
+        raise Problem(" ".join(refusals))
     warned = run.warnings
     _warn(module, warned)
     if not module.check_mode:

@@ -40,11 +40,12 @@ class NotDone(Problem):
     Its text is the sentence of the cause, followed by what was undone.
     """
 
-    def __init__(self, cause: Exception, left: typing.List[str]) -> None:
+    def __init__(self, cause: Exception, left: typing.List[str], text: str = "") -> None:
+        """`text` is for a module that has its own sentences."""
         self.cause = cause
         self.left = left  # a text for everything that could not be undone
         end = f"Not put back: {', '.join(left)}." if left else "Everything is as it was before."
-        super().__init__(f"{sentence(cause)} {end}")
+        super().__init__(text or f"{sentence(cause)} {end}")
 
 
 def carry_out(steps: typing.Iterable[Step]) -> None:
@@ -78,7 +79,9 @@ def intent(record: Record, data: Data, before: Data, what: str = "", failure: st
     Its undo saves what the record held `before`, unless something could not be undone: then the next run needs the
     intent to repair it.
     """
-    return Step(what or record.path, lambda: record.save_if_changed(data), lambda: record.save(before), True, failure)
+    return Step(
+        what or record.path, lambda: record.save_if_changed(data), lambda: record.save_if_changed(before), True, failure
+    )
 
 
 def settled(record: Record, after: Data) -> Step:

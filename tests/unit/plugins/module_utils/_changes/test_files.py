@@ -10,7 +10,7 @@ import signal
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, transaction
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files as files_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from hypothesis import given
@@ -30,7 +30,7 @@ class Place:
         return str(self.root / name)
 
     def steps(self, files, bundle="b"):
-        """What the module does before it applies: (plan, machine, transaction)."""
+        """Everything that the module does before it applies: (plan, machine, the steps of its change)."""
         record = files_module.record_of("files", bundle, str(self.records))
         wanted = files_module.wanted_files(
             {"path": self.path(name), "content": content, "mode": mode} for name, (content, mode) in files.items()
@@ -38,18 +38,18 @@ class Place:
         remembered = record.load()
         machine = files_module.read(wanted, remembered, record)
         planned = files_module.plan(wanted, remembered, machine)
-        return planned, machine, files_module.Transaction(planned, machine, record, remembered)
+        steps = [transaction.intent(record, planned.intent, remembered, failure=files_module.RECORD_LOST)]
+        steps += files_module.steps(planned, machine)
+        after = planned.after if any(planned.after.values()) else {}
+        return planned, machine, [*steps, transaction.settled(record, after)]
 
     def run(self, bundle="b", **files):
         """One run of the module with files of mode 0644, name=content."""
         return self.run_modes({name.replace("__", "/"): (text, "0644") for name, text in files.items()}, bundle)
 
     def run_modes(self, files, bundle="b"):
-        planned, _machine, transaction = self.steps(files, bundle)
-        if files_module.changes(planned):
-            transaction.begin()
-            transaction.apply()
-        transaction.settle()
+        planned, _machine, steps = self.steps(files, bundle)
+        transaction.carry_out(steps if files_module.changes(planned) else steps[-1:])
         return planned
 
     def tree(self):
@@ -195,13 +195,11 @@ def test_a_file_where_a_folder_is_needed_is_a_sentence(place):
 def test_a_file_edited_by_hand_is_put_back(place, change):
     place.run(etc__a="A", etc__b="B")
     change(place.root / "etc" / "a")
-    planned, machine, transaction = place.steps({"etc/a": ("A", "0644"), "etc/b": ("B", "0644")})
+    planned, machine, steps = place.steps({"etc/a": ("A", "0644"), "etc/b": ("B", "0644")})
     assert states(planned) == ["edited", "unchanged"] and "by hand" in planned.notes[0]
     entry = files_module.differences(planned, machine)[0]
     assert entry["before"] != entry["after"]
-    transaction.begin()
-    transaction.apply()
-    transaction.settle()
+    transaction.carry_out(steps)
     assert place.tree()["etc/a"] == (0o644, "A")
     place.run()
     assert place.tree() == {}
@@ -228,28 +226,27 @@ def test_a_failure_puts_everything_back(place):
     before, memory = place.tree(), (place.records / "files-b.json").read_text()
     # A name that leaves no room for the neighbour that is renamed: a file system may refuse any write.
     impossible = "new/" + "c" * 250
-    _planned, _machine, transaction = place.steps(
+    _planned, _machine, steps = place.steps(
         {"etc/a": ("A2", "0644"), "new/b": ("B", "0644"), impossible: ("C", "0755")}
     )
-    transaction.begin()
-    with pytest.raises(OSError, match="File name too long"):
-        transaction.apply()
-    assert "new/b" in place.tree() and "etc/old" not in place.tree()
-    assert transaction.take_back() == []
+    seen = []
+    with pytest.raises(transaction.NotDone, match="File name too long") as caught:
+        transaction.carry_out([*steps[:-3], transaction.Step("look", lambda: seen.append(place.tree())), *steps[-3:]])
+    assert "new/b" in seen[0] and "etc/old" not in seen[0]
+    assert caught.value.left == []
     assert place.tree() == before and (place.records / "files-b.json").read_text() == memory
 
 
 def test_a_path_that_cannot_be_put_back_is_named_and_stays_in_the_record(place, monkeypatch):
     place.run(a="A")
-    _planned, _machine, transaction = place.steps({"a": ("A2", "0644")})
-    transaction.begin()
-    transaction.apply()
+    _planned, _machine, steps = place.steps({"a": ("A2", "0644")})
+    transaction.carry_out(steps[:-1])
 
     def readonly(path, *_rest):
         raise OSError(30, "Read-only file system", path)
 
     monkeypatch.setattr(atomic, "write_by_rename", readonly)
-    left = transaction.take_back()
+    left = transaction.undo(steps[:-1])
     monkeypatch.undo()
     assert len(left) == 1 and place.path("a") in left[0] and "Read-only" in left[0]
     assert states(place.run(a="A3")) == ["written"]
@@ -350,7 +347,7 @@ def test_the_digest_tells_any_change_and_no_order():
 
 
 def test_the_difference_names_code_and_shows_the_rest(place):
-    planned, machine, transaction = place.steps({"lib/node.py": ("import this\n", "0644"), "etc/a": ("A", "0644")})
+    planned, machine, _steps = place.steps({"lib/node.py": ("import this\n", "0644"), "etc/a": ("A", "0644")})
     entries = files_module.differences(planned, machine, [place.path("lib")])
     assert len(entries) == 2
     shown = next(entry for entry in entries if entry["after_header"] == place.path("etc/a"))

@@ -3,8 +3,6 @@
 
 """The planner of systemd units: what systemd says and what is wanted in, ordered steps out."""
 
-import os
-
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import units as units_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
@@ -209,44 +207,3 @@ def test_bad_units_are_sentences(units, said):
     full = [dict({"content": INSTALL, "enabled": True, "started": True}, **entry) for entry in units]
     with pytest.raises(Problem, match=said):
         units_module.wanted_units(full)
-
-
-def test_parse_show():
-    text = 'Id=a.service\nLoadError=x "y=z"\nMainPID=0\n\nId=b.service\nMainPID=7\n'
-    assert units_module.parse_show(text, ["a.service", "b.service"]) == [
-        {"Id": "a.service", "LoadError": 'x "y=z"', "MainPID": "0"},
-        {"Id": "b.service", "MainPID": "7"},
-    ]
-    with pytest.raises(Problem, match="expected 3"):
-        units_module.parse_show(text, ["a.service", "b.service", "c.service"])
-
-
-def test_state_directories():
-    assert units_module.state_directories({"StateDirectory": "", "DynamicUser": "yes"}) == ([], [])
-    assert units_module.state_directories({"StateDirectory": "x", "DynamicUser": "no", "RuntimeDirectory": "r"}) == (
-        ["/var/lib/x"],
-        [],
-    )
-    paths, parents = units_module.state_directories(
-        {"StateDirectory": "a/b:link", "LogsDirectory": "l", "DynamicUser": "yes"}
-    )
-    assert paths == ["/var/lib/a/b", "/var/lib/private/a/b", "/var/log/l", "/var/log/private/l"]
-    assert parents == ["/var/lib/a", "/var/lib/private", "/var/lib/private/a", "/var/log/private"]
-    kept = {
-        "RuntimeDirectory": "r",
-        "RuntimeDirectoryPreserve": "yes",
-        "ConfigurationDirectory": "c",
-        "DynamicUser": "yes",
-    }
-    assert units_module.state_directories(kept)[0] == ["/run/r", "/run/private/r", "/etc/c"]
-
-
-def test_trees_and_parents_go_but_nothing_else(tmp_path):
-    (tmp_path / "private" / "x" / "deep").mkdir(parents=True)
-    (tmp_path / "private" / "x" / "deep" / "file").touch()
-    (tmp_path / "x").symlink_to("private/x")
-    (tmp_path / "outside").mkdir()
-    (tmp_path / "shared" / "theirs").mkdir(parents=True)
-    units_module.remove_trees(str(tmp_path / name) for name in ("x", "private/x", "missing"))
-    units_module.remove_parents(str(tmp_path / name) for name in ("private", "shared", "missing"))
-    assert sorted(os.listdir(tmp_path)) == ["outside", "shared"]

@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""One run of the module managed_files: the files of a bundle, written or removed together."""
+
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
+    NotDone,
+    carry_out,
+    intent,
+    settled,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+# AnsibleModule.run_command
+RunCommand = typing.Callable[..., typing.Tuple[int, str, str]]
+
+
+class ManagedFiles(ModuleRun):
+    """The run, planned from the options of the module."""
+
+    def __init__(self, options: typing.Mapping[str, typing.Any], run_command: RunCommand) -> None:
+        self.options = options
+        self.bundle = options["bundle"]
+        self.run_command = run_command
+        try:
+            self.record = files.record_of("files", self.bundle, options["records"])
+            self.wanted = files.wanted_files(options["files"])
+            self.remembered = self.record.load()
+            self.machine = files.read(self.wanted, self.remembered, self.record)
+            self.plan = files.plan(self.wanted, self.remembered, self.machine)
+        except OSError as problem:
+            raise Problem(f"The present state could not be read ({problem}); nothing was changed.") from problem
+        self.changed = files.changes(self.plan)
+
+    @property
+    def refusals(self) -> typing.List[str]:
+        """The sentence about the first file that its own command does not accept."""
+        commands = {entry["path"]: entry["validate"] for entry in self.options["files"] if entry["validate"]}
+        for file in self.plan.writes:
+            refusal = self._refusal(file, commands[file.path]) if file.path in commands else ""
+            if refusal:
+                return [refusal]
+        return []
+
+    def _refusal(self, file: files.Wanted, command: typing.List[str]) -> str:
+        status, output, error = self.run_command(command, data=file.content, binary_data=True, handle_exceptions=False)
+        if status == 0:
+            return ""
+        said = " ".join((output + " " + error).split()) or f"status {status}"
+        return (
+            f"The content for {file.path} is refused by '{' '.join(command)}' ({said}); nothing was changed: "
+            "correct the content."
+        )
+
+    def apply(self) -> None:
+        """Write and remove the files, or put everything back and raise NotDone."""
+        steps = []
+        if self.changed:
+            steps = [intent(self.record, self.plan.intent, self.remembered, failure=files.RECORD_LOST)]
+            steps += files.steps(self.plan, self.machine)
+        after = self.plan.after if any(self.plan.after.values()) else {}
+        try:
+            carry_out([*steps, settled(self.record, after)])
+        except NotDone as problem:
+            said = [f"The files of the bundle {self.bundle} could not be written ({problem.cause})."]
+            said += problem.left or ["Everything that this run had changed was put back."]
+            raise NotDone(problem.cause, problem.left, " ".join(said)) from problem
+
+    def failure(self, problem: Problem) -> Fields:
+        """The fields of a failed change: `changed` says that something is left of it."""
+        return {"changed": bool(problem.left)} if isinstance(problem, NotDone) else {}
+
+    def result(self) -> Fields:
+        """The return values beside `changed`, `msg` and `diff`."""
+        return {
+            "files": [dict(path=item.path, state=item.state, mode=f"{item.mode:04o}") for item in self.plan.items],
+            "removed": self.plan.removals,
+            "folders_made": self.plan.folders_made,
+            "folders_removed": self.plan.folders_removed,
+            "notes": self.plan.notes,
+            "digest": files.digest(self.wanted),
+        }
+
+    @property
+    def difference(self) -> typing.List[typing.Dict[str, str]]:
+        """The entries of `diff`."""
+        return files.differences(self.plan, self.machine, self.options["brief"])
+
+    def summary(self, check_mode: bool) -> str:
+        """What was done in one sentence, with the notes."""
+        right = len(self.plan.items) - len(self.plan.writes)
+        be, are = ("would be", "are") if check_mode else ("were", "were")
+        text = (
+            f"{len(self.plan.writes)} files of the bundle {self.bundle} {be} written, {len(self.plan.removals)} removed "
+            f"and {right} {are} right."
+        )
+        return " ".join([text] + self.plan.notes)

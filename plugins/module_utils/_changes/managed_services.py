@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""One run of the module managed_services: the units of a bundle, from their files to their processes."""
+
+import os
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, unit_steps, units
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.systemctl import Systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+USUAL_FOLDER = "/etc/systemd/system"
+# The word for what was done with a unit is that of the first of these that was.
+STATES = (
+    ("restart", "restarted"),
+    ("follow", "restarted"),
+    ("start", "started"),
+    ("stop", "stopped"),
+    ("write", "written"),
+    ("enable", "enabled"),
+    ("reenable", "enabled"),
+    ("disable", "disabled"),
+)
+
+
+class ManagedServices(ModuleRun):
+    """The run, planned from the options of the module."""
+
+    def __init__(self, options: typing.Mapping[str, typing.Any], systemd: typing.Optional[Systemd] = None) -> None:
+        self.systemd = systemd or Systemd(options["timeout"])
+        try:
+            self._read_options(options)
+            self._read_machine()
+        except OSError as problem:
+            raise Problem(f"The present state could not be read ({problem}); nothing was changed.") from problem
+        self._plan()
+
+    def _read_options(self, options: typing.Mapping[str, typing.Any]) -> None:
+        folder = options["unit_folder"]
+        self.record = files.record_of("services", options["bundle"], options["records"])
+        self.units = units.wanted_units(options["units"])
+        self.wanted = files.wanted_files(
+            dict(path=os.path.join(folder, unit.name), content=unit.content, mode="0644") for unit in self.units
+        )
+        self.remembered = self.record.load()
+        if not self.systemd.runs() and (self.units or self.remembered):
+            raise Problem(
+                "systemd does not run on this computer (there is no /run/systemd/system), so units cannot be managed; "
+                "boot it with systemd."
+            )
+        if folder != USUAL_FOLDER and self.units and folder not in self.systemd.unit_path():
+            raise Problem(
+                f"The unit_folder {folder} is none that systemd reads; expected one of: "
+                f"{', '.join(self.systemd.unit_path())}."
+            )
+
+    def _read_machine(self) -> None:
+        self.names = [unit.name for unit in self.units]
+        self.former = [name for name in self.remembered.get("units", []) if name not in self.names]
+        self.machine = files.read(self.wanted, self.remembered, self.record)
+        self.states = self.after = self.systemd.show(self.names + self.former)
+
+    def _plan(self) -> None:
+        owned = files.owned_files(self.remembered, self.machine)
+        units.check(self.units, self.states, owned)
+        self.files = files.plan(self.wanted, self.remembered, self.machine)
+        # A unit whose file an interrupted run never wrote is not owned: somebody else may have one of this name.
+        self.removed = [
+            name for name in self.former if not self.states[name].fragment or self.states[name].fragment in owned
+        ]
+        self.paths = {name: file.path for name, file in zip(self.names, self.wanted)}
+        written = {file.path for file in self.files.writes}
+        self.texts = {
+            name: "changed" if self.machine.found[path] else "new"
+            for name, path in self.paths.items()
+            if path in written
+        }
+        self.pending = set(self.remembered.get("pending", []))
+        self.actions = units.plan(self.units, self.removed, self.states, self.texts, self.pending)
+        self.reload = files.changes(self.files) or any(state.reload == "yes" for state in self.states.values())
+        acts = any(action.run or action.switch for action in self.actions)
+        self.changed = bool(self.reload or self.former or acts)
+
+    def apply(self) -> None:
+        """Carry out the actions, or bring the previous state back and raise NotDone."""
+        if not self.changed:
+            return
+        fresh = [name for name in self.names if name in self.texts or name in self.pending]
+        memory = dict(
+            units=self.former + self.names,
+            pending=fresh,
+            directories=dict(self.remembered.get("directories", {})),
+            parents=list(self.remembered.get("parents", [])),
+        )
+        plan = unit_steps.Plan(
+            units=self.units,
+            actions=self.actions,
+            before=self.states,
+            paths=self.paths,
+            fresh=fresh,
+            reload=self.reload,
+            intent=self.files.intent,
+            after=self.files.after,
+        )
+        change = unit_steps.UnitSteps(self.systemd, plan, self.record, self.remembered, memory)
+        try:
+            carry_out(change.steps(files.steps(self.files, self.machine)))
+        except NotDone as problem:
+            back = ["This could not be taken back:"] + problem.left if problem.left else ["The previous state is back."]
+            raise NotDone(problem.cause, problem.left, " ".join([str(problem.cause)] + back)) from problem
+        self.after = change.after
+
+    def failure(self, problem: Problem) -> Fields:
+        """The fields of a failed change: `changed` says that something is left of it."""
+        if not isinstance(problem, NotDone):
+            return {}
+        return {"changed": bool(problem.left), "previous_state_is_back": not problem.left}
+
+    def result(self) -> Fields:
+        """The return values beside `changed`, `msg` and `diff`."""
+        return {"units": self._items(), "removed": self.removed, "notes": self.files.notes}
+
+    def _items(self) -> typing.List[Fields]:
+        actions = {action.name: action for action in self.actions}
+        return [
+            _item(unit, actions[unit.name], self.texts.get(unit.name, ""), self.after[unit.name]) for unit in self.units
+        ]
+
+    @property
+    def difference(self) -> typing.List[typing.Dict[str, str]]:
+        """The entries of `diff`."""
+        return files.differences(self.files, self.machine) + [self._states_difference()]
+
+    def _states_difference(self) -> typing.Dict[str, str]:
+        """The entry of the difference that shows which units start, stop and are enabled."""
+        wanted = {unit.name: unit for unit in self.units}
+        before, after = "", ""
+        for action in sorted(self.actions):
+            if action.run or action.switch:
+                state = self.states[action.name]
+                before += f"{action.name}: {state.active}, {state.file_state or 'absent'}\n"
+                after += f"{action.name}: {_state_after(action, wanted.get(action.name))}\n"
+        header = "the states of the units"
+        return dict(before=before, after=after, before_header=header, after_header=header)
+
+    def summary(self, check_mode: bool) -> str:
+        """What was done in one sentence, with the notes."""
+        items = self._items()
+        be = "would be" if check_mode else "was"
+        parts = [f"{name} {be} removed" for name in self.removed]
+        for item in items:
+            if item["state"] != "unchanged":
+                why = f" ({item['why']})" if item["why"] else ""
+                parts.append(f"{item['name']} {be} {item['state']}{why}")
+        if self.reload and not parts:
+            parts.append(f"systemd {be} told to read its units again")
+        right = sum(item["state"] == "unchanged" for item in items)
+        if right or not parts:
+            parts.append(f"{right} {'other ' if parts else ''}units {'are' if check_mode else 'were'} right")
+        return " ".join(["; ".join(parts) + "."] + self.files.notes)
+
+
+def _item(unit: units.Unit, action: units.Action, text: str, state: units.State) -> Fields:
+    """The result of one unit."""
+    actions = [verb for verb in ("write" if text else "", action.switch, action.run) if verb]
+    return dict(
+        name=unit.name,
+        state=next((word for verb, word in STATES if verb in actions), "unchanged"),
+        actions=actions,
+        why=action.why,
+        active_state=state.active,
+        sub_state=state.sub,
+        unit_file_state=state.file_state,
+        main_pid=int(state.pid or 0),
+        since=state.since,
+        inputs=units.planned_inputs(unit.content),
+        inputs_running=state.inputs,
+        restarts=int(state.restarts or 0),
+    )
+
+
+def _state_after(action: units.Action, unit: typing.Optional[units.Unit]) -> str:
+    if unit is None:
+        return f"inactive, absent ({action.why})"
+    verb = f" ({action.run}: {action.why})" if action.run else ""
+    return f"{'active' if unit.started else 'inactive'}, {'enabled' if unit.enabled else 'disabled'}{verb}"

@@ -1,0 +1,173 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The systemd of this computer, asked and changed by systemctl(1) and journalctl(1); folders that it makes for units."""
+
+import os
+import shutil
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import INPUTS, PROPERTIES, State
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, processes, systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+_JOURNAL_LINES = 15
+_QUICK = 60.0  # seconds; calls that start nothing
+
+# The folders that systemd makes for a unit (systemd.exec(5)): property, and below which folder.
+_DIRECTORIES = (
+    ("RuntimeDirectory", "/run"),
+    ("StateDirectory", "/var/lib"),
+    ("CacheDirectory", "/var/cache"),
+    ("LogsDirectory", "/var/log"),
+    ("ConfigurationDirectory", "/etc"),
+)
+#: the properties that state_directories() needs
+DIRECTORY_PROPERTIES = ("DynamicUser", "RuntimeDirectoryPreserve") + tuple(prop for prop, base in _DIRECTORIES)
+
+
+class Systemd:
+    """The systemd of this computer; `timeout` in seconds is that of a start."""
+
+    def __init__(self, timeout: float) -> None:
+        self.timeout = timeout
+
+    def runs(self) -> bool:
+        """True if this computer was booted with systemd (sd_booted(3))."""
+        return os.path.isdir("/run/systemd/system")
+
+    def properties(self, names: typing.Sequence[str], wanted: typing.Sequence[str]) -> typing.List[systemd.Properties]:
+        """Ask for properties of units, in one call; raises Problem."""
+        if not names:
+            return []
+        shown = systemd.show(names, wanted, limit=_QUICK)
+        if shown.error:
+            raise _failed(("show", f"--property={','.join(wanted)}", "--", *names), shown.error)
+        return one_for_each(shown.units, names)
+
+    def show(self, names: typing.Sequence[str]) -> typing.Dict[str, State]:
+        """Ask for the state of units, with the inputs of their running processes; raises Problem or OSError."""
+        blocks = self.properties(names, PROPERTIES)
+        return {
+            name: State(*[block.get(prop, "") for prop in PROPERTIES], inputs=_inputs_of(block.get("MainPID", "0")))
+            for name, block in zip(names, blocks)
+        }
+
+    def unit_path(self) -> typing.List[str]:
+        """Ask for the folders that systemd reads units from; raises Problem."""
+        shown = systemd.show([], ["UnitPath"], limit=_QUICK)
+        if shown.error:
+            raise _failed(("show", "--property=UnitPath"), shown.error)
+        return [folder for block in shown.units for folder in block.get("UnitPath", "").split()]
+
+    def call(self, verb: str, *arguments: str) -> None:
+        """Run systemctl; raises Problem with what it said."""
+        answer = commands.run(("systemctl", verb) + arguments, limit=max(_QUICK, self.timeout))
+        if answer.status != 0:
+            raise _failed((verb,) + arguments, answer.error or str(answer.status))
+
+    def try_call(self, verb: str, *names: str) -> None:
+        """Run systemctl where a failure means that there was nothing to do."""
+        if names:
+            commands.run(("systemctl", verb, "--") + names, limit=_QUICK)
+
+    def bring(self, verb: str, name: str) -> None:
+        """Start or restart a unit and wait until it is there; raises Problem with its state and its journal."""
+        answer = commands.run(("systemctl", verb, "--", name), limit=self.timeout)
+        if answer.status != 0:
+            late = f" within {self.timeout:g} s" if answer.status == -1 else ""
+            raise Problem(f"The unit {name} did not {verb}{late}{self.explain(name)}")
+
+    def explain(self, name: str) -> str:
+        """Say what became of a unit: its state, its exit status, and the last lines of its journal."""
+        state = self.show([name])[name]
+        ended = ""
+        if state.exit_code == "1":  # CLD_EXITED, sigaction(2)
+            ended = f", exit status {state.exit_status}"
+        elif state.exit_code in ("2", "3"):  # CLD_KILLED, CLD_DUMPED
+            ended = f", killed by signal {state.exit_status}"
+        result = f", result {state.result}" if state.result not in ("", "success") else ""
+        lines = "\n  ".join(self._journal(name, state.invocation))
+        journal = f" The end of its journal:\n  {lines}\n" if lines else " Its journal is empty."
+        return f": it is {state.active} ({state.sub}){result}{ended}.{journal}"
+
+    def _journal(self, name: str, invocation: str) -> typing.List[str]:
+        """The last lines of this start; of the unit, where this start has written nothing yet."""
+        commands.run(("journalctl", "--sync"), limit=_QUICK)
+        # journalctl --invocation is of systemd 257; the fields are older than all that we support.
+        this_start = (f"_SYSTEMD_INVOCATION_ID={invocation}", "+", f"INVOCATION_ID={invocation}")
+        for selection in (this_start if invocation else (), (f"--unit={name}",)):
+            command = ("journalctl", "--quiet", "--no-pager", "--output=cat", f"--lines={_JOURNAL_LINES}")
+            answer = commands.run(command + selection, limit=_QUICK) if selection else None
+            if answer and answer.status == 0 and answer.output.strip():
+                return answer.output.decode("utf-8", "replace").splitlines()
+        return []
+
+
+def _failed(arguments: typing.Iterable[str], error: str) -> Problem:
+    return Problem(f"'systemctl {' '.join(arguments)}' failed: {error.rstrip('.')}.")
+
+
+def one_for_each(
+    blocks: typing.List[systemd.Properties], names: typing.Sequence[str]
+) -> typing.List[systemd.Properties]:
+    """The blocks of `systemctl show`; raises Problem if there is not one for each of these units."""
+    if len(blocks) != len(names):
+        raise Problem(
+            f"systemctl show told of {len(blocks)} units, expected {len(names)} ({' '.join(names)}); "
+            "look at what it says for them."
+        )
+    return blocks
+
+
+def _inputs_of(pid: str) -> str:
+    """The inputs in the environment of a running process, or an empty text."""
+    if pid in ("", "0"):
+        return ""
+    try:
+        return processes.environment(pid).get(INPUTS, "")
+    except (FileNotFoundError, NotADirectoryError, ProcessLookupError):  # it has ended since
+        return ""
+
+
+# The folders of a unit
+
+
+def state_directories(properties: systemd.Properties) -> typing.Tuple[typing.List[str], typing.List[str]]:
+    """The folders that systemd makes for a unit with these properties, and the parents it may make for them; pure.
+
+    With DynamicUser= the folder stands below `private`, with a symbolic link to it at its usual place.
+    """
+    paths, parents = [], set()
+    for prop, base in _DIRECTORIES:
+        if prop == "RuntimeDirectory" and properties.get("RuntimeDirectoryPreserve", "no") == "no":
+            continue  # systemd removes it itself
+        for name in properties.get(prop, "").split():
+            name = name.partition(":")[0]
+            places = [base]
+            if properties.get("DynamicUser") == "yes" and prop != "ConfigurationDirectory":
+                places.append(os.path.join(base, "private"))
+                parents.add(places[-1])
+            for place in places:
+                paths.append(os.path.join(place, name))
+                parent = os.path.dirname(paths[-1])
+                while parent != place:
+                    parents.add(parent)
+                    parent = os.path.dirname(parent)
+    return paths, sorted(parents)
+
+
+def remove_trees(paths: typing.Iterable[str]) -> None:
+    """Remove folders with all they hold, and symbolic links to them; missing ones are no error. Raises OSError."""
+    for path in paths:
+        if os.path.islink(path):
+            atomic.remove(path)
+        elif os.path.isdir(path):
+            shutil.rmtree(path)
+
+
+def remove_parents(paths: typing.Iterable[str]) -> None:
+    """Remove those of these folders that are empty, innermost first. Raises OSError."""
+    for path in sorted(paths, reverse=True):
+        atomic.remove_folder_if_empty(path)

@@ -1,0 +1,262 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The steps that carry out a plan of units, around the steps of their files.
+
+Units stop before their files change, and start after systemd has read the new ones. Undone, everything goes the other
+way: new units stop, the files come back, systemd reads them, and the units run again that ran before.
+"""
+
+import os
+import time
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import systemctl
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.files import RECORD_LOST
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.systemctl import Systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Data, Step, nothing
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import (
+    ENABLED,
+    RUNNING,
+    UP,
+    Action,
+    State,
+    Unit,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+SETTLE = 1.0  # seconds in which a service that dies at once does so
+
+
+class Plan(typing.NamedTuple):
+    """A plan of units, as far as its steps depend on it."""
+
+    units: typing.List[Unit]
+    actions: typing.List[Action]  # of the removed units, last first, then of the planned ones in their order
+    before: typing.Dict[str, State]  # of all these units
+    paths: typing.Dict[str, str]  # planned unit -> its file
+    fresh: typing.List[str]  # planned units with a text that did not run yet
+    reload: bool  # systemd has to read unit files
+    #: record while the run is at work, and after it; of both the part of the files
+    intent: Data
+    after: Data
+
+    @property
+    def names(self) -> typing.List[str]:
+        """The planned units."""
+        return [unit.name for unit in self.units]
+
+    @property
+    def removed(self) -> typing.List[Action]:
+        """The actions of the units that are no longer listed, last first."""
+        return [action for action in self.actions if action.name not in self.paths]
+
+    @property
+    def listed(self) -> typing.List[Action]:
+        """The actions of the planned units in their order."""
+        return [action for action in self.actions if action.name in self.paths]
+
+
+class UnitSteps:
+    """The steps, and what becomes known while they are carried out.
+
+    `memory` is the part of the record that is not of the files: units, pending, directories, parents.
+    """
+
+    def __init__(self, systemd: Systemd, plan: Plan, record: Record, remembered: Data, memory: Data) -> None:
+        self.systemd = systemd
+        self.plan = plan
+        self.record = record
+        self.remembered = remembered
+        self.memory = memory
+        self.after: typing.Dict[str, State] = {}  # the states that were read back
+        self._new_directories: typing.Dict[str, typing.List[str]] = {}
+        self._new_parents: typing.List[str] = []
+        self._restarted = False  # this run has restarted a unit that others may follow
+        self._later: typing.List[str] = []  # units that were stopped, to start after what they depend on
+
+    def steps(self, files: typing.Iterable[Step]) -> typing.List[Step]:
+        """All steps in their order, with the record and with these steps of the files."""
+        put_back = self.remembered
+        return [
+            Step("the units", nothing, self._bring_back),
+            Step(self.record.path, self._remember, lambda: self.record.save_if_changed(put_back), True, RECORD_LOST),
+            Step("the running units", self._stop),
+            *files,
+            Step("the new units", self._load, self._stop_new),
+            Step("the started units", self._start),
+            Step("what systemd keeps of removed units", self._clean),
+            Step(self.record.path, self._settle),
+        ]
+
+    # The record
+
+    def _remember(self) -> None:
+        self.record.save_if_changed(dict(self.plan.intent, **self.memory))
+
+    def _settle(self) -> None:
+        after = dict(self.plan.after, **dict(self.memory, units=self.plan.names, pending=[]))
+        self.record.save_if_changed(after if any(after.values()) else {})
+
+    # Do
+
+    def _stop(self) -> None:
+        """Stop and disable the removed units, and stop the planned units that shall not run, last first."""
+        for action in self.plan.removed:
+            for verb in (action.run, action.switch):
+                if verb:
+                    self.systemd.call(verb, "--", action.name)
+        for action in reversed(self.plan.listed):
+            if action.run == "stop":
+                self.systemd.call("stop", "--", action.name)
+
+    def _load(self) -> None:
+        """Let systemd read the files, and check before anything is started that it takes them and no others."""
+        if self.plan.reload:
+            self.systemd.call("daemon-reload")
+        if not self.plan.fresh:
+            return
+        for name, state in self.systemd.show(self.plan.fresh).items():
+            if state.load != "loaded":
+                why = f"{state.load}: {state.load_error}" if state.load_error else state.load
+                raise Problem(
+                    f"systemd does not accept the content of {name} ({why}); "
+                    "correct it, systemd-analyze verify tells more."
+                )
+            path = self.plan.paths[name]
+            if os.path.realpath(state.fragment) != os.path.realpath(path):
+                raise Problem(
+                    f"systemd reads the unit {name} from {state.fragment or 'nowhere'}, expected from {path}; "
+                    "remove that file."
+                )
+        self._remember_directories()
+
+    def _remember_directories(self) -> None:
+        """Save, before the start, which folders systemd is about to make: only those are removed with the unit."""
+        known = self.memory["directories"]
+        owned = {path for paths in known.values() for path in paths}
+        blocks = self.systemd.properties(self.plan.fresh, systemctl.DIRECTORY_PROPERTIES)
+        for name, block in zip(self.plan.fresh, blocks):
+            paths, parents = systemctl.state_directories(block)
+            new = [path for path in paths if path in owned or not os.path.lexists(path)]
+            self._new_parents += [path for path in parents if not os.path.lexists(path)]
+            self._new_directories[name] = [path for path in new if path not in owned]
+            if new:
+                known[name] = sorted(set(known.get(name, [])) | set(new))
+        self.memory["parents"] = sorted(set(self.memory["parents"]) | set(self._new_parents))
+        self._remember()
+
+    def _start(self) -> None:
+        """Enable or disable the planned units, start and restart them in their order, and look whether they stay up."""
+        for action in self.plan.listed:
+            if action.switch:
+                self.systemd.call(action.switch, "--", action.name)
+        # Units that restart together end in reverse order before the first one does: a node that saw its roscore go
+        # would end with an error instead of taking leave.
+        self._later = [action.name for action in self.plan.actions if action.run == "restart"][1:]
+        for name in reversed(self._later):
+            self.systemd.call("stop", "--", name)
+        begun = [action for action in self.plan.actions if action.run in ("start", "restart", "follow")]
+        # A start limit that was hit would refuse the next start, and restarts of before would be taken for new ones.
+        self.systemd.try_call("reset-failed", *[action.name for action in begun])
+        for action in begun:
+            if action.run == "restart" and action.name not in self._later:
+                self._restart(action.name, self.plan.before[action.name].invocation)
+            else:
+                self.systemd.bring("start", action.name)
+        if begun:
+            time.sleep(SETTLE)
+        self.after = self.systemd.show(self.plan.names)
+        self._check_up([action.name for action in begun])
+
+    def _restart(self, name: str, invocation: str) -> None:
+        """Restart a unit whose present process is this invocation; only wait where systemd is already at it."""
+        if self._restarted:
+            # A start joins the restart that PartOf= and the like have begun; a second restart would repeat it.
+            self.systemd.bring("start", name)
+            if self.systemd.show([name])[name].invocation != invocation:
+                return
+        self.systemd.bring("restart", name)
+        self._restarted = True
+
+    def _check_up(self, begun: typing.Container[str]) -> None:
+        """Raise Problem where a unit that is planned to run does not, or one of those started now has ended since."""
+        for unit in self.plan.units:
+            state = self.after[unit.name]
+            if unit.started and state.active not in UP:
+                raise Problem(f"The unit {unit.name} did not stay up{self.systemd.explain(unit.name)}")
+            if unit.name in begun and state.restarts not in ("", "0"):
+                raise Problem(
+                    f"The unit {unit.name} ended {state.restarts} times right after its start"
+                    f"{self.systemd.explain(unit.name)}"
+                )
+
+    def _clean(self) -> None:
+        """Remove what systemd keeps of the removed units: failures, and the folders that it made for them."""
+        removed = [action.name for action in self.plan.removed]
+        self.systemd.try_call("reset-failed", *removed)
+        directories = self.memory["directories"]
+        in_use = {path for name in self.plan.names for path in directories.get(name, ())}
+        for name in removed:
+            systemctl.remove_trees(path for path in directories.pop(name, ()) if path not in in_use)
+        parents = self.memory["parents"]
+        systemctl.remove_parents(parents)
+        self.memory["parents"] = [path for path in parents if self.plan.units and os.path.isdir(path)]
+
+    # Undo
+
+    @property
+    def _all_names(self) -> typing.List[str]:
+        """Removed and planned units, what others depend on first."""
+        return [action.name for action in reversed(self.plan.removed)] + self.plan.names
+
+    def _stop_new(self) -> None:
+        """Stop and disable the units that did not run before."""
+        for name in reversed(self._all_names):
+            if self.plan.before[name].active not in RUNNING:
+                self.systemd.try_call("stop", name)
+            if self.plan.before[name].file_state not in ENABLED:
+                self.systemd.try_call("disable", name)
+
+    def _bring_back(self) -> typing.List[str]:
+        """Let systemd read the former files, and enable and run what was enabled and ran; returns the failures."""
+        left: typing.List[str] = []
+
+        def attempt(function: typing.Callable[..., typing.Any], *arguments: typing.Any) -> typing.Any:
+            try:
+                return function(*arguments)
+            except (OSError, Problem) as problem:
+                left.append(str(problem))
+                return None
+
+        attempt(self.systemd.call, "daemon-reload")
+        self.systemd.try_call("reset-failed", *self._all_names)
+        attempt(systemctl.remove_trees, [path for paths in self._new_directories.values() for path in paths])
+        attempt(systemctl.remove_parents, self._new_parents)
+        self._restarted = False
+        brought_back = []
+        now = attempt(self.systemd.show, self._all_names) or {}
+        for name in [name for name in self._all_names if name in now]:
+            before, state = self.plan.before[name], now[name]
+            if before.file_state in ENABLED:
+                runtime = ("--runtime",) if before.file_state == "enabled-runtime" else ()
+                attempt(self.systemd.call, "reenable", *runtime, "--", name)
+            untouched = state.active in UP and state.invocation == before.invocation
+            if before.active in RUNNING and not untouched:
+                brought_back.append(name)
+                attempt(self._restart, name, state.invocation)
+        if brought_back:
+            try:
+                self._remember_pending(brought_back)
+            except OSError as problem:
+                left.append(f"The record {self.record.path} could not be written ({problem}).")
+        return left
+
+    def _remember_pending(self, names: typing.Iterable[str]) -> None:
+        """Save that the next run restarts these units.
+
+        They run with their former text, but with environment and code that other modules may have changed already.
+        """
+        pending = set(self.remembered.get("pending", [])) | set(names)
+        self.record.save(dict(self.record.load(), pending=sorted(pending)))

@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Runs of managed_files on a folder that stands for the machine: what they return, and killed at every call."""
+
+import os
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import ManagedFiles
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+
+class Machine:
+    """A folder with the files and the records."""
+
+    def __init__(self, folder):
+        self.root, self.records = folder / "root", folder / "records"
+        self.root.mkdir(parents=True)
+        self.commands = []
+
+    def command(self, argv, data, **options):
+        self.commands.append((argv, data))
+        return (1, "line 1: no\n", "") if b"bad" in data else (0, "", "")
+
+    def run(self, files, validate=()):
+        listed = [
+            {"path": str(self.root / name), "content": content, "mode": "0644", "validate": list(validate)}
+            for name, content in files.items()
+        ]
+        options = {"bundle": "b", "files": listed, "brief": [], "records": str(self.records)}
+        return ManagedFiles(options, self.command)
+
+    def apply(self, files):
+        run = self.run(files)
+        run.apply()
+        return run
+
+    def state(self):
+        """Everything below the folders: path -> content, None for a folder."""
+        return {
+            os.path.relpath(path, self.root): None if path.is_dir() else path.read_bytes()
+            for folder in (self.root, self.records)
+            for path in folder.rglob("*")
+        }
+
+
+@pytest.fixture
+def machine(tmp_path):
+    return Machine(tmp_path)
+
+
+def test_the_return_values(machine):
+    run = machine.run({"etc/a": "A", "b": "B"})
+    assert run.changed and run.refusals == [] and machine.state() == {}
+    assert run.summary(check_mode=True) == "2 files of the bundle b would be written, 0 removed and 0 are right."
+    run.apply()
+    assert run.summary(check_mode=False) == "2 files of the bundle b were written, 0 removed and 0 were right."
+    result = run.result()
+    assert result["files"][0] == {"path": str(machine.root / "etc/a"), "state": "written", "mode": "0644"}
+    assert (result["removed"], result["folders_made"]) == ([], [str(machine.root / "etc")])
+    assert [entry["after"] for entry in run.difference] == ["A", "B"]
+    assert not machine.apply({"etc/a": "A", "b": "B"}).changed
+    gone = machine.apply({}).result()
+    assert (gone["removed"], gone["folders_removed"]) == (
+        [str(machine.root / "b"), str(machine.root / "etc/a")],
+        [str(machine.root / "etc")],
+    )
+    assert machine.state() == {}
+
+
+def test_a_content_that_its_command_refuses_is_a_sentence(machine):
+    run = machine.run({"a": "good", "b": "bad"}, validate=["check", "-"])
+    assert run.refusals == [
+        f"The content for {machine.root / 'b'} is refused by 'check -' (line 1: no); nothing was changed: "
+        "correct the content."
+    ]
+    assert machine.commands == [(["check", "-"], b"good"), (["check", "-"], b"bad")]
+
+
+def test_a_machine_that_cannot_be_read_is_a_sentence(machine, monkeypatch):
+    def broken(path):
+        raise OSError(5, "Input/output error", path)
+
+    (machine.root / "a").write_text("A")
+    monkeypatch.setattr(atomic, "read_bytes", broken)
+    with pytest.raises(Problem, match="Input/output error"):
+        machine.run({"a": "A"})
+
+
+def test_a_failure_is_told_with_what_is_left_of_it(machine, monkeypatch):
+    machine.apply({"a": "A", "b": "B"})
+    before, write = machine.state(), atomic.write_by_rename
+
+    def full(path, content, *rest, **more):
+        if path.endswith("/b") and content == b"B2":
+            raise OSError(28, "No space left on device", path)
+        write(path, content, *rest, **more)
+
+    monkeypatch.setattr(atomic, "write_by_rename", full)
+    run = machine.run({"a": "A2", "b": "B2"})
+    with pytest.raises(NotDone) as caught:
+        run.apply()
+    assert str(caught.value) == (
+        f"The files of the bundle b could not be written ([Errno 28] No space left on device: '{machine.root}/b'). "
+        "Everything that this run had changed was put back."
+    )
+    assert run.failure(caught.value) == {"changed": False} and machine.state() == before
+
+    def worse(path, content, *rest, **more):
+        if content == b"A":
+            raise OSError(30, "Read-only file system", path)
+        full(path, content, *rest, **more)
+
+    monkeypatch.setattr(atomic, "write_by_rename", worse)
+    with pytest.raises(NotDone) as caught:
+        machine.run({"a": "A2", "b": "B2"}).apply()
+    assert str(caught.value).endswith(f". {machine.root}/a could not be put back (Read-only file system).")
+    assert run.failure(caught.value) == {"changed": True} and run.failure(Problem("x")) == {}
+    monkeypatch.undo()
+    assert [item.state for item in machine.apply({"a": "A", "b": "B"}).plan.items] == ["written", "unchanged"]
+
+
+FIRST = {"lib/a": "A", "lib/deep/b": "B", "c": "C"}
+
+
+@pytest.mark.parametrize("wanted", [FIRST, {"lib/a": "A2", "new/d": "D"}, {"c/now/a/folder": "X"}, {}])
+@pytest.mark.parametrize("first", [{}, FIRST])
+def test_kill_at_any_call_leaves_what_the_next_run_repairs(tmp_path, killed_at, first, wanted):
+    if "c" in first and "c/now/a/folder" in wanted:
+        first = {"lib/a": "A"}
+    killed, step = True, 0
+    while killed:
+        machine = Machine(tmp_path / str(step))
+        (machine.root / "theirs").write_text("theirs")
+        machine.apply(first)
+        killed = killed_at(step, machine.apply, wanted)
+        machine.apply(wanted)
+        files = {name: text for name, text in machine.state().items() if text is not None and name[0] != "."}
+        assert files == {"theirs": b"theirs", **{name: text.encode() for name, text in wanted.items()}}, step
+        assert not machine.apply(wanted).changed, step
+        machine.apply({})
+        assert machine.state() == {"theirs": b"theirs"}, step
+        step += 1
+    assert step > 15 or first == wanted or not wanted
