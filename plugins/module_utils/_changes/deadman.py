@@ -363,7 +363,7 @@ class Guard:
             )
         )
 
-    def fail(self, problem: Problem, **result: typing.Any) -> typing.NoReturn:
+    def fail(self, problem: Problem, **result: typing.Any) -> None:
         """End the module with a sentence; a change that was to be confirmed is taken back."""
         sentence = str(problem)
         if not self.module.check_mode and self.found == "armed" and not self.rolled_back:
@@ -376,6 +376,6 @@ class Guard:
             )
         self.module.fail_json(msg=sentence, unconfirmed=False, rolled_back=self.rolled_back, **result)
 
-    def exit(self, changed: bool, **result: typing.Any) -> typing.NoReturn:
+    def exit(self, changed: bool, **result: typing.Any) -> None:
         """End the module with its result."""
         self.module.exit_json(changed=changed or self.changed, unconfirmed=self.unconfirmed, **result)

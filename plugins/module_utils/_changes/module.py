@@ -67,11 +67,11 @@ class Unguarded:
         """Carry out the plan. Raises Problem."""
         run.apply()
 
-    def fail(self, problem: Problem, **result: typing.Any) -> typing.NoReturn:
+    def fail(self, problem: Problem, **result: typing.Any) -> None:
         """End the module with a sentence."""
         self.module.fail_json(msg=str(problem), **result)
 
-    def exit(self, changed: bool, **result: typing.Any) -> typing.NoReturn:
+    def exit(self, changed: bool, **result: typing.Any) -> None:
         """End the module with its result."""
         self.module.exit_json(changed=changed, **result)
 

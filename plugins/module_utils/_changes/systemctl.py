@@ -50,7 +50,7 @@ class Systemd:
         """Ask for the state of units, with the inputs of their running processes; raises Problem or OSError."""
         blocks = self.properties(names, PROPERTIES)
         return {
-            name: State(*[block.get(prop, "") for prop in PROPERTIES], inputs=_inputs_of(block.get("MainPID", "0")))
+            name: State(*[block.get(prop, "") for prop in PROPERTIES] + [_inputs_of(block.get("MainPID", "0"))])
             for name, block in zip(names, blocks)
         }
 

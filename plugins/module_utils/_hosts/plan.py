@@ -105,8 +105,8 @@ def _kept_of_user(lines: typing.List[_Line], bindings: typing.List[Binding]) -> 
     bound = {}
     for binding in bindings:
         for line in lines:
-            right = line.user is not None and line.host and line.host.address == binding.address
-            if right and set(binding.keys) <= set(line.host.keys):
+            host = line.host if line.user is not None else None
+            if host and host.address == binding.address and set(binding.keys) <= set(host.keys):
                 bound[binding] = line
                 break
     return bound
