@@ -87,6 +87,8 @@ class ManagedServices(ModuleRun):
     def apply(self) -> None:
         """Carry out the actions, or bring the previous state back and raise NotDone."""
         if not self.changed:
+            if not self.remembered:  # a run that was killed after the last file may have left the folder of records
+                self.record.save({})
             return
         fresh = [name for name in self.names if name in self.texts or name in self.pending]
         memory = dict(
