@@ -367,58 +367,29 @@ msg:
 
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import NO_WAY
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import CHOICES
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
 
-BACKENDS = ["auto", "ifupdown", "networkd", "networkmanager", "netplan", "none"]
-FATES = {
-    "removed": "'{before}' is removed.",
-    "restored": "'{after}' is there again.",
-    "lost": "'{before}' is removed; '{after}', whose place it had, cannot be given back as the interfaces are now.",
-    "gone": "The route to {destination} was no longer there.",
-    "left": "'{before}' is left: somebody else has made it in the place of ours.",
+ROUTE = {
+    "destination": {"type": "str", "required": True},
+    "gateway": {"type": "str"},
+    "device": {"type": "str"},
+    "metric": {"type": "int"},
+    "table": {"type": "int", "default": 254},
+    "source": {"type": "str"},
+    "on_link": {"type": "bool", "default": False},
+    "type": {"type": "str", "default": "unicast", "choices": ["unicast", *NO_WAY]},
+    "backend": {"type": "str", "default": "auto", "choices": CHOICES},
 }
-SECOND_DEFAULT = (
-    "There is a second default route, '{text}', beside the listed one: the lower metric decides which is taken. "
-    "Turn it off where it is made, or give the listed one a lower metric."
-)
-
-
-def summary(run):
-    """What the run does, in sentences."""
-    changed = sum(item["changed"] for item in run.items)
-    sentences = ["%d of %d routes changed." % (changed, len(run.items))] if run.items else []
-    sentences += [FATES[item["state"]].format(**item) for item in run.plan.taken_back]
-    if run.changed and not changed and not run.plan.taken_back:
-        places = sorted(place for listed in run.boot.changes.values() for place in listed)
-        sentences.append("%s is brought up to date." % ", ".join(places))
-    return " ".join(sentences) or "No routes are ours."
 
 
 def main():
     module = AnsibleModule(
         argument_spec=dict(
             deadman.OPTIONS,
-            routes={
-                "type": "list",
-                "elements": "dict",
-                "required": True,
-                "options": {
-                    "destination": {"type": "str", "required": True},
-                    "gateway": {"type": "str"},
-                    "device": {"type": "str"},
-                    "metric": {"type": "int"},
-                    "table": {"type": "int", "default": 254},
-                    "source": {"type": "str"},
-                    "on_link": {"type": "bool", "default": False},
-                    "type": {
-                        "type": "str",
-                        "default": "unicast",
-                        "choices": ["unicast", "blackhole", "unreachable", "prohibit"],
-                    },
-                    "backend": {"type": "str", "default": "auto", "choices": BACKENDS},
-                },
-            },
+            routes={"type": "list", "elements": "dict", "required": True, "options": ROUTE},
             backends={"type": "dict", "default": {}},
             on_conflict={"type": "str", "default": "fail", "choices": ["fail", "replace"]},
             root={"type": "path", "default": "/"},
@@ -426,33 +397,7 @@ def main():
         ),
         supports_check_mode=True,
     )
-    guard = deadman.Guard(module, "routes", "routes")
-    result = {}
-    try:
-        run = Run(module.params, guard.begin())
-        result = {
-            "routes": run.items,
-            "conflicts": run.conflicts,
-            "taken_back": run.plan.taken_back,
-            "other_defaults": run.other_defaults,
-        }
-        if run.refused:
-            raise Problem(" ".join(run.refused))
-        for other in run.other_defaults:
-            module.warn(SECOND_DEFAULT.format(**other))
-        for item in run.plan.taken_back:
-            if item["state"] == "left":
-                module.warn(FATES["left"].format(**item))
-        if not module.check_mode:
-            guard.apply(run)
-        for item in run.plan.taken_back:
-            if item["state"] == "lost":
-                module.warn(FATES["lost"].format(**item))
-    except Problem as problem:
-        guard.fail(problem, **result)
-    if module._diff:
-        result["diff"] = run.difference
-    guard.exit(changed=run.changed, msg=summary(run), **result)
+    run_module(module, lambda memory: Run(module.params, memory), deadman.Guard(module, "routes", "routes"))
 
 
 if __name__ == "__main__":

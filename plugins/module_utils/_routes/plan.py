@@ -1,321 +1,269 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""From the options to routes, and from the kernel's routes to those: the pure part of the module routes."""
+"""The plan for the kernel's routes: the changes from what is there to what is wanted, and their undo. Pure.
 
-import ipaddress
+Each listed route is planned by itself, and so is each route that is taken back. No key is without a route on the way:
+`replace` of ip-route(8) is one step of the kernel, and removals come after everything that is added.
+"""
+
+import collections
 import shlex
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
     DEFAULTS,
     MAIN,
-    METRICS,
     NO_WAY,
     Held,
     Key,
     Route,
     command,
+    name_of,
     text_of,
     words_of,
 )
 
-_LARGEST = 2**32 - 1
-_LOCAL = 255  # the table local, which is the kernel's own
-
-Interfaces = typing.Mapping[str, Interface]
-Current = typing.Dict[Key, typing.List[Held]]
-
-
-class Item(typing.NamedTuple):
-    """A route of the list, with what is said about its boot part."""
-
-    route: Route
-    carrier: str  # the interface with which it comes back at boot; "" where any will do
-    backend: str
+Current = typing.Dict[Key, typing.List[Held]]  # the kernel's routes
 
 
 class Entry(typing.NamedTuple):
-    """What the record holds for a key: the routes that we made (two after a killed run), and whose place they took."""
+    """The record of one key: the routes that we made, and the words of the routes that they replaced."""
 
-    made: typing.Tuple[Route, ...]
+    made: typing.Tuple[Route, ...]  # two after a killed run
     replaced: typing.Tuple[typing.Tuple[str, ...], ...]
 
 
-class Change(typing.NamedTuple):
-    """One change of the kernel's routes; `may_fail` where it may be so already."""
+Entries = typing.Dict[Key, Entry]
 
-    verb: str
-    version: int
+
+class Change(typing.NamedTuple):
+    """One change of the kernel's routes."""
+
+    verb: str  # replace, append or del
+    version: int  # 4 or 6
     words: typing.Tuple[str, ...]
-    may_fail: bool = False
+    may_fail: bool = False  # the state may be as wanted already
+
+
+class Result(typing.NamedTuple):
+    """The result for one listed route."""
+
+    route: Route
+    before: typing.Optional[str]  # as `ip route` writes it
+    after: str
+    state: str  # ok, changed, conflict or refused
+    problem: typing.Optional[str]
+
+
+class TakenBack(typing.NamedTuple):
+    """The result for one route that is no longer listed."""
+
+    route: Route
+    before: typing.Optional[str]
+    after: typing.Optional[str]
+    state: str  # restored, removed, left or gone
+
+    def plain(self) -> typing.Dict[str, typing.Any]:
+        """The result as the module returns it."""
+        return {
+            "destination": name_of(self.route.destination),
+            "gateway": self.route.gateway or None,
+            "device": self.route.device or None,
+            "metric": self.route.metric,
+            "table": self.route.table,
+            "type": self.route.type,
+            "before": self.before,
+            "after": self.after,
+            "state": self.state,
+        }
+
+
+class Part(typing.NamedTuple):
+    """The plan for one key."""
+
+    adds: typing.List[Change]
+    removals: typing.List[Change]
+    after: typing.List[str]  # the routes of the key afterwards
+    result: typing.Any  # Result or TakenBack
+    interim: typing.Optional[Entry] = None  # the record on the way and afterwards; None: no new entry
+    final: typing.Optional[Entry] = None
 
 
 class Plan(typing.NamedTuple):
-    """What a run does to the kernel's routes. `after` holds the texts of the keys that it touches."""
+    """The changes of one run, in their order, and the record before and after them."""
 
     changes: typing.List[Change]
     undo: typing.List[Change]
-    interim: typing.Dict[Key, Entry]
-    final: typing.Dict[Key, Entry]
-    after: typing.Dict[Key, typing.List[str]]
-    results: typing.List[typing.Dict[str, typing.Any]]
-    taken_back: typing.List[typing.Dict[str, typing.Any]]
-
-
-# What is wanted
-
-
-def name_of(destination: str) -> str:
-    """A destination as a person writes it."""
-    return "default" if destination == DEFAULTS[4] else destination
-
-
-def items_of(wanted: typing.Iterable[typing.Mapping[str, typing.Any]], interfaces: Interfaces) -> typing.List[Item]:
-    """The routes of the option, with the interface of each. Raises Problem with the item that cannot be meant."""
-    items, keys = [], {}
-    for number, given in enumerate(wanted, 1):
-        item = _item(given, "routes: item %d (%s)" % (number, given["destination"]), interfaces)
-        earlier = keys.setdefault(item.route.key, item)
-        if earlier is item:
-            items.append(item)
-        elif earlier != item:
-            raise Problem(
-                "routes: found two routes to %s with metric %d in table %d, expected one: remove one of them, or give it "
-                "another metric." % (name_of(item.route.destination), item.route.metric, item.route.table)
-            )
-    return items
-
-
-def _item(given: typing.Mapping[str, typing.Any], where: str, interfaces: Interfaces) -> Item:
-    destination = _destination(given["destination"], where)
-    version, kind = (6 if ":" in destination else 4), given["type"]
-    gateway = _address(given["gateway"], version, where, "gateway")
-    source = _address(given["source"], version, where, "source")
-    device = given["device"] or ""
-    if kind in NO_WAY:
-        if gateway or source or given["on_link"]:
-            raise Problem("%s: found the type %s with a way, expected no gateway, source or on_link." % (where, kind))
-    elif not gateway and not device:
-        raise Problem("%s: found neither gateway nor device, expected one of them: add it." % where)
-    if device and device not in interfaces:
-        raise Problem(
-            "%s: there is no interface %s, expected one of %s: correct device." % (where, device, _names(interfaces))
-        )
-    if given["on_link"] and not (gateway and device):
-        raise Problem("%s: on_link needs gateway and device: add them, or remove on_link." % where)
-    if kind not in NO_WAY and not device:
-        device = _device_towards(gateway, where, interfaces)
-    metric = given["metric"]
-    for option, value, least in (("metric", metric or 0, 0), ("table", given["table"], 1)):
-        if not least <= value <= _LARGEST or (option == "table" and value == _LOCAL):
-            raise Problem(
-                "%s: found the %s %d, expected a number from %d to %d%s."
-                % (where, option, value, least, _LARGEST, " other than 255" if option == "table" else "")
-            )
-    route = Route(
-        destination=destination,
-        gateway=gateway,
-        device="" if kind in NO_WAY else device,
-        metric=metric or METRICS[version],
-        table=given["table"],
-        source=source,
-        on_link=given["on_link"],
-        type=kind,
-    )
-    return Item(route, device, given["backend"])
-
-
-def _destination(value: str, where: str) -> str:
-    if value == "default":
-        return DEFAULTS[4]
-    try:
-        return str(ipaddress.ip_network(value))
-    except ValueError as problem:
-        raise Problem(
-            "%s: found a destination that is no network (%s), expected one such as 192.168.11.0/24, fd00:11::/64, "
-            "default or ::/0." % (where, problem)
-        ) from problem
-
-
-def _address(value: typing.Optional[str], version: int, where: str, option: str) -> str:
-    if not value:
-        return ""
-    try:
-        address = ipaddress.ip_address(value)
-    except ValueError as problem:
-        raise Problem("%s: the %s %s is no address: correct it." % (where, option, value)) from problem
-    if address.version != version:
-        raise Problem(
-            "%s: the %s %s is an IPv%d address, expected IPv%d as the destination (the default of IPv6 is ::/0)."
-            % (where, option, value, address.version, version)
-        )
-    return str(address)
-
-
-def _names(interfaces: typing.Iterable[str]) -> str:
-    return ", ".join(sorted(interfaces)) or "none"
-
-
-def _device_towards(gateway: str, where: str, interfaces: Interfaces) -> str:
-    """The interface whose connected network holds the gateway: the smallest such network decides."""
-    address = ipaddress.ip_address(gateway)
-    if address.is_link_local:
-        raise Problem(
-            "%s: the gateway %s is link-local, so every interface could be meant: add device." % (where, gateway)
-        )
-    found: typing.Dict[int, typing.Set[str]] = {}
-    for name, link in interfaces.items():
-        for own in link.networks:
-            if not link.loopback and address in own.network:
-                found.setdefault(own.network.prefixlen, set()).add(name)
-    if not found:
-        raise Problem(
-            "%s: no interface has a network with the gateway %s (found %s), expected one: correct the gateway, or bring the "
-            "interface up with an address there." % (where, gateway, _addresses(interfaces))
-        )
-    nearest = found[max(found)]
-    if len(nearest) > 1:
-        raise Problem("%s: the gateway %s is behind %s: say which in device." % (where, gateway, _names(nearest)))
-    return nearest.pop()
-
-
-def _addresses(interfaces: Interfaces) -> str:
-    found = [
-        "%s %s" % (name, own)
-        for name, link in sorted(interfaces.items())
-        for own in link.networks
-        if not link.loopback and not own.is_link_local
-    ]
-    return ", ".join(found) or "no address"
-
-
-def check_usable(items: typing.List[Item], interfaces: Interfaces, current: Current) -> None:
-    """Raises Problem for a route that the kernel would refuse as the interfaces are now."""
-    own = {str(address.ip) for link in interfaces.values() for address in link.networks}
-    routes = [item.route for item in items] + [held.route for there in current.values() for held in there]
-    for route in (item.route for item in items):
-        where = "routes: %s" % text_of(route)
-        if route.device and not interfaces[route.device].up:
-            raise Problem("%s: the interface %s is down, expected it up: bring it up first." % (where, route.device))
-        if route.source and route.source not in own:
-            raise Problem(
-                "%s: the source %s is no address of this computer (found %s): correct it."
-                % (where, route.source, _addresses(interfaces))
-            )
-        if not route.gateway or route.on_link:
-            continue
-        if route.gateway in own:
-            raise Problem(
-                "%s: the gateway is an address of this computer itself, expected the address of another one: correct it."
-                % where
-            )
-        gateway = ipaddress.ip_address(route.gateway)
-        near = [address.network for address in interfaces[route.device].networks]
-        near += [
-            ipaddress.ip_network(other.destination)
-            for other in routes
-            if other.device == route.device and not other.gateway and other.destination not in DEFAULTS.values()
-        ]
-        if not gateway.is_link_local and not any(gateway in network for network in near):
-            raise Problem(
-                "%s: the gateway is not in a network of %s (found %s): correct gateway or device, or set on_link where it "
-                "is on that link all the same."
-                % (where, route.device, _addresses({route.device: interfaces[route.device]}))
-            )
-
-
-# The plan
+    interim: Entries
+    final: Entries
+    after: typing.Dict[Key, typing.List[str]]  # the texts of the keys that the run touches
+    results: typing.List[Result]  # in the order of the listed routes
+    taken_back: typing.List[TakenBack]
 
 
 def plan(
-    routes: typing.List[Route],
-    current: Current,
-    entries: typing.Dict[Key, Entry],
-    replace: bool,
-    interfaces: typing.Iterable[str],
+    routes: typing.List[Route], current: Current, entries: Entries, replace: bool, interfaces: typing.Container[str]
 ) -> Plan:
-    """What leads from the kernel's routes and the record to these routes.
+    """The plan from the kernel's routes and the record to these routes.
 
-    `current` has every key of routes and entries that the kernel holds. No key is without a route on the way: `replace` of
-    ip-route(8) is one step of the kernel, and what goes, goes after everything that comes.
+    `current` holds every key of `routes` and `entries` that the kernel has. `replace`: a route of somebody else may be
+    replaced. `interfaces`: the names of the interfaces that are there.
     """
-    adds: typing.List[Change] = []
-    returns: typing.List[Change] = []
-    removals: typing.List[Change] = []
-    interim, final, after = dict(entries), {}, {}
-    results, taken_back = [], []
+    # A network on a link comes before the routes whose gateway is in it.
+    listed = {
+        route.key: _one_listed(route, current.get(route.key, []), entries.get(route.key, Entry((), ())), replace)
+        for route in sorted(routes, key=lambda route: bool(route.gateway))
+    }
+    taken_back = {
+        key: _one_taken_back(key, entry, current.get(key, []), interfaces)
+        for key, entry in sorted(entries.items())
+        if key not in listed
+    }
+    parts = collections.OrderedDict([*listed.items(), *taken_back.items()])
+    after = {key: part.after for key, part in parts.items()}
+    adds = _flat(part.adds for part in listed.values())
+    returns = _flat(part.adds for part in taken_back.values())
+    changes = adds + _links_first(returns) + _flat(part.removals for part in parts.values())
+    return Plan(
+        changes=changes,
+        undo=_undo(routes, current, after) if changes else [],
+        interim=_with_new(entries, {key: part.interim for key, part in listed.items()}),
+        final=_with_new({}, {key: part.final for key, part in listed.items()}),
+        after=after,
+        results=[listed[route.key].result for route in routes],
+        taken_back=[part.result for part in taken_back.values()],
+    )
 
-    for route in sorted(
-        routes, key=lambda route: bool(route.gateway)
-    ):  # a link's own networks, then what is behind them
-        there, entry = current.get(route.key, []), entries.get(route.key, Entry((), ()))
-        made = {other.way for other in entry.made}
-        same = [held for held in there if held.route.way == route.way]
-        others = [held for held in there if held not in same]
-        foreign = [held for held in others if held.route.way not in made]
-        adopted = bool(same) and route.way not in made and not others
 
-        state, problem = _judge(route, there, foreign, replace)
-        if not same:
-            adds.append(_make(route))  # which takes the place of the first of several
-        adds += [remove(held) for held in (others if same else others[1:])]
-        if state == "ok" and (others or not same):
-            state = "changed"
-        if not adopted:
-            took = [held.words for held in there if held.route.way not in made]
-            # Where none of ours was there any more, what came since has taken the earlier ones' place.
-            earlier_ones = entry.replaced if not took or any(held.route.way in made for held in there) else ()
-            replaced = earlier_ones + tuple(words for words in took if words not in earlier_ones)
-            earlier = tuple(other for other in entry.made if other != route)
-            final[route.key] = Entry((route,), replaced)
-            interim[route.key] = Entry(earlier + (route,), replaced)
-        before = (same or there or [None])[0]
-        text = same[0].text if same else text_of(route)
-        after[route.key] = [text]
-        results.append(
-            {
-                "route": route,
-                "before": before.text if before else None,
-                "after": text,
-                "state": state,
-                "problem": problem,
-            }
+def _flat(lists: typing.Iterable[typing.List[Change]]) -> typing.List[Change]:
+    return [change for changes in lists for change in changes]
+
+
+def _with_new(entries: Entries, new: typing.Dict[Key, typing.Optional[Entry]]) -> Entries:
+    """The entries together with the new ones, where there is one."""
+    return {**entries, **{key: entry for key, entry in new.items() if entry is not None}}
+
+
+# One listed route
+
+
+class _There(typing.NamedTuple):
+    """The kernel's routes of one key."""
+
+    same: typing.List[Held]  # those that go the wanted way
+    others: typing.List[Held]  # the rest
+    foreign: typing.List[Held]  # those of the rest that somebody else made
+
+
+def _one_listed(route: Route, there: typing.List[Held], entry: Entry, replace: bool) -> Part:
+    """The plan for a listed route. `there`: the kernel's routes of its key. `entry`: the record of its key."""
+    same, others, foreign = _sorted_out(route, there, entry)
+    state, problem = _judge(route, there, foreign, replace)
+    if state == "ok" and (others or not same):
+        state = "changed"
+    before = (same or there)[0].text if there else None
+    after = same[0].text if same else text_of(route)
+    superfluous = others if same else others[1:]  # our route replaces the first of several
+    part = Part(
+        adds=[] if same else [_make(route)],
+        removals=[remove(held) for held in superfluous],
+        after=[after],
+        result=Result(route, before, after, state, problem),
+    )
+    adopted = same and not others and route.way not in _ways(entry)
+    return part if adopted else _recorded(part, route, entry, there)
+
+
+def _sorted_out(route: Route, there: typing.List[Held], entry: Entry) -> _There:
+    same = [held for held in there if held.route.way == route.way]
+    others = [held for held in there if held not in same]
+    return _There(same, others, [held for held in others if held.route.way not in _ways(entry)])
+
+
+def _ways(entry: Entry) -> typing.Set[typing.Tuple[typing.Any, ...]]:
+    """The ways of the routes that we made."""
+    return {route.way for route in entry.made}
+
+
+def _recorded(part: Part, route: Route, entry: Entry, there: typing.List[Held]) -> Part:
+    """The plan for a route together with its record. An adopted route has none: it is not ours to take back."""
+    replaced = _replaced(entry, there)
+    earlier = tuple(other for other in entry.made if other != route)
+    return part._replace(interim=Entry(earlier + (route,), replaced), final=Entry((route,), replaced))
+
+
+def _replaced(entry: Entry, there: typing.List[Held]) -> typing.Tuple[typing.Tuple[str, ...], ...]:
+    """The routes of others that come back when ours is no longer listed."""
+    foreign = [held.words for held in there if held.route.way not in _ways(entry)]
+    ours = len(foreign) < len(there)
+    # Where none of ours was left, the foreign routes have themselves replaced those of the record.
+    earlier = entry.replaced if ours or not foreign else ()
+    return earlier + tuple(words for words in foreign if words not in earlier)
+
+
+def _judge(
+    route: Route, there: typing.List[Held], foreign: typing.List[Held], replace: bool
+) -> typing.Tuple[str, typing.Optional[str]]:
+    """The state of a listed route and the sentence about it: conflict or refused where routes of others are in its place."""
+    name = text_of(route)
+    connected = [held for held in there if held.protocol == "kernel"]
+    if connected:
+        return "refused", (
+            f"routes: {name}: the kernel itself makes '{connected[0].text}' for an address of the interface, so it is never "
+            "replaced: remove it from routes, or give it another metric."
         )
-    order = {route: number for number, route in enumerate(routes)}
-    results.sort(key=lambda result: order[result["route"]])
-
-    wanted = {route.key for route in routes}
-    for key, entry in sorted(entries.items()):
-        if key in wanted:
-            continue
-        there, made = current.get(key, []), {route.way for route in entry.made}
-        ours = [held for held in there if held.route.way in made]
-        others = [held for held in there if held not in ours]
-        known = [words for words in entry.replaced if _device(words) in interfaces or _device(words) is None]
-        back = known if ours and not others else []
-        returns += [_put(key, words, words is back[0])._replace(may_fail=True) for words in back]
-        removals += [remove(held) for held in ours]  # which the first of those that return has replaced, if it could
-        texts = [" ".join(words) for words in back] + [held.text for held in others]
-        after[key] = texts
-        route = ours[0].route if ours else entry.made[-1]
-        taken_back.append(
-            {
-                "destination": name_of(route.destination),
-                "gateway": route.gateway or None,
-                "device": route.device or None,
-                "metric": route.metric,
-                "table": route.table,
-                "type": route.type,
-                "before": there[0].text if there else None,
-                "after": texts[0] if texts else None,
-                "state": "restored" if back else "removed" if ours else "left" if others else "gone",
-            }
+    if foreign and not replace:
+        return "conflict", (
+            f"routes: {name}: somebody else has made '{foreign[0].text}', expected no other way with this metric: correct it "
+            "there, give this one another metric, or set on_conflict to replace."
         )
-    changes = adds + _links_first(returns) + removals
-    return Plan(changes, _undo(changes, routes, current, after), interim, final, after, results, taken_back)
+    strange = sorted({word for held in foreign for word in held.strange})
+    if strange:
+        return "refused", (
+            f"routes: {name}: somebody else's '{foreign[0].text}' has {', '.join(strange)}, which cannot be given back later, "
+            "so it is not replaced: remove it by hand, or give this one another metric."
+        )
+    return "ok", None
+
+
+# One route taken back
+
+
+def _one_taken_back(key: Key, entry: Entry, there: typing.List[Held], interfaces: typing.Container[str]) -> Part:
+    """The plan for a route of the record that is no longer listed."""
+    ours = [held for held in there if held.route.way in _ways(entry)]
+    others = [held for held in there if held not in ours]
+    back = _usable(entry.replaced, interfaces) if ours and not others else []
+    after = [" ".join(words) for words in back] + [held.text for held in others]
+    result = TakenBack(
+        route=ours[0].route if ours else entry.made[-1],
+        before=there[0].text if there else None,
+        after=after[0] if after else None,
+        state=_fate(ours, others, back),
+    )
+    # The first route that comes back replaces ours. The removal of ours is for the case that it could not.
+    adds = [_put(key, words, words is back[0])._replace(may_fail=True) for words in back]
+    return Part(adds, [remove(held) for held in ours], after, result)
+
+
+def _fate(ours: typing.Sequence[Held], others: typing.Sequence[Held], back: typing.Sequence[typing.Any]) -> str:
+    if back:
+        return "restored"
+    if ours:
+        return "removed"
+    return "left" if others else "gone"
+
+
+def _usable(
+    replaced: typing.Iterable[typing.Tuple[str, ...]], interfaces: typing.Container[str]
+) -> typing.List[typing.Tuple[str, ...]]:
+    """The recorded routes whose interface is still there."""
+    devices = [(words, _after("dev", words)) for words in replaced]
+    return [words for words, device in devices if device is None or device in interfaces]
+
+
+# Changes
 
 
 def _make(route: Route) -> Change:
@@ -323,70 +271,19 @@ def _make(route: Route) -> Change:
 
 
 def _put(key: Key, words: typing.Tuple[str, ...], first: bool) -> Change:
-    """One of several routes of a key: the first takes the place of what is there, the others join it."""
+    """One of several routes of a key: the first replaces what is there, the others are added to it."""
     return Change("replace" if first else "append", key[0], words, may_fail=not first)
 
 
 def remove(held: Held) -> Change:
-    """What removes a route and no other of its key: with IPv6 the type does not tell them apart, but the device does."""
+    """The removal of one route and of no other with its key."""
+    # The kernel does not tell routes of IPv6 apart by their type, but it does by their device.
     lo = ("dev", "lo") if held.route.version == 6 and held.route.type in NO_WAY else ()
     return Change("del", held.route.version, held.words + lo, may_fail=True)
 
 
-def _device(words: typing.Sequence[str]) -> typing.Optional[str]:
-    return words[words.index("dev") + 1] if "dev" in words else None
-
-
-def _judge(
-    route: Route, there: typing.List[Held], foreign: typing.List[Held], replace: bool
-) -> typing.Tuple[str, typing.Optional[str]]:
-    """Whether others' routes of this key stand against it."""
-    name = text_of(route)
-    connected = [held for held in there if held.protocol == "kernel"]
-    if connected:
-        return "refused", (
-            "routes: %s: the kernel itself makes '%s' for an address of the interface, so it is never replaced: remove it "
-            "from routes, or give it another metric." % (name, connected[0].text)
-        )
-    if foreign and not replace:
-        return "conflict", (
-            "routes: %s: somebody else has made '%s', expected no other way with this metric: correct it there, give this one "
-            "another metric, or set on_conflict to replace." % (name, foreign[0].text)
-        )
-    strange = sorted({word for held in foreign for word in held.strange})
-    if strange:
-        return "refused", (
-            "routes: %s: somebody else's '%s' has %s, which cannot be given back later, so it is not replaced: remove it by "
-            "hand, or give this one another metric." % (name, foreign[0].text, ", ".join(strange))
-        )
-    return "ok", None
-
-
-def _undo(
-    changes: typing.List[Change],
-    routes: typing.List[Route],
-    current: Current,
-    after: typing.Dict[Key, typing.List[str]],
-) -> typing.List[Change]:
-    """What brings the keys that the changes touch back to what they hold now: first what comes, then what goes."""
-    if not changes:
-        return []
-    comes, goes = [], []
-    for key, texts in after.items():
-        there = current.get(key, [])
-        if [held.text for held in there] == texts:
-            continue
-        for held in there:
-            comes.append(_put(key, held.words, held is there[0]))
-        if not there:
-            goes += [
-                Change("del", key[0], tuple(words_of(route)), may_fail=True) for route in routes if route.key == key
-            ]
-    return _links_first(comes) + goes
-
-
 def _links_first(changes: typing.List[Change]) -> typing.List[Change]:
-    """Networks on a link before what is behind them; within a key the order stays."""
+    """The changes with networks on a link before the routes behind them. Within a key the order stays."""
     behind: typing.Dict[typing.Tuple[int, str], bool] = {}
     for change in changes:
         place = _place(change)
@@ -395,36 +292,65 @@ def _links_first(changes: typing.List[Change]) -> typing.List[Change]:
 
 
 def _place(change: Change) -> typing.Tuple[int, str]:
+    """The key of a change, as far as its words say it."""
     words = [word for word in change.words if word not in NO_WAY]
-    numbers = [words[words.index(name) + 1] if name in words else "" for name in ("metric", "table")]
-    return (change.version, " ".join([words[0]] + numbers))
+    return (change.version, " ".join([words[0]] + [_after(name, words) or "" for name in ("metric", "table")]))
+
+
+def _after(name: str, words: typing.Sequence[str]) -> typing.Optional[str]:
+    """The word that follows `name`, None where the words do not have it."""
+    return words[words.index(name) + 1] if name in words else None
+
+
+# Undo
+
+
+def _undo(
+    routes: typing.List[Route], current: Current, after: typing.Dict[Key, typing.List[str]]
+) -> typing.List[Change]:
+    """The changes that bring the touched keys back to what they hold now: first additions, then removals."""
+    adds: typing.List[Change] = []
+    removals: typing.List[Change] = []
+    for key, texts in after.items():
+        there = current.get(key, [])
+        if [held.text for held in there] == texts:
+            continue
+        adds += [_put(key, held.words, held is there[0]) for held in there]
+        if not there:
+            removals += [
+                Change("del", key[0], tuple(words_of(route)), may_fail=True) for route in routes if route.key == key
+            ]
+    return _links_first(adds) + removals
 
 
 def undo_command(change: Change) -> typing.List[str]:
-    """A change of `Plan.undo` as a command that fails only where the state is not as it was."""
+    """A change of `Plan.undo` as a command that fails only where the former state is not there afterwards."""
     argv = command(change.verb, change.version, change.words)
     if change.verb != "del":
-        return ["sh", "-c", _quoted(argv) + " || :"] if change.may_fail else argv
+        return ["sh", "-c", f"{_quoted(argv)} || :"] if change.may_fail else argv
     words = list(change.words)
-    filters = [
-        word for name in ("via", "dev") if name in words for word in words[words.index(name) : words.index(name) + 2]
-    ]
-    table = words[words.index("table") + 1] if "table" in words else str(MAIN)
+    filters = [word for name in ("via", "dev") if name in words for word in (name, _after(name, words) or "")]
     destination = next(word for word in words if word not in NO_WAY)
     exact = DEFAULTS[change.version] if destination == "default" else destination
-    show = ["ip", "-%d" % change.version, "route", "show", "table", table, "exact", exact] + filters
-    return ["sh", "-c", '%s 2>/dev/null || test -z "$(%s 2>/dev/null)"' % (_quoted(argv), _quoted(show))]
+    show = ["ip", f"-{change.version}", "route", "show"]
+    show += ["table", _after("table", words) or str(MAIN), "exact", exact, *filters]
+    return ["sh", "-c", f'{_quoted(argv)} 2>/dev/null || test -z "$({_quoted(show)} 2>/dev/null)"']
 
 
 def _quoted(argv: typing.Iterable[str]) -> str:
     return " ".join(shlex.quote(word) for word in argv)
 
 
-def other_defaults(routes: typing.Iterable[Route], current: typing.Iterable[Held]) -> typing.List[Held]:
-    """Default routes of others beside those that are wanted, in the same table. (`current`: as it will be.)"""
+# Default routes of others
+
+
+def other_defaults(routes: typing.Iterable[Route], held: typing.Iterable[Held]) -> typing.List[Held]:
+    """The default routes of others beside a wanted one, in the same table. `held`: the routes that stay."""
     wanted = [route for route in routes if route.destination in DEFAULTS.values() and route.type == "unicast"]
     places = {(route.destination, route.table) for route in wanted}
     keys = {route.key for route in wanted}
     return [
-        held for held in current if (held.route.destination, held.route.table) in places and held.route.key not in keys
+        other
+        for other in held
+        if (other.route.destination, other.route.table) in places and other.route.key not in keys
     ]

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Routes of ours: one run of the module, over the kernel's routes and what brings them back at boot.
+"""One run of the module routes, over the kernel's routes and the places that bring them back at boot.
 
-The kernel comes first, then the boot part, so a manager that is told about a route finds it there. The record of what is
-ours is on disk before either: whatever ends a run, the next one finds what it needs to mend it.
+The kernel comes first and the boot part second, so a manager that is told about a route finds it in the kernel. The
+record is on disk before either: after a killed run, the next one knows what is ours and repairs it.
 """
 
 import os
@@ -12,148 +12,203 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan, record, wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot, Choice
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
     DEFAULTS,
+    Held,
     Kernel,
     Route,
     command,
+    name_of,
+    text_of,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import (
-    BACKENDS,
-    NONE,
-    Boot,
-    Choice,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.plan import Entry, name_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import CHOICES, NONE
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import RoutesRecord
 
 RUN_TIME = "routes at run time"
 # Protocols of routes that managers make from their configuration; a person's `ip route add` gives "boot".
 _CONFIGURED = ("static", "dhcp", "ra")
-# Routes that others than us bring back by themselves, if a manager has dropped them.
+# Protocols of routes that come back by themselves after a manager has dropped them.
 _RETURNING = ("kernel", "dhcp", "ra", "redirect")
 
+_FATES = {
+    "removed": "'{before}' is removed.",
+    "restored": "'{after}' is there again.",
+    "lost": "'{before}' is removed; '{after}', whose place it had, cannot be given back as the interfaces are now.",
+    "gone": "The route to {destination} was no longer there.",
+    "left": "'{before}' is left: somebody else has made it in the place of ours.",
+}
+_SECOND_DEFAULT = (
+    "There is a second default route, '{text}', beside the listed one: the lower metric decides which is taken. "
+    "Turn it off where it is made, or give the listed one a lower metric."
+)
 
-class Run:
-    """One run of the module: looks at the machine and plans, then applies the plan or says what stands against it."""
+Options = typing.Mapping[str, typing.Any]
+Data = typing.Dict[str, typing.Any]  # JSON
 
-    def __init__(
-        self, options: typing.Mapping[str, typing.Any], memory: typing.Optional[typing.Dict[str, typing.Any]] = None
-    ) -> None:
-        """`memory` is that of an earlier run that changed the run time alone. Changes nothing.
+
+class Run(ModuleRun):
+    """One run of the module: reads the machine and plans, then applies the plan or says what prevents it."""
+
+    def __init__(self, options: Options, memory: typing.Optional[Data] = None) -> None:
+        """Read and plan; changes nothing. `memory`: that of an earlier run that changed the run time alone.
 
         Raises Problem for options, files or a record that cannot be used.
         """
         for option in ("root", "records"):
             if not os.path.isabs(options[option]):
-                raise Problem("%s is %r, expected an absolute path." % (option, options[option]))
+                raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
         self.machine = contract.machine(options["root"])
         self.overrides = _overrides(options["backends"] or {}, self.machine.interfaces)
-        items = plan.items_of(options["routes"], self.machine.interfaces)
+        listed = wanted.items_of(options["routes"], self.machine.interfaces)
+        self.routes = [item.route for item in listed]
         self.record = Record("routes", options["records"])
         self.stored = self.record.load()
-        self.recorded = self.stored if memory is None else memory
+        self.recorded = self._recorded(self.stored if memory is None else memory)
+        self.kernel = Kernel()
+        self.keys = [route.key for route in self.routes] + list(self.recorded.entries)
+        self.current = self._read()
+        wanted.check_usable(listed, self.machine.interfaces, _all(self.current))
+        replace = options["on_conflict"] == "replace"
+        self.plan = plan.plan(self.routes, self.current, self.recorded.entries, replace, self.machine.interfaces)
+        self.taken_back = [item.plain() for item in self.plan.taken_back]
+        self.boot = Boot(self.machine, options["root"], self.recorded.boot)
+        self.items = self._items([self._carried(item, listed) for item in listed])
+        self.changed = bool(self.plan.changes or self.boot.changes)
+
+    def _recorded(self, data: Data) -> RoutesRecord:
         try:
-            self.entries = _entries(self.recorded.get("routes", []))
-            boot = self.recorded.get("boot", {})
-            for entry in boot.get("places", {}).values():
-                dict.fromkeys((entry["backend"], *entry["texts"], *map(str, entry["routes"])))
+            return record.read(data)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as problem:
             raise Problem(
-                "The record %s does not hold what this version of the module writes (%s); restore it from a backup, or remove "
-                "it and what it owned by hand." % (self.record.path, type(problem).__name__)
+                f"The record {self.record.path} does not hold what this version of the module writes "
+                f"({type(problem).__name__}); restore it from a backup, or remove it and what it owned by hand."
             ) from problem
-        self.kernel = Kernel()
-        self.keys = [item.route.key for item in items] + list(self.entries)
-        self.current = self._read()
-        plan.check_usable(items, self.machine.interfaces, self.current)
-        self.routes = [item.route for item in items]
-        replace = options["on_conflict"] == "replace"
-        self.plan = plan.plan(self.routes, self.current, self.entries, replace, self.machine.interfaces)
-        self.boot = Boot(self.machine, options["root"], self.recorded.get("boot", {}))
-        self.boot_begun = False
-        self.items = self._items([self._carried(item, items) for item in items])
 
     def _read(self) -> plan.Current:
-        """Everything in the tables that we have to do with."""
+        """The kernel's routes in the tables of our keys."""
         current: plan.Current = {}
         for version, table in sorted({(key[0], key[2]) for key in self.keys}):
             for held in self.kernel.read(version, table):
                 current.setdefault(held.route.key, []).append(held)
         return current
 
-    def _carried(self, item: plan.Item, items: typing.List[plan.Item]) -> plan.Item:
-        """A route without a device comes back with that of another route of the list, else of the default route."""
+    # The boot part and the result per route
+
+    def _carried(self, item: wanted.Item, items: typing.List[wanted.Item]) -> wanted.Item:
+        """The item with an interface that brings it back: that of another listed route, else of the default route."""
         if item.carrier:
             return item
-        held = [held.route for there in self.current.values() for held in there]
+        interfaces = self.machine.interfaces.values()
         devices = [other.carrier for other in items if other.backend != NONE]
-        devices += [route.device for route in held if route.destination in DEFAULTS.values()]
-        devices += sorted(name for name, link in self.machine.interfaces.items() if link.up and not link.loopback)
+        devices += [held.route.device for held in _all(self.current) if held.route.destination in DEFAULTS.values()]
+        devices += sorted(link.name for link in interfaces if link.up and not link.loopback)
         return item._replace(carrier=next((device for device in devices if device), ""))
 
-    def _items(self, items: typing.List[plan.Item]) -> typing.List[typing.Dict[str, typing.Any]]:
-        """Plans the boot part; what the module returns per route."""
-        chosen = [self.boot.backend_of(item, self.overrides) for item in items]
+    def _items(self, items: typing.List[wanted.Item]) -> typing.List[Data]:
+        """The results per route, with the boot part planned."""
+        names = [self.boot.backend_of(item, self.overrides) for item in items]
         choice: Choice = {}
-        for item, name in zip(items, chosen):
+        for item, name in zip(items, names):
             if name != NONE:
                 choice.setdefault(name, {}).setdefault(item.carrier, []).append(item.route)
         self.boot.want(choice)
+        return [self._result(*found) for found in zip(items, names, self.plan.results)]
 
-        found = []
-        for item, name, result in zip(items, chosen, self.plan.results):
-            place = self.boot.place(name, item.carrier)
-            state, problem = result["state"], result["problem"]
-            maker = self._maker(item.route) if name != NONE else None
-            if maker:
-                state, problem = "refused", maker
-            elif state == "ok" and self.boot.is_new(name, place, item.route):
-                state = "changed"
-            found.append(
-                {
-                    "destination": name_of(item.route.destination),
-                    "gateway": item.route.gateway or None,
-                    "device": item.route.device or None,
-                    "metric": item.route.metric,
-                    "table": item.route.table,
-                    "source": item.route.source or None,
-                    "on_link": item.route.on_link,
-                    "type": item.route.type,
-                    "backend": name,
-                    "before": result["before"],
-                    "after": result["after"],
-                    "boot_file": place,
-                    "changed": state == "changed",
-                    "state": state,
-                    "problem": problem,
-                }
-            )
-        return found
+    def _result(self, item: wanted.Item, backend: str, runtime: plan.Result) -> Data:
+        place = self.boot.place(backend, item.carrier)
+        state, problem = runtime.state, runtime.problem
+        maker = self._maker(item.route) if backend != NONE else None
+        if maker:
+            state, problem = "refused", maker
+        elif state == "ok" and self.boot.is_new(backend, place, item.route):
+            state = "changed"
+        return {
+            "destination": name_of(item.route.destination),
+            "gateway": item.route.gateway or None,
+            "device": item.route.device or None,
+            "metric": item.route.metric,
+            "table": item.route.table,
+            "source": item.route.source or None,
+            "on_link": item.route.on_link,
+            "type": item.route.type,
+            "backend": backend,
+            "before": runtime.before,
+            "after": runtime.after,
+            "boot_file": place,
+            "changed": state == "changed",
+            "state": state,
+            "problem": problem,
+        }
 
     def _maker(self, route: Route) -> typing.Optional[str]:
-        """The sentence for somebody else's route that a manager would make again at boot, beside ours."""
-        made = {other.way for other in self.entries.get(route.key, Entry((), ())).made}
+        """The sentence about somebody else's route that a manager would make again at boot, beside ours."""
+        entry = self.recorded.entries.get(route.key)
+        ours = {other.way for other in entry.made} if entry else set()
         for held in self.current.get(route.key, []):
-            if held.protocol in _CONFIGURED and held.route.way not in made | {route.way}:
+            if held.protocol in _CONFIGURED and held.route.way not in ours | {route.way}:
                 owner = self.boot.owner(held.route.device)
                 if owner and not self.boot.ends[owner].has_last_word:
                     return (
-                        "routes: %s: '%s' comes from %s, which would make it again at the next boot, beside this one: remove "
-                        "it from the configuration of %s, or give this one another metric."
-                        % (plan.text_of(route), held.text, owner, held.route.device)
+                        f"routes: {text_of(route)}: '{held.text}' comes from {owner}, which would make it again at the next "
+                        f"boot, beside this one: remove it from the configuration of {held.route.device}, or give this one "
+                        "another metric."
                     )
         return None
 
-    # What it comes to
+    # For the shell of the modules
 
     @property
-    def refused(self) -> typing.List[str]:
-        """One sentence per route that stands against others' routes."""
+    def refusals(self) -> typing.List[str]:
+        """One sentence per listed route that routes of others stand against."""
         return [item["problem"] for item in self.items if item["problem"]]
+
+    @property
+    def warnings(self) -> typing.List[str]:
+        """The sentences about other default routes, and about routes that could not be taken back as planned."""
+        sentences = [_SECOND_DEFAULT.format(**other) for other in self.other_defaults]
+        return sentences + [_fate(item) for item in self.taken_back if item["state"] in ("left", "lost")]
+
+    @property
+    def difference(self) -> typing.List[typing.Dict[str, str]]:
+        """The routes and the files that change, for `diff`; without the routes that the kernel itself makes."""
+        before, after = [], []
+        for key in set(self.current) | set(self.plan.after):
+            texts = [held.text for held in self.current.get(key, []) if held.protocol != "kernel"]
+            before += texts
+            after += self.plan.after.get(key, texts)
+        lines = [("".join(f"{line}\n" for line in sorted(texts))).encode("utf-8") for texts in (before, after)]
+        routes = [difference(RUN_TIME, lines[0], lines[1])] if lines[0] != lines[1] else []
+        return routes + self.boot.difference
+
+    def result(self) -> Data:
+        """The return values of the module."""
+        return {
+            "routes": self.items,
+            "conflicts": self.conflicts,
+            "taken_back": self.taken_back,
+            "other_defaults": self.other_defaults,
+        }
+
+    def failure(self, problem: Problem) -> Data:
+        """The return values beside the sentence: those of a success."""
+        return self.result()
+
+    def summary(self, check_mode: bool) -> str:
+        """The sentences of `msg`."""
+        changed = sum(item["changed"] for item in self.items)
+        sentences = [f"{changed} of {len(self.items)} routes changed."] if self.items else []
+        sentences += [_fate(item) for item in self.taken_back]
+        if self.changed and not changed and not self.taken_back:
+            places = sorted(place for listed in self.boot.changes.values() for place in listed)
+            sentences.append(f"{', '.join(places)} is brought up to date.")
+        return " ".join(sentences) or "No routes are ours."
 
     @property
     def conflicts(self) -> typing.List[str]:
@@ -161,9 +216,9 @@ class Run:
         return [item["problem"] for item in self.items if item["state"] == "conflict"]
 
     @property
-    def other_defaults(self) -> typing.List[typing.Dict[str, typing.Any]]:
-        """Default routes of others that stay beside ours."""
-        staying = [held for key, there in self.current.items() if key not in self.plan.after for held in there]
+    def other_defaults(self) -> typing.List[Data]:
+        """The default routes of others that stay beside ours."""
+        staying = _all({key: there for key, there in self.current.items() if key not in self.plan.after})
         return [
             {
                 "destination": name_of(held.route.destination),
@@ -177,90 +232,80 @@ class Run:
             for held in plan.other_defaults(self.routes, staying)
         ]
 
+    # For the dead-man's switch
+
     @property
     def runtime_changes(self) -> bool:
-        """Whether the kernel's routes change."""
+        """True where the kernel's routes change."""
         return bool(self.plan.changes)
 
     @property
-    def changed(self) -> bool:
-        """Whether anything changes: routes, places of the boot part, or what an ended run has left undone."""
-        return self.runtime_changes or bool(self.boot.changes)
-
-    @property
-    def difference(self) -> typing.List[typing.Dict[str, str]]:
-        """The routes and the files that change, for `diff`; of the routes those that the kernel did not make."""
-        before, after = [], []
-        for key in set(self.current) | set(self.plan.after):
-            texts = [held.text for held in self.current.get(key, []) if held.protocol != "kernel"]
-            before += texts
-            after += self.plan.after.get(key, texts)
-        lines = [("".join(line + "\n" for line in sorted(texts))).encode("utf-8") for texts in (before, after)]
-        routes = [difference(RUN_TIME, lines[0], lines[1])] if lines[0] != lines[1] else []
-        return routes + self.boot.difference
-
-    # How
-
-    @property
-    def memory(self) -> typing.Dict[str, typing.Any]:
-        """What the run after `apply_runtime` has to know: the record as it has to be while the change is on its way."""
-        return _data(self.plan.interim, self.recorded.get("boot", {}))
+    def memory(self) -> Data:
+        """The record as it must be while the change is on its way: for the run that confirms `apply_runtime`."""
+        return RoutesRecord(self.plan.interim, self.recorded.boot).plain()
 
     def undo_commands(self) -> typing.List[typing.List[str]]:
-        """Commands that bring the kernel's routes back to what they were when this run looked, also from half way."""
+        """The commands that restore the kernel's routes as this run found them, also from half way."""
         return [plan.undo_command(change) for change in self.plan.undo]
 
     def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
-        """What goes with it: no file, since `apply_runtime` writes none."""
+        """The files to restore together with the routes: none, since `apply_runtime` writes none."""
         return []
 
     def apply_runtime(self) -> None:
         """Change the kernel's routes alone. Raises Problem, with everything as it was before."""
-        self._guarded(self._change_kernel)
+        carry_out([self._kernel_step()])
+
+    # The change
 
     def apply(self) -> None:
-        """Change what is not yet as planned, the kernel first. Raises Problem, with everything as it was before."""
-        self._guarded(self._announce, self._change_kernel, self._change_boot)
-
-    def _guarded(self, *steps: typing.Callable[[], None]) -> None:
-        try:
-            for step in steps:
-                step()
-        except (OSError, Problem) as problem:
-            failures = self._take_back()
-            end = "Not put back: %s." % ", ".join(failures) if failures else "Everything is as it was before."
-            raise Problem("%s %s" % (sentence(problem), end)) from problem
+        """Make everything as planned. Raises Problem, with everything as it was before."""
+        steps = [
+            Step(
+                f"the record {self.record.path}",
+                do=self._announce,
+                undo=lambda: self._save(self.stored),
+                only_if_all_undone=True,  # else the next run needs the record of the change to repair it
+            ),
+            self._kernel_step(),
+        ]
+        if self.boot.changes:
+            interim = RoutesRecord(self.plan.interim, self.boot.interim())
+            steps.append(Step(self.record.path, do=lambda: self._save(interim.plain())))
+            steps.append(Step("the boot part", do=self._change_boot, undo=self.boot.undo))
+        final = RoutesRecord(self.plan.final, self.boot.final())
+        steps.append(Step(self.record.path, do=lambda: self._save(final.plain())))
+        carry_out(steps)
 
     def _announce(self) -> None:
-        """Have the record on disk before the first change."""
+        """Save what is about to change before the first change."""
         if self.plan.changes:
-            self._remember(self.memory)
+            self._save(self.memory)
+
+    def _save(self, data: Data) -> None:
+        atomic.remove_leftovers(self.record.path)
+        if data != self.record.load():
+            self.record.save(data)
+
+    def _kernel_step(self) -> Step:
+        return Step(RUN_TIME, do=self._change_kernel, undo=self._restore_kernel)
 
     def _change_kernel(self) -> None:
         for change in self.plan.changes:
             self._do(change)
         if self.plan.changes:
             self._expect()
-            self._look_for_given_back()
+            self._find_lost()
 
-    def _look_for_given_back(self) -> None:
-        """Whose gateway or interface is no longer there, cannot be given back, and keeps nothing from being removed."""
-        restored = [item for item in self.plan.taken_back if item["state"] == "restored"]
-        if not restored:
-            return
-        now = {held.text for there in self._read().values() for held in there}
-        for item in restored:
-            if item["after"] not in now:
-                item.update(state="lost")
-
-    def _change_boot(self) -> None:
-        if self.boot.changes:
-            self._remember(_data(self.plan.interim, self.boot.interim()))
-            before = self._read()
-            self.boot_begun = True
-            self.boot.apply()
-            self._settle(before)
-        self._remember(_data(self.plan.final, self.boot.memory()))
+    def _restore_kernel(self) -> typing.List[str]:
+        """Undo the changes of the kernel's routes; returns the commands that failed."""
+        failures = []
+        for change in self.plan.undo:
+            try:
+                self._do(change)
+            except Problem:
+                failures.append(f"'{' '.join(command(change.verb, change.version, change.words))}'")
+        return failures
 
     def _do(self, change: plan.Change) -> None:
         try:
@@ -269,15 +314,6 @@ class Run:
             if not change.may_fail:
                 raise
 
-    def _settle(self, before: plan.Current) -> None:
-        """Give back what a manager has dropped all the same when it was told."""
-        after = self._read()
-        for key, there in before.items():
-            for held in there:
-                if held.protocol not in _RETURNING and key not in after:
-                    self._do(plan.Change("replace", key[0], held.words))
-        self._expect()
-
     def _expect(self) -> None:
         """Raises Problem where the kernel does not hold what was planned."""
         now = self._read()
@@ -285,60 +321,54 @@ class Run:
             there = now.get(route.key, [])
             same = [held for held in there if held.route.way == route.way]
             if not same:
+                found = " and ".join(f"'{held.text}'" for held in there) or "nothing"
                 raise Problem(
-                    "routes: %s: the kernel holds %s afterwards, expected this route: something else changes it at the same "
-                    "time." % (plan.text_of(route), " and ".join("'%s'" % held.text for held in there) or "nothing")
+                    f"routes: {text_of(route)}: the kernel holds {found} afterwards, expected this route: something else "
+                    "changes it at the same time."
                 )
             item["after"] = same[0].text
-            for held in there:  # kernels differ in what replace leaves beside a route of IPv6
+            for held in there:  # kernels differ in what `replace` leaves beside a route of IPv6
                 if held not in same:
                     self._do(plan.remove(held))
 
-    def _take_back(self) -> typing.List[str]:
-        """Everything as it was when this run looked; returns what could not be put back."""
-        failures = self.boot.undo() if self.boot_begun else []
-        for change in self.plan.undo:
-            try:
-                self._do(change)
-            except Problem:
-                failures.append("'%s'" % " ".join(command(change.verb, change.version, change.words)))
-        if not failures:  # else the record keeps what the next run needs to mend it
-            try:
-                self._remember(self.stored)
-            except OSError as problem:
-                failures.append("the record %s (%s)" % (self.record.path, problem.strerror))
-        return failures
+    def _find_lost(self) -> None:
+        """Mark the routes that could not be restored, because their gateway or interface is no longer there."""
+        restored = [item for item in self.taken_back if item["state"] == "restored"]
+        if not restored:
+            return
+        now = {held.text for held in _all(self._read())}
+        for item in restored:
+            if item["after"] not in now:
+                item.update(state="lost")
 
-    def _remember(self, data: typing.Dict[str, typing.Any]) -> None:
-        atomic.remove_leftovers(self.record.path)
-        if data != self.record.load():
-            self.record.save(data)
+    def _change_boot(self) -> None:
+        before = self._read()
+        self.boot.apply()
+        self._settle(before)
 
-
-def _data(entries: typing.Dict[plan.Key, Entry], boot: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
-    """The record's object."""
-    routes = [
-        {"made": [dict(route._asdict()) for route in entry.made], "replaced": [list(words) for words in entry.replaced]}
-        for key, entry in sorted(entries.items())
-    ]
-    return {name: value for name, value in (("routes", routes), ("boot", boot)) if value}
+    def _settle(self, before: plan.Current) -> None:
+        """Restore the routes that a manager has dropped when it was told about changed places."""
+        after = self._read()
+        for key, there in before.items():
+            for held in there:
+                if held.protocol not in _RETURNING and key not in after:
+                    self._do(plan.Change("replace", key[0], held.words))
+        self._expect()
 
 
-def _entries(listed: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typing.Dict[plan.Key, Entry]:
-    """The record's routes by key."""
-    entries = {}
-    for item in listed:
-        made = tuple(Route(**fields) for fields in item["made"])
-        entries[made[0].key] = Entry(made, tuple(tuple(words) for words in item["replaced"]))
-    return entries
+def _all(current: plan.Current) -> typing.List[Held]:
+    return [held for there in current.values() for held in there]
+
+
+def _fate(item: Data) -> str:
+    return _FATES[item["state"]].format(**item)
 
 
 def _overrides(backends: typing.Mapping[str, str], interfaces: typing.Container[str]) -> typing.Mapping[str, str]:
     """The option backends. Raises Problem for what is no interface or no back end."""
-    names = ["auto"] + list(BACKENDS) + [NONE]
     for interface, name in backends.items():
         if interface not in interfaces:
-            raise Problem("backends: there is no interface %s: correct or remove it." % interface)
-        if name not in names:
-            raise Problem("backends: %s has %r, expected one of %s." % (interface, name, ", ".join(names)))
+            raise Problem(f"backends: there is no interface {interface}: correct or remove it.")
+        if name not in CHOICES:
+            raise Problem(f"backends: {interface} has {name!r}, expected one of {', '.join(CHOICES)}.")
     return backends

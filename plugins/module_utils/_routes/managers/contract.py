@@ -1,9 +1,21 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Routes at boot: the managers that can bring them back, and which of them owns an interface.
+"""The contract of a back end: one program that configures interfaces and can bring routes back at boot.
 
-A back end knows one manager and its files, nothing of the kernel's routes: those are already right when it is asked.
+A back end is a file in this folder with a class BackEnd(contract.BackEnd), and a row in table.py. It knows one manager
+and its files. It knows nothing of the kernel's routes: those are already right when it is used. For one run the module
+calls, in this order:
+
+    owns()                which interfaces does the manager configure now?
+    read()                what did earlier runs leave in our places?
+    place(interface)      where do the routes of this interface go?
+    render(routes)        what is wanted in our places?
+    check(wanted)         does the manager accept that?
+    write(place, text)    for every place that changes
+    activate(places)      tell the manager about them
+
+Only the last two change anything. ifupdown.py is the shortest example.
 """
 
 import os
@@ -18,59 +30,74 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
 NAME = "rosfleet-multimaster"
 HEADER = "# Managed by Ansible: rosfleet.multimaster.routes writes this whole file, so changes here do not last.\n"
 
-Places = typing.Dict[str, str]  # place -> what is there
-Wanted = typing.Dict[str, typing.Optional[str]]  # place -> what shall be there, None for nothing
+Places = typing.Dict[str, str]  # place -> its text now
+Wanted = typing.Dict[str, typing.Optional[str]]  # place -> its wanted text, None for nothing
+Recorded = typing.Dict[str, typing.List[str]]  # place -> every text that earlier runs may have left there
+RoutesOf = typing.Dict[str, typing.List[Route]]  # interface -> its routes
 
 
 class Machine(typing.NamedTuple):
-    """What every back end may know: the interfaces by name."""
+    """The facts about the machine that every back end may use."""
 
-    interfaces: typing.Dict[str, network.Interface]
+    interfaces: typing.Dict[str, network.Interface]  # by name
     booted: bool  # this is the running system with systemd, so its managers can be asked and told
 
 
-class BackEnd:
-    """One manager of interfaces. `owns`, `read`, `place`, `render` and `check` change nothing.
+def machine(root: str = "/") -> Machine:
+    """This machine. Raises Problem where its interfaces cannot be read."""
+    try:
+        found = network.interfaces()
+    except OSError as problem:
+        raise Problem(f"routes: {problem}; expected the command ip (package iproute2).") from problem
+    return Machine({link.name: link for link in found}, root == "/" and os.path.isdir("/run/systemd/system"))
 
-    A place is the absolute path of a file as the machine sees it (without `root`), or another name such as
-    `nmcli:<uuid>`; a back end with such places has its own `write`.
+
+class BackEnd:
+    """One manager of interfaces.
+
+    A place is where routes of ours are kept: the absolute path of a file as the machine sees it (without `root`), or
+    another name such as `nmcli:<uuid>`. A back end with such places has its own `write`.
     """
 
-    name = ""
-    mode = 0o644
-    has_last_word = False  # whether its routes of ours take the place of others' routes at boot, too
+    name = ""  # the value of the options `backend` and `backends`
+    mode = 0o644  # of the files
+    has_last_word = False  # True where its routes replace routes of others at boot, too
 
-    def __init__(self, machine: Machine, root: str, recorded: typing.Dict[str, typing.List[str]]) -> None:
-        """`recorded`: place -> every text that earlier runs may have left there (two after a run that was killed)."""
+    def __init__(self, machine: Machine, root: str, recorded: Recorded) -> None:
+        """`root`: the folder that holds the files of the machine. `recorded`: two texts of a place after a killed run."""
         self.machine = machine
         self.root = root
         self.recorded = recorded
 
+    # For every back end to write
+
     def owns(self) -> typing.Set[str]:
-        """The interfaces that this manager really manages now."""
+        """The names of the interfaces that this manager configures now."""
         raise NotImplementedError
 
     def read(self) -> Places:
-        """What is there now of ours. Raises Problem where something in our place is not ours."""
+        """The texts in our places now. Raises Problem where something there is not ours."""
         raise NotImplementedError
 
     def place(self, interface: str) -> str:
-        """Where the routes of this interface go. Raises Problem where the manager has no place for it."""
+        """The place for the routes of an interface. Raises Problem where the manager has none."""
         raise NotImplementedError
 
-    def render(self, routes: typing.Dict[str, typing.List[Route]]) -> Wanted:
-        """What shall be in our places for these routes by interface: every place of `read` and of these interfaces.
+    def render(self, routes: RoutesOf) -> Wanted:
+        """The wanted texts for these routes: of every place of `read`, and of every place of these interfaces.
 
-        A route without a device (blackhole and its like) is with the interface that carries it at boot.
-        Changes nothing and starts nothing: what must be known has been read before.
+        A route without a device (blackhole and its like) is listed with the interface that brings it back at boot.
+        This runs no command: what must be known has been read before.
         """
         raise NotImplementedError
 
+    # For a back end to override where its manager needs it
+
     def check(self, wanted: Wanted) -> None:
-        """Raises Problem where the manager's own tool refuses this, or would not use it at boot."""
+        """Raises Problem where the manager's own tool refuses the texts, or would not use them at boot."""
 
     def write(self, place: str, content: typing.Optional[str]) -> None:
-        """Put a text into a place, None to leave nothing there. The folders of files are made by the caller."""
+        """Write a text into a place; None leaves nothing there. The caller has made the folder of a file."""
         path = self.path(place)
         if content is None:
             atomic.remove_leftovers(path)
@@ -79,16 +106,13 @@ class BackEnd:
         else:
             atomic.write_by_rename(path, content.encode("utf-8"), mode=self.mode)
 
-    def wrong_mode(self, place: str) -> bool:
-        """Whether a file of ours has lost its permissions: a hook that cannot be executed is not run, and says nothing."""
-        path = self.path(place)
-        return place.startswith("/") and os.path.isfile(path) and stat.S_IMODE(os.stat(path).st_mode) != self.mode
-
     def activate(self, places: typing.List[str]) -> None:
-        """Tell the running manager about changed places, with every link staying up. Raises Problem."""
+        """Tell the running manager about changed places. Every link stays up. Raises Problem."""
+
+    # For every back end to use
 
     def path(self, place: str) -> str:
-        """A file's path, below `root`."""
+        """The path of a file below `root`."""
         return os.path.join(self.root, place.lstrip("/"))
 
     def own_text(self, place: str) -> typing.Optional[str]:
@@ -101,16 +125,11 @@ class BackEnd:
         if HEADER in text or text in self.recorded.get(place, []):
             return text
         raise Problem(
-            "routes: %s is there and not ours (neither our first line nor our record), expected no file or one that "
-            "this module wrote: move it away, or set backend to none for the routes that belong there." % place
+            f"routes: {place} is there and not ours (neither our first line nor our record), expected no file or one that "
+            "this module wrote: move it away, or set backend to none for the routes that belong there."
         )
 
-
-def machine(root: str = "/") -> Machine:
-    """This machine's interfaces. Raises Problem where it cannot be asked."""
-    try:
-        found = network.interfaces()
-    except OSError as problem:
-        raise Problem("routes: %s; expected the command ip (package iproute2)." % problem) from problem
-    interfaces = {link.name: link for link in found}
-    return Machine(interfaces, root == "/" and os.path.isdir("/run/systemd/system"))
+    def wrong_mode(self, place: str) -> bool:
+        """True where a file of ours has lost its permissions: run-parts(8) passes over a hook that is not executable."""
+        path = self.path(place)
+        return place.startswith("/") and os.path.isfile(path) and stat.S_IMODE(os.stat(path).st_mode) != self.mode

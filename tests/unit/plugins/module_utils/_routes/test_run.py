@@ -41,7 +41,7 @@ for options, left in json.load(sys.stdin):
     if os.fork() == 0:
         run = Run(options)
         run.apply()
-        print(json.dumps([run.changed, run.refused]), flush=True)
+        print(json.dumps([run.changed, run.refusals]), flush=True)
         os._exit(0)
     if os.WIFSIGNALED(os.wait()[1]):
         print(json.dumps("killed"), flush=True)

@@ -1,9 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""routes: the back ends ifupdown and networkd, and all back ends together, on trees of files."""
+"""The back ends ifupdown and networkd, on trees of files."""
 
-import json
 import os
 import subprocess
 from pathlib import Path
@@ -16,9 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.manag
     contract,
     ifupdown,
     networkd,
-    table,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.plan import Item
 
 FIXTURES = Path(__file__).parents[4] / "fixtures" / "routes"
 DROP_IN = "/etc/systemd/network/{}.d/90-rosfleet-multimaster.conf"
@@ -143,90 +140,3 @@ def test_where_networkd_has_no_place_for_one_interface(tree, state, words):
     (tree / "run/systemd/netif/links/2").write_text(state)
     with pytest.raises(Problem, match=words):
         end(networkd, tree).place("eth0")
-
-
-# Together
-
-
-def boot(tree, record=None, choice=None):
-    plan = table.Boot(machine("eth0", "eth1.5"), str(tree), record or {})
-    plan.want(choice or {})
-    return plan
-
-
-CHOICE = {"ifupdown": {"eth0": ROUTES["eth0"]}, "networkd": {"eth1.5": ROUTES["eth1.5"]}}
-
-
-def snapshot(tree):
-    return {str(p.relative_to(tree)): p.read_bytes() if p.is_file() else None for p in sorted(tree.rglob("*"))}
-
-
-def test_made_found_again_and_removed_without_a_trace(tree):
-    before = snapshot(tree)
-    first = boot(tree, choice=CHOICE)
-    assert set(first.changes) == {"ifupdown", "networkd"}
-    first.apply()
-    memory = json.loads(json.dumps(first.memory()))
-    assert (tree / "etc/network/if-up.d/rosfleet-multimaster").stat().st_mode & 0o777 == 0o755
-    assert memory["folders"] == [
-        "/etc/systemd",
-        "/etc/systemd/network",
-        "/etc/systemd/network/50-robot.network.d",
-        "/etc/network/if-up.d",
-    ]
-    second = boot(tree, memory, CHOICE)
-    assert second.changes == {}
-    assert second.memory() == memory
-    last = boot(tree, memory)
-    last.apply()
-    assert (snapshot(tree), last.memory()) == (before, {})
-
-
-def test_a_failure_half_way_puts_the_files_back(tree):
-    before = snapshot(tree)
-    (tree / "etc/network/if-up.d").write_text("in the way")
-    plan = boot(tree, choice=CHOICE)
-    with pytest.raises(OSError, match="if-up.d"):
-        plan.apply()
-    assert (tree / "etc/systemd").exists()
-    (tree / "etc/network/if-up.d").unlink()
-    assert plan.undo() == []
-    assert snapshot(tree) == before
-
-
-def test_an_interface_that_changes_hands_leaves_no_hook(tree):
-    plan = boot(tree, choice={"ifupdown": {"eth0": ROUTES["eth0"]}})
-    plan.apply()
-    moved = boot(tree, plan.memory(), {"networkd": {"eth1.5": ROUTES["eth0"]}})
-    moved.apply()
-    assert not (tree / "etc/network/if-up.d").exists()
-    assert list(moved.memory()["places"]) == [DROP_IN.format("50-robot.network")]
-
-
-def test_what_a_killed_run_has_not_told_its_manager_is_told(tree):
-    plan = boot(tree, choice=CHOICE)
-    interim = plan.interim()
-    plan.apply()
-    again = boot(tree, interim, CHOICE)
-    assert set(again.changes) == {"ifupdown", "networkd"}
-    assert set(interim["pending"]) == {"ifupdown", "networkd"}
-
-
-@pytest.mark.parametrize(
-    ("backend", "overrides", "carrier", "expected"),
-    [
-        ("auto", {}, "eth0", "ifupdown"),
-        ("auto", {}, "eth1.5", "networkd"),
-        ("auto", {"eth0": "none"}, "eth0", "none"),
-        ("auto", {"eth0": "auto"}, "eth0", "ifupdown"),
-        ("networkd", {"eth0": "none"}, "eth0", "networkd"),
-    ],
-)
-def test_who_brings_a_route_back(tree, backend, overrides, carrier, expected):
-    assert boot(tree).backend_of(Item(ROUTES["eth0"][0], carrier, backend), overrides) == expected
-
-
-@pytest.mark.parametrize("carrier", ["usb0", ""])
-def test_an_interface_of_nobody_is_one_sentence(tree, carrier):
-    with pytest.raises(Problem, match=r"none of .*ifupdown manages .* set backend to none"):
-        boot(tree).backend_of(Item(ROUTES["eth0"][0], carrier, "auto"), {})

@@ -1,0 +1,196 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The boot part of all routes as one change: the back end of each route, the places that change, and their record."""
+
+import collections
+import os
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.contract import Machine, Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import AUTO, BACKENDS, NONE
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import BootRecord, Place
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.wanted import Item
+
+# back end -> interface -> routes
+Choice = typing.Dict[str, typing.Dict[str, typing.List[Route]]]
+
+
+class Boot:
+    """The places of the boot part: their contents now, and their wanted contents."""
+
+    def __init__(self, machine: Machine, root: str, record: BootRecord) -> None:
+        """Read the places; changes nothing. Raises Problem where something in a place of ours is not ours."""
+        self.machine, self.root = machine, root
+        self.recorded = record.places
+        self.pending = record.pending
+        self.folders = list(record.folders)
+        self.ends = collections.OrderedDict(
+            (name, kind(machine, root, self._recorded_texts(name))) for name, kind in BACKENDS.items()
+        )
+        self.before = {name: end.read() for name, end in self.ends.items()}
+        self.owned: typing.Dict[str, typing.Set[str]] = {}
+        self.wanted: typing.Dict[str, Wanted] = {}
+        self.routes: typing.Dict[str, typing.List[Route]] = {}
+
+    def _recorded_texts(self, backend: str) -> typing.Dict[str, typing.List[str]]:
+        return {name: place.texts for name, place in self.recorded.items() if place.backend == backend}
+
+    # The back end of a route
+
+    def owner(self, interface: str) -> str:
+        """The back end that owns an interface, "" for none."""
+        for name, end in self.ends.items():
+            if name not in self.owned:
+                self.owned[name] = end.owns()
+            if interface in self.owned[name]:
+                return name
+        return ""
+
+    def backend_of(self, item: Item, overrides: typing.Mapping[str, str]) -> str:
+        """The back end of a route: its own, else that of its interface (`overrides`), else the owner.
+
+        Raises Problem where nothing manages the interface.
+        """
+        name = item.backend if item.backend != AUTO else overrides.get(item.carrier, AUTO)
+        if name == AUTO:
+            name = self.owner(item.carrier) if item.carrier else ""
+        if not name:
+            raise Problem(
+                f"routes: {item.route.destination}: none of {', '.join(BACKENDS)} manages "
+                f"{item.carrier or 'an interface that could carry it'}, so nothing would bring the route back at boot, "
+                "expected one of them: let one manage the interface, or set backend to none for a route at run time only."
+            )
+        return name
+
+    def place(self, backend: str, interface: str) -> typing.Optional[str]:
+        """The place for the routes of an interface, None with the back end `none`. Raises Problem."""
+        return None if backend == NONE else self.ends[backend].place(interface)
+
+    # The plan
+
+    def want(self, choice: Choice) -> None:
+        """Plan the places for these routes. Raises Problem where a manager's own tool refuses a change."""
+        for name, end in self.ends.items():
+            listed = choice.get(name, {})
+            wanted: Wanted = dict.fromkeys(self.before[name])
+            if listed or wanted:
+                wanted.update(end.render(listed))
+            self.wanted[name] = wanted
+            for interface, routes in listed.items():
+                self.routes.setdefault(end.place(interface), []).extend(routes)
+        for name in self.changes:
+            self.ends[name].check(self.wanted[name])
+        self.folders += [folder for folder in self._missing() if folder not in self.folders]
+
+    @property
+    def changes(self) -> typing.Dict[str, typing.List[str]]:
+        """Back end -> its places that change, or that a killed run has not told its manager about."""
+        changed = {}
+        for name, wanted in self.wanted.items():
+            differ = {place for place, text in wanted.items() if self._differs(name, place, text)}
+            places = sorted(differ | set(self.pending.get(name, [])))
+            if places:
+                changed[name] = places
+        return changed
+
+    def _differs(self, backend: str, place: str, text: typing.Optional[str]) -> bool:
+        if text != self.before[backend].get(place):
+            return True
+        return text is not None and self.ends[backend].wrong_mode(place)
+
+    def is_new(self, backend: str, place: typing.Optional[str], route: Route) -> bool:
+        """True where a route is new at its place, or where somebody has changed the place."""
+        if place is None or place not in self.changes.get(backend, []):
+            return False
+        recorded = self.recorded.get(place, Place(backend, [], []))
+        untouched = self.before[backend].get(place) in recorded.texts
+        return not untouched or self.ends[backend].wrong_mode(place) or route not in recorded.routes
+
+    @property
+    def difference(self) -> typing.List[typing.Dict[str, str]]:
+        """The places that change, for `diff`."""
+
+        def content(text: typing.Optional[str]) -> typing.Optional[bytes]:
+            return None if text is None else text.encode("utf-8")
+
+        return [
+            difference(place, content(self.before[name].get(place)), content(self.wanted[name].get(place)))
+            for name, places in self.changes.items()
+            for place in places
+        ]
+
+    def _missing(self) -> typing.List[str]:
+        """The missing folders of the wanted files, outermost first."""
+        missing: typing.List[str] = []
+        for wanted in self.wanted.values():
+            for place in (place for place, text in wanted.items() if text is not None and place.startswith("/")):
+                folder, found = os.path.dirname(place), []
+                while not os.path.isdir(self._path(folder)):
+                    found.append(folder)
+                    folder = os.path.dirname(folder)
+                missing += [folder for folder in reversed(found) if folder not in missing]
+        return missing
+
+    # The record
+
+    def interim(self) -> BootRecord:
+        """The record before the change. It has both texts of every place, since a killed run leaves either."""
+        places = dict(self.recorded)
+        for name, changed in self.changes.items():
+            for place in changed:
+                entry = places.get(place, Place(name, [], []))
+                texts = [self.before[name].get(place), self.wanted[name].get(place)]
+                new = [text for text in texts if text is not None and text not in entry.texts]
+                places[place] = entry._replace(texts=entry.texts + new)
+        return BootRecord(places, self.changes, self.folders)
+
+    def final(self) -> BootRecord:
+        """The record after the change."""
+        places = {
+            place: Place(name, [text], self.routes.get(place, []))
+            for name, wanted in self.wanted.items()
+            for place, text in wanted.items()
+            if text is not None
+        }
+        folders = [folder for folder in self.folders if any(place.startswith(folder + "/") for place in places)]
+        return BootRecord(places, {}, folders)
+
+    # The change
+
+    def apply(self) -> None:
+        """Write the changed places and tell their managers. Raises Problem or OSError; `undo` takes it back."""
+        self._write(self.wanted)
+
+    def undo(self) -> typing.List[str]:
+        """Restore the places; returns a sentence per failure."""
+        try:
+            self._write(self.before)
+        except (Problem, OSError) as problem:
+            return [str(problem)]
+        return []
+
+    def _write(self, texts: typing.Mapping[str, typing.Mapping[str, typing.Optional[str]]]) -> None:
+        for name, places in self.changes.items():
+            end = self.ends[name]
+            for place in places:
+                text = texts[name].get(place)
+                if text is not None and place.startswith("/"):
+                    atomic.make_folders(os.path.dirname(self._path(place)))
+                end.write(place, text)
+            self._remove_folders(kept=[place for place, text in texts[name].items() if text is not None])
+            end.activate(places)
+
+    def _remove_folders(self, kept: typing.List[str]) -> None:
+        """Remove the empty folders that we made and that hold none of the kept places."""
+        for folder in reversed(self.folders):
+            path = self._path(folder)
+            if os.path.isdir(path) and not any(place.startswith(folder + "/") for place in kept):
+                atomic.remove_folder_if_empty(path)
+
+    def _path(self, place: str) -> str:
+        return os.path.join(self.root, place.lstrip("/"))

@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The record of the module routes: the routes that it made, and the places that bring them back at boot."""
+
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.plan import Entries, Entry
+
+Data = typing.Dict[str, typing.Any]  # JSON
+
+
+class Place(typing.NamedTuple):
+    """The record of one place of a back end, such as a file."""
+
+    backend: str
+    texts: typing.List[str]  # every text that a run may have left there: two after a killed run
+    routes: typing.List[Route]
+
+
+class BootRecord(typing.NamedTuple):
+    """The boot part of the record."""
+
+    places: typing.Dict[str, Place]
+    pending: typing.Dict[str, typing.List[str]]  # back end -> places that its manager has not been told about
+    folders: typing.List[str]  # those that we made, outermost first
+
+    def plain(self) -> Data:
+        """The boot part as JSON holds it; empty parts are left out."""
+        places = {
+            name: dict(place._asdict(), routes=[_plain(route) for route in place.routes])
+            for name, place in self.places.items()
+        }
+        return _filled(places=places, pending=self.pending, folders=self.folders)
+
+
+class RoutesRecord(typing.NamedTuple):
+    """The whole record."""
+
+    entries: Entries
+    boot: BootRecord
+
+    def plain(self) -> Data:
+        """The record as JSON holds it; empty parts are left out."""
+        routes = [
+            {"made": [_plain(route) for route in entry.made], "replaced": [list(words) for words in entry.replaced]}
+            for key, entry in sorted(self.entries.items())
+        ]
+        return _filled(routes=routes, boot=self.boot.plain())
+
+
+def read(data: Data) -> RoutesRecord:
+    """The record in the data of its file.
+
+    Raises AttributeError, IndexError, KeyError, TypeError or ValueError where the data has another shape.
+    """
+    entries = [
+        Entry(
+            made=tuple(Route(**fields) for fields in item["made"]),
+            replaced=tuple(tuple(words) for words in item["replaced"]),
+        )
+        for item in data.get("routes", [])
+    ]
+    return RoutesRecord({entry.made[0].key: entry for entry in entries}, read_boot(data.get("boot", {})))
+
+
+def read_boot(data: Data) -> BootRecord:
+    """The boot part of the record in its data. Raises as `read`."""
+    places = {
+        name: Place(place["backend"], list(place["texts"]), [Route(**fields) for fields in place["routes"]])
+        for name, place in data.get("places", {}).items()
+    }
+    return BootRecord(places, dict(data.get("pending", {})), list(data.get("folders", [])))
+
+
+def _plain(route: Route) -> Data:
+    return dict(route._asdict())
+
+
+def _filled(**parts: typing.Any) -> Data:
+    return {name: value for name, value in parts.items() if value}

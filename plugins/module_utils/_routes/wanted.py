@@ -1,0 +1,219 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The wanted routes: the option `routes` of the module, read and checked against the interfaces. Pure."""
+
+import ipaddress
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
+    DEFAULTS,
+    METRICS,
+    NO_WAY,
+    Held,
+    Key,
+    Route,
+    name_of,
+    text_of,
+)
+
+_LARGEST = 2**32 - 1
+_LOCAL = 255  # the table local, which belongs to the kernel
+
+Given = typing.Mapping[str, typing.Any]  # one item of the option, every suboption set
+Interfaces = typing.Mapping[str, Interface]  # by name
+
+
+class Item(typing.NamedTuple):
+    """One route of the option, and what the option says about the boot."""
+
+    route: Route
+    carrier: str  # the interface that brings the route back at boot; "" where any interface will do
+    backend: str
+
+
+# From the option to routes
+
+
+def items_of(wanted: typing.Iterable[Given], interfaces: Interfaces) -> typing.List[Item]:
+    """The routes of the option, each with its interface. A repeated item counts once.
+
+    Raises Problem for an item that makes no sense, and for two items with one key.
+    """
+    items: typing.List[Item] = []
+    keys: typing.Dict[Key, Item] = {}
+    for number, given in enumerate(wanted, 1):
+        item = _item(given, f"routes: item {number} ({given['destination']})", interfaces)
+        earlier = keys.setdefault(item.route.key, item)
+        if earlier is item:
+            items.append(item)
+        elif earlier != item:
+            raise Problem(
+                f"routes: found two routes to {name_of(item.route.destination)} with metric {item.route.metric} in table "
+                f"{item.route.table}, expected one: remove one of them, or give it another metric."
+            )
+    return items
+
+
+def _item(given: Given, where: str, interfaces: Interfaces) -> Item:
+    destination = _destination(given["destination"], where)
+    version = 6 if ":" in destination else 4
+    gateway = _address(given["gateway"], version, where, "gateway")
+    source = _address(given["source"], version, where, "source")
+    _check_way(given, gateway, source, where)
+    device = _device(given, gateway, where, interfaces)
+    _check_number("metric", given["metric"] or 0, 0, where)
+    _check_number("table", given["table"], 1, where)
+    route = Route(
+        destination=destination,
+        gateway=gateway,
+        device="" if given["type"] in NO_WAY else device,
+        metric=given["metric"] or METRICS[version],
+        table=given["table"],
+        source=source,
+        on_link=given["on_link"],
+        type=given["type"],
+    )
+    return Item(route, device, given["backend"])
+
+
+def _destination(value: str, where: str) -> str:
+    if value == "default":
+        return DEFAULTS[4]
+    try:
+        return str(ipaddress.ip_network(value))
+    except ValueError as problem:
+        raise Problem(
+            f"{where}: found a destination that is no network ({problem}), expected one such as 192.168.11.0/24, "
+            "fd00:11::/64, default or ::/0."
+        ) from problem
+
+
+def _address(value: typing.Optional[str], version: int, where: str, option: str) -> str:
+    if not value:
+        return ""
+    try:
+        address = ipaddress.ip_address(value)
+    except ValueError as problem:
+        raise Problem(f"{where}: the {option} {value} is no address: correct it.") from problem
+    if address.version != version:
+        raise Problem(
+            f"{where}: the {option} {value} is an IPv{address.version} address, expected IPv{version} as the destination "
+            "(the default of IPv6 is ::/0)."
+        )
+    return str(address)
+
+
+def _check_way(given: Given, gateway: str, source: str, where: str) -> None:
+    """A unicast route needs a gateway or a device; a blackhole and its like have no way."""
+    if given["type"] in NO_WAY:
+        if gateway or source or given["on_link"]:
+            raise Problem(
+                f"{where}: found the type {given['type']} with a way, expected no gateway, source or on_link."
+            )
+    elif not gateway and not given["device"]:
+        raise Problem(f"{where}: found neither gateway nor device, expected one of them: add it.")
+
+
+def _device(given: Given, gateway: str, where: str, interfaces: Interfaces) -> str:
+    """The interface of an item: the given one, else the one whose network holds the gateway."""
+    device = given["device"] or ""
+    if device and device not in interfaces:
+        raise Problem(f"{where}: there is no interface {device}, expected one of {_names(interfaces)}: correct device.")
+    if given["on_link"] and not (gateway and device):
+        raise Problem(f"{where}: on_link needs gateway and device: add them, or remove on_link.")
+    if given["type"] not in NO_WAY and not device:
+        device = _device_towards(gateway, where, interfaces)
+    return device
+
+
+def _device_towards(gateway: str, where: str, interfaces: Interfaces) -> str:
+    """The interface whose connected network holds the gateway. The smallest such network decides."""
+    address = ipaddress.ip_address(gateway)
+    if address.is_link_local:
+        raise Problem(f"{where}: the gateway {gateway} is link-local, so every interface could be meant: add device.")
+    found: typing.Dict[int, typing.Set[str]] = {}
+    for name, link in interfaces.items():
+        for own in link.networks:
+            if not link.loopback and address in own.network:
+                found.setdefault(own.network.prefixlen, set()).add(name)
+    if not found:
+        raise Problem(
+            f"{where}: no interface has a network with the gateway {gateway} (found {_addresses(interfaces)}), expected one: "
+            "correct the gateway, or bring the interface up with an address there."
+        )
+    nearest = found[max(found)]
+    if len(nearest) > 1:
+        raise Problem(f"{where}: the gateway {gateway} is behind {_names(nearest)}: say which in device.")
+    return nearest.pop()
+
+
+def _check_number(option: str, value: int, least: int, where: str) -> None:
+    is_table = option == "table"
+    if not least <= value <= _LARGEST or (is_table and value == _LOCAL):
+        but = " other than 255" if is_table else ""
+        raise Problem(f"{where}: found the {option} {value}, expected a number from {least} to {_LARGEST}{but}.")
+
+
+# From routes to the interfaces as they are now
+
+
+def check_usable(items: typing.List[Item], interfaces: Interfaces, held: typing.Iterable[Held]) -> None:
+    """Raises Problem for a route that the kernel would refuse now. `held`: the kernel's routes."""
+    own = {str(address.ip) for link in interfaces.values() for address in link.networks}
+    wanted = [item.route for item in items]
+    routes = wanted + [other.route for other in held]
+    for route in wanted:
+        _check_ends(route, interfaces, own)
+        if route.gateway and not route.on_link:
+            _check_gateway(route, interfaces, own, routes)
+
+
+def _check_ends(route: Route, interfaces: Interfaces, own: typing.Set[str]) -> None:
+    """The interface must be up, and the source must be one of our own addresses."""
+    where = f"routes: {text_of(route)}"
+    if route.device and not interfaces[route.device].up:
+        raise Problem(f"{where}: the interface {route.device} is down, expected it up: bring it up first.")
+    if route.source and route.source not in own:
+        raise Problem(
+            f"{where}: the source {route.source} is no address of this computer (found {_addresses(interfaces)}): correct it."
+        )
+
+
+def _check_gateway(route: Route, interfaces: Interfaces, own: typing.Set[str], routes: typing.Iterable[Route]) -> None:
+    """The gateway must be another computer, in a network that is reached without a gateway."""
+    where = f"routes: {text_of(route)}"
+    if route.gateway in own:
+        raise Problem(
+            f"{where}: the gateway is an address of this computer itself, expected the address of another one: correct it."
+        )
+    link = interfaces[route.device]
+    gateway = ipaddress.ip_address(route.gateway)
+    near = [address.network for address in link.networks]
+    near += [ipaddress.ip_network(other.destination) for other in routes if _is_near(other, route.device)]
+    if not gateway.is_link_local and not any(gateway in network for network in near):
+        raise Problem(
+            f"{where}: the gateway is not in a network of {route.device} (found {_addresses({route.device: link})}): correct "
+            "gateway or device, or set on_link where it is on that link all the same."
+        )
+
+
+def _is_near(route: Route, device: str) -> bool:
+    """True where the route says that its destination is on the link of the device."""
+    return route.device == device and not route.gateway and route.destination not in DEFAULTS.values()
+
+
+def _names(interfaces: typing.Iterable[str]) -> str:
+    return ", ".join(sorted(interfaces)) or "none"
+
+
+def _addresses(interfaces: Interfaces) -> str:
+    found = [
+        f"{name} {own}"
+        for name, link in sorted(interfaces.items())
+        for own in link.networks
+        if not link.loopback and not own.is_link_local
+    ]
+    return ", ".join(found) or "no address"

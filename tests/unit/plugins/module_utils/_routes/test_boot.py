@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The boot part of all routes as one change, over the back ends ifupdown and networkd on trees of files."""
+
+import json
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import read_boot
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.wanted import Item
+
+DROP_IN = "/etc/systemd/network/{}.d/90-rosfleet-multimaster.conf"
+
+ROUTES = {
+    "eth0": [
+        Route("0.0.0.0/0", "192.168.11.101", "eth0"),
+        Route("::/0", "fd00:11::101", "eth0", 1024),
+        Route("10.66.0.0/16", type="blackhole"),
+    ],
+    "eth1.5": [
+        Route("10.67.0.0/16", "10.9.9.9", "eth1.5", 50, 100, "192.168.1.201", on_link=True),
+        Route("226.0.0.0/8", "", "eth1.5"),
+    ],
+}
+
+
+def machine(*names):
+    links = {name: Interface(name, number, up=True) for number, name in enumerate(names, 2)}
+    return contract.Machine(links, booted=False)
+
+
+@pytest.fixture
+def tree(tmp_path):
+    """A root folder, with eth0 managed by ifupdown and eth1.5 by networkd."""
+
+    def put(path, text=""):
+        target = tmp_path / path.lstrip("/")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(text)
+        return target
+
+    put("run/network/ifstate", "lo=lo\neth0=home\nppp0=ppp0\n")
+    put("run/network/.ifstate.lock")
+    (tmp_path / "etc/network").mkdir(parents=True)
+    put("run/systemd/netif/links/2", "ADMIN_STATE=unmanaged\nOPER_STATE=routable\n")
+    put("run/systemd/netif/links/3", "ADMIN_STATE=configured\nNETWORK_FILE=/usr/lib/systemd/network/50-robot.network\n")
+    return tmp_path
+
+
+def boot(tree, record=None, choice=None):
+    plan = Boot(machine("eth0", "eth1.5"), str(tree), read_boot(record or {}))
+    plan.want(choice or {})
+    return plan
+
+
+CHOICE = {"ifupdown": {"eth0": ROUTES["eth0"]}, "networkd": {"eth1.5": ROUTES["eth1.5"]}}
+
+
+def snapshot(tree):
+    return {str(p.relative_to(tree)): p.read_bytes() if p.is_file() else None for p in sorted(tree.rglob("*"))}
+
+
+def test_made_found_again_and_removed_without_a_trace(tree):
+    before = snapshot(tree)
+    first = boot(tree, choice=CHOICE)
+    assert set(first.changes) == {"ifupdown", "networkd"}
+    first.apply()
+    memory = json.loads(json.dumps(first.final().plain()))
+    assert (tree / "etc/network/if-up.d/rosfleet-multimaster").stat().st_mode & 0o777 == 0o755
+    assert memory["folders"] == [
+        "/etc/systemd",
+        "/etc/systemd/network",
+        "/etc/systemd/network/50-robot.network.d",
+        "/etc/network/if-up.d",
+    ]
+    second = boot(tree, memory, CHOICE)
+    assert second.changes == {}
+    assert second.final().plain() == memory
+    last = boot(tree, memory)
+    last.apply()
+    assert (snapshot(tree), last.final().plain()) == (before, {})
+
+
+def test_a_failure_half_way_puts_the_files_back(tree):
+    before = snapshot(tree)
+    (tree / "etc/network/if-up.d").write_text("in the way")
+    plan = boot(tree, choice=CHOICE)
+    with pytest.raises(OSError, match="if-up.d"):
+        plan.apply()
+    assert (tree / "etc/systemd").exists()
+    (tree / "etc/network/if-up.d").unlink()
+    assert plan.undo() == []
+    assert snapshot(tree) == before
+
+
+def test_an_interface_that_changes_hands_leaves_no_hook(tree):
+    plan = boot(tree, choice={"ifupdown": {"eth0": ROUTES["eth0"]}})
+    plan.apply()
+    moved = boot(tree, plan.final().plain(), {"networkd": {"eth1.5": ROUTES["eth0"]}})
+    moved.apply()
+    assert not (tree / "etc/network/if-up.d").exists()
+    assert list(moved.final().plain()["places"]) == [DROP_IN.format("50-robot.network")]
+
+
+def test_what_a_killed_run_has_not_told_its_manager_is_told(tree):
+    plan = boot(tree, choice=CHOICE)
+    interim = plan.interim().plain()
+    plan.apply()
+    again = boot(tree, interim, CHOICE)
+    assert set(again.changes) == {"ifupdown", "networkd"}
+    assert set(interim["pending"]) == {"ifupdown", "networkd"}
+
+
+@pytest.mark.parametrize(
+    ("backend", "overrides", "carrier", "expected"),
+    [
+        ("auto", {}, "eth0", "ifupdown"),
+        ("auto", {}, "eth1.5", "networkd"),
+        ("auto", {"eth0": "none"}, "eth0", "none"),
+        ("auto", {"eth0": "auto"}, "eth0", "ifupdown"),
+        ("networkd", {"eth0": "none"}, "eth0", "networkd"),
+    ],
+)
+def test_who_brings_a_route_back(tree, backend, overrides, carrier, expected):
+    assert boot(tree).backend_of(Item(ROUTES["eth0"][0], carrier, backend), overrides) == expected
+
+
+@pytest.mark.parametrize("carrier", ["usb0", ""])
+def test_an_interface_of_nobody_is_one_sentence(tree, carrier):
+    with pytest.raises(Problem, match=r"none of .*ifupdown manages .* set backend to none"):
+        boot(tree).backend_of(Item(ROUTES["eth0"][0], carrier, "auto"), {})
