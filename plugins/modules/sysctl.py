@@ -271,25 +271,8 @@ msg:
 
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.run import Run
-
-FATES = {
-    "restored": "{name} is {runtime_after} again.",
-    "left": "{name} is left at {runtime_after}: somebody else has changed it since this module set {expected}.",
-    "missing": "{name} is gone from this kernel, so there is nothing to take back.",
-}
-
-
-def summary(run):
-    """What the run does, in sentences."""
-    changed = sum(item["changed"] for item in run.items)
-    sentences = ["%d of %d kernel settings changed." % (changed, len(run.items))] if run.items else []
-    sentences += [FATES[item["state"]].format(**item) for item in run.plan.taken_back]
-    sentences += [
-        "The kernel changed {name} from {before} to {after} with it.".format(**item) for item in run.plan.also_changed
-    ]
-    return " ".join(sentences) or "No kernel settings are ours."
 
 
 def main():
@@ -314,31 +297,7 @@ def main():
         supports_check_mode=True,
     )
     guard = deadman.Guard(module, "sysctl", "kernel settings")
-    result = {}
-    try:
-        run = Run(module.params, guard.begin())
-        result = {
-            "settings": run.items,
-            "conflicts": run.conflicts,
-            "taken_back": run.plan.taken_back,
-            "also_changed": run.plan.also_changed,
-            "drop_in": run.drop_in,
-        }
-        refused = run.problems + (run.conflicts if module.params["on_conflict"] == "fail" else [])
-        if refused:
-            raise Problem(" ".join(refused))
-        for sentence in run.conflicts:
-            module.warn(sentence)
-        for item in run.plan.taken_back:
-            if item["state"] == "left":
-                module.warn(FATES["left"].format(**item))
-        if not module.check_mode:
-            guard.apply(run)
-    except Problem as problem:
-        guard.fail(problem, **result)
-    if module._diff:
-        result["diff"] = run.difference
-    guard.exit(changed=run.changed, msg=summary(run), **result)
+    run_module(module, lambda memory: Run(module.params, memory), guard)
 
 
 if __name__ == "__main__":

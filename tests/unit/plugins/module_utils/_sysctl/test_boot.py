@@ -12,7 +12,7 @@ import subprocess
 import pytest
 import yaml
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import boot as sysctl_boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import plan as sysctl
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -167,7 +167,7 @@ def test_the_oldest_python(tmp_path):
     _case, settings, tree, _drop_in = load(CASES[0], tmp_path)
     collections = str(pathlib.Path(sysctl.__file__).parents[6])
     program = (
-        "import json, sys; from ansible_collections.rosfleet.multimaster.plugins.module_utils import _sysctl_boot as b;"
+        "import json, sys; from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import boot as b;"
         "t = b.Tree(sys.argv[1], json.loads(sys.argv[2]));"
         "print(json.dumps({k: list(v) for k, v in b.at_boot(t, json.loads(sys.argv[3])).items()}))"
     )

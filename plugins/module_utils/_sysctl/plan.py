@@ -1,0 +1,251 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The plan for kernel settings: the writes from what the kernel holds to what is wanted, and the record of them. Pure.
+
+Settings that are no longer listed are taken back first. Then the listed settings are written, so they have the last word
+over keys that the kernel changes beside others.
+"""
+
+import os
+import re
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import (
+    SYSCTL_FOLDERS,
+    key_of,
+    name_of,
+    normal,
+    variable_of,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import (
+    BESIDE,
+    Setting,
+    Values,
+    beside,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import Entry, SettingsRecord
+
+HEADER = "# Managed by Ansible: rosfleet.multimaster.sysctl writes this whole file, so changes here do not last.\n"
+
+
+class TakenBack(typing.NamedTuple):
+    """The result for a setting that is no longer listed; the fields are those of the module's return value."""
+
+    name: str
+    runtime_before: typing.Optional[str]
+    runtime_after: typing.Optional[str]
+    expected: str  # the value that we had set
+    state: str  # restored, left or missing
+
+
+class AlsoChanged(typing.NamedTuple):
+    """A key that the kernel changes beside a listed one; the fields are those of the module's return value."""
+
+    name: str
+    before: str
+    after: str
+
+
+class Plan(typing.NamedTuple):
+    """The writes of one run in their order, the drop-in, and the record before and after them."""
+
+    writes: typing.List[Setting]
+    text: typing.Optional[str]  # of the drop-in, None for no drop-in
+    interim: SettingsRecord
+    final: SettingsRecord
+    after: Values
+    taken_back: typing.List[TakenBack]
+    also_changed: typing.List[AlsoChanged]
+
+
+# The option
+
+
+def settings_of(items: typing.Iterable[typing.Mapping[str, str]]) -> typing.List[Setting]:
+    """The settings in a list of {name, value}, each key once; keys that change others come first.
+
+    Raises Problem for an item that makes no sense, and for two values of one key.
+    """
+    wanted: typing.Dict[str, typing.Tuple[str, Setting]] = {}
+    for item in items:
+        name, setting = item["name"], _setting(item)
+        earlier_name, earlier = wanted.setdefault(variable_of(setting.key), (name, setting))
+        if earlier.value != setting.value:
+            raise Problem(
+                f"settings: {earlier_name} = {earlier.value} and {name} = {setting.value} are one key of the kernel, expected "
+                "one value for it: remove one of them."
+            )
+    # The order holds for the drop-in, too: a key that changes others must not have the last word over them.
+    return sorted((setting for name, setting in wanted.values()), key=lambda setting: setting.key not in BESIDE)
+
+
+def _setting(item: typing.Mapping[str, str]) -> Setting:
+    name, key, value = item["name"], key_of(item["name"].lstrip("-").strip()), normal(item["value"])
+    plain = re.match(r"[^\s=#;*?\[\]/]+(/[^\s=*?\[\]/]+)+$", key) and key.isprintable()
+    if not plain or key_of(name_of(key)) != key or ".." in key:
+        raise Problem(
+            f"settings: found the name {name!r}, expected one key such as net.ipv4.ip_forward, without patterns."
+        )
+    if not value.isprintable():
+        raise Problem(f"settings: {name} has the value {value!r}, expected printable text on one line.")
+    return Setting(key, value)
+
+
+def drop_in_text(settings: typing.Iterable[Setting]) -> typing.Optional[str]:
+    """The text of the drop-in for these settings, None for no drop-in."""
+    lines = [f"{name_of(setting.key)} = {setting.value}\n" for setting in settings]
+    return HEADER + "".join(lines) if lines else None
+
+
+def check_drop_in(path: str) -> None:
+    """Raises Problem where a drop-in at this path would not be read at boot, or would not survive the boot."""
+    lasting = [folder for folder in SYSCTL_FOLDERS if not folder.startswith("/run/")]
+    name = os.path.basename(path)
+    usable = name.endswith(".conf") and not name.startswith(".") and name.isprintable()
+    if os.path.dirname(path) not in lasting or not usable:
+        raise Problem(f"drop_in: found {path}, expected a file NAME.conf in one of {', '.join(lasting)}.")
+
+
+# The plan
+
+
+def plan(
+    settings: typing.List[Setting],
+    current: Values,
+    record: SettingsRecord,
+    drop_in: str,
+    folders: typing.Iterable[str] = (),
+) -> Plan:
+    """The plan from the kernel's current values and the record to the settings.
+
+    `current` holds the value of every key of settings and record, and of every key that the kernel changes beside them;
+    None where there is no such key. `folders`: those that will be made for the drop-in.
+    """
+    start = {key: value for key, value in current.items() if value is not None}
+    kernel = _Simulation(start)
+    kept = {variable_of(setting.key) for setting in settings}
+    taken_back = [_one_taken_back(entry, kept, kernel) for entry in _no_longer_listed(record, kept)]
+    base = dict(kernel.values)
+    for setting in settings:
+        if setting.key in kernel.values:
+            kernel.write(setting.key, setting.value)
+
+    interim, final = dict(record.settings), {}
+    for setting in settings:
+        variable = variable_of(setting.key)
+        interim[variable], final[variable] = _one_listed(setting, start, record.settings)
+    drop_ins = sorted(set(record.drop_ins) | {drop_in})
+    made = record.folders or list(folders)
+    return Plan(
+        writes=kernel.writes,
+        text=drop_in_text(settings),
+        interim=SettingsRecord(drop_ins, made, interim),
+        final=SettingsRecord([drop_in], made, final) if final else SettingsRecord(),
+        after={key: kernel.values.get(key) for key in current},
+        taken_back=taken_back,
+        also_changed=_also_changed(settings, kernel, base),
+    )
+
+
+class _Simulation:
+    """The kernel's values as the planned writes will leave them."""
+
+    def __init__(self, values: typing.Mapping[str, str]) -> None:
+        self.values = dict(values)
+        self.writes: typing.List[Setting] = []
+
+    def write(self, key: str, value: str) -> None:
+        """Plan a write, unless the key has the value already."""
+        if self.values[key] != value:
+            self.writes.append(Setting(key, value))
+            self.values.update(beside(key, value, self.values))
+            self.values[key] = value
+
+
+# One setting taken back
+
+
+def _no_longer_listed(record: SettingsRecord, kept: typing.Set[str]) -> typing.List[Entry]:
+    """The entries of the record without a listed setting; keys that change others come first."""
+    variables = set(record.settings) - kept
+    ordered = sorted(variables, key=lambda variable: (record.settings[variable].key not in BESIDE, variable))
+    return [record.settings[variable] for variable in ordered]
+
+
+def _one_taken_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> TakenBack:
+    """The result for a setting that is no longer listed; its writes go to the simulated kernel."""
+    found = kernel.values.get(entry.key)
+    if found is None:
+        state = "missing"
+    elif found != entry.before and found not in entry.set:
+        state = "left"
+    else:
+        state = "restored"
+        _restore(entry, kept, kernel)
+    return TakenBack(name_of(entry.key), found, kernel.values.get(entry.key), entry.set[-1], state)
+
+
+def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
+    """Plan the value from before, and those of the keys beside it as they were, or as somebody else has set them since."""
+    assert entry.before is not None  # a setting without a key is refused, so it has no record
+    followed, others = beside(entry.key, kernel.values[entry.key], kernel.values), dict(kernel.values)
+    kernel.write(entry.key, entry.before)
+    for other, value in beside(entry.key, entry.before, kernel.values).items():
+        untouched = others[other] == followed[other]
+        if variable_of(other) not in kept | {variable_of(entry.key)}:
+            kernel.write(other, entry.beside.get(other, value) if untouched else others[other])
+
+
+# One listed setting
+
+
+def _one_listed(
+    setting: Setting, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]
+) -> typing.Tuple[Entry, Entry]:
+    """The record of a listed setting: on the way, when either value may be there, and afterwards."""
+    entry = owned.get(variable_of(setting.key)) or _new_entry(setting.key, start, owned)
+    earlier = tuple(value for value in entry.set if value != setting.value)
+    interim = entry._replace(key=setting.key, set=earlier + (setting.value,))
+    return interim, interim._replace(set=(setting.value,))
+
+
+def _new_entry(key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> Entry:
+    """The record of a key that becomes ours: its value from before, and those of the keys that it changes beside it."""
+    value = _before(key, start, owned)
+    others = {} if value is None else beside(key, value, start)
+    before = {other: _before(other, start, owned) for other in others}
+    apart = {other: found for other, found in before.items() if found is not None and found != others[other]}
+    return Entry(key, value, (), apart)
+
+
+def _before(key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> typing.Optional[str]:
+    """The value of a key before any run of ours."""
+    if variable_of(key) in owned:
+        return owned[variable_of(key)].before
+    for entry in owned.values():
+        ours = beside(entry.key, entry.set[-1], [key])
+        if key in ours and ours[key] == start.get(key) and entry.before is not None:
+            # The key has this value because of another setting of ours.
+            return entry.beside.get(key, beside(entry.key, entry.before, [key])[key])
+    return start.get(key)
+
+
+def _also_changed(
+    settings: typing.List[Setting], kernel: _Simulation, base: typing.Mapping[str, str]
+) -> typing.List[AlsoChanged]:
+    """The keys that somebody had set apart and that change with a listed one. `base`: the values before the settings."""
+    listed = {setting.key for setting in settings}
+    return [
+        AlsoChanged(name_of(other), base[other], kernel.values[other])
+        for setting in settings
+        if setting in kernel.writes
+        for other in beside(setting.key, setting.value, kernel.values)
+        if other not in listed and base[other] != kernel.values[other] and _was_apart(setting.key, other, base)
+    ]
+
+
+def _was_apart(key: str, other: str, base: typing.Mapping[str, str]) -> bool:
+    """True where the other key did not follow this key, as it does when nobody sets it."""
+    return base[other] != beside(key, base[key], [other])[other]

@@ -1,0 +1,45 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The record of the module sysctl: the values from before its settings, its drop-ins and its folders."""
+
+import typing
+
+Data = typing.Dict[str, typing.Any]  # JSON
+
+
+class Entry(typing.NamedTuple):
+    """The record of one setting of ours."""
+
+    key: str
+    before: typing.Optional[str]  # the value before our first run
+    set: typing.Tuple[str, ...] = ()  # the values that we have set: two after a killed run
+    beside: typing.Mapping[str, str] = {}  # the values before, of the keys that did not follow this key
+
+    def plain(self) -> Data:
+        """The entry as JSON holds it."""
+        return {"key": self.key, "before": self.before, "set": list(self.set), "beside": dict(self.beside)}
+
+
+class SettingsRecord(typing.NamedTuple):
+    """The whole record."""
+
+    drop_ins: typing.Sequence[str] = ()  # those that we may have written: two after a killed run with a new name
+    folders: typing.Sequence[str] = ()  # those that we made for the drop-in, outermost first
+    settings: typing.Mapping[str, Entry] = {}  # the kernel's variable -> entry
+
+    def plain(self) -> Data:
+        """The record as JSON holds it; an empty record holds nothing."""
+        if not any(self):
+            return {}
+        settings = {variable: entry.plain() for variable, entry in self.settings.items()}
+        return {"drop_ins": list(self.drop_ins), "folders": list(self.folders), "settings": settings}
+
+
+def read(data: Data) -> SettingsRecord:
+    """The record in the data of its file."""
+    settings = {
+        variable: Entry(entry["key"], entry["before"], tuple(entry["set"]), entry["beside"])
+        for variable, entry in data.get("settings", {}).items()
+    }
+    return SettingsRecord(data.get("drop_ins", []), data.get("folders", []), settings)
