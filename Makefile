@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup lab demo lab-down lint sanity unit molecule systems bench-site test test-long test-interop checkout format readme
+.PHONY: help setup lab demo lab-down check lint sanity unit molecule systems bench-site test test-long test-interop checkout format house readme
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -28,7 +28,10 @@ lab-down: setup ## remove everything that the lab made: containers, networks, th
 test: lab ## every test
 	@$(PYTHON) tools/test.py
 
-lint: setup ## linters and checks of files
+check: lab ## what one runs before every commit: lint, types, unit tests, one pair of robots end to end
+	@$(PYTHON) tools/test.py check
+
+lint: setup ## linters, types, and checks of files
 	@$(PYTHON) tools/test.py lint
 
 sanity: setup ## ansible-test sanity
@@ -58,6 +61,9 @@ bench-site: lab ## the second run of site.yml beside a playbook of the usual tas
 
 format: setup ## format the Python files
 	@.work/venv/bin/ruff check --quiet --fix . && .work/venv/bin/ruff format --quiet .
+
+house: setup ## figures of the code: rooms, imports, long functions (REV=revision of git)
+	@$(PYTHON) tools/house.py $(if $(REV),--rev $(REV))
 
 readme: setup ## write the table of variables into README.md
 	@PYTHONPATH=.work/collections $(PYTHON) tools/readme.py

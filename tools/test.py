@@ -1,10 +1,16 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Runs the tests: all that 'make test' has, or the groups that are named; ends with the line "N passed, N failed".
+"""Runs the tests: all of 'make test', or the groups and suites that are named; ends with the line "N passed, N failed".
 
-Every part runs, whatever became of the ones before. What is counted: test cases of pytest, sanity tests of ansible-test
-(one per interpreter), Molecule scenarios, tools of the lint group, demonstrations.
+    python tools/test.py [GROUP | GROUP:NAME | check]...
+
+Suites run side by side as far as the processors allow. Each writes a log into .work/test. The screen shows what begins
+and what ends, and once a minute what is still running. A failure stops no other suite. The last lines name each failed
+test and its log.
+
+A test is: a test case of pytest, a sanity test of ansible-test (one per interpreter), a Molecule scenario, a tool of the
+lint group, a demonstration.
 """
 
 from __future__ import annotations
@@ -12,11 +18,13 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -25,121 +33,320 @@ ROOT = Path(__file__).resolve().parents[1]
 BIN = Path(sys.executable).parent
 REPORTS = ROOT / ".work" / "test"
 
+CORES = float(max(2, os.cpu_count() or 1))
+HEARTBEAT = 60.0  # seconds between two lines about what is still running
+LIMIT = 1200.0  # seconds that a suite may take, also on a busy machine
+LONG_LIMIT = 6 * 3600.0
+TAIL = 40  # lines of the log that are shown when a suite fails
 
-class Count(NamedTuple):
-    """How many tests ended how."""
+
+class Outcome(NamedTuple):
+    """The result of a suite: how many tests passed, and the names of those that failed."""
 
     passed: int
-    failed: int
-
-
-def one(status: int, _output: str) -> Count:
-    """A command that is one test."""
-    return Count(int(status == 0), int(status != 0))
-
-
-def sanity_tests(status: int, output: str) -> Count:
-    """ansible-test names each test as it runs it, and at the end those that failed."""
-    run = len(re.findall(r"^Running sanity test ", output, re.MULTILINE))
-    listed = re.search(r"The (\d+) sanity test\(s\) listed below", output)
-    failed = int(listed[1]) if listed else int(status != 0)
-    return Count(max(run - failed, 0), failed)
-
-
-def pytest_cases(report: Path) -> Callable[[int, str], Count]:
-    """pytest writes a JUnit file; without one it did not get as far as the tests."""
-
-    def count(status: int, _output: str) -> Count:
-        if not report.exists():
-            return one(status or 1, "")
-        suites = ET.parse(report).getroot().iter("testsuite")
-        totals = [
-            {key: int(suite.get(key, 0)) for key in ("tests", "failures", "errors", "skipped")} for suite in suites
-        ]
-        failed = sum(total["failures"] + total["errors"] for total in totals)
-        passed = sum(total["tests"] - total["skipped"] for total in totals) - failed
-        return Count(passed, failed or int(status != 0))
-
-    return count
+    failed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Suite:
-    """One command of a group."""
+    """One command."""
 
     group: str
     name: str
     command: Sequence[str]
-    count: Callable[[int, str], Count] = one
-    shown: bool = False  # whether its output is shown as it comes, or only when it fails
-    labs: Sequence[str] = ()  # what it runs in: nothing is there when it begins, and nothing stays
+    judge: Callable[[Suite, int, str], Outcome]
+    cores: float = 1.0  # about how many processors it keeps busy
+    seconds: float = 1.0  # about how long it takes; the longest begin first
+    labs: Sequence[str] = ()  # the labs that it brings up: removed before it begins and after it ends
+    limit: float = LIMIT
+
+    @property
+    def label(self) -> str:
+        """The name on the screen and on the command line."""
+        return f"{self.group}:{self.name}"
+
+    @property
+    def log(self) -> Path:
+        """The file for everything that the command prints."""
+        return REPORTS / f"{self.group}-{self.name}.log".replace(" ", "-")
+
+    @property
+    def report(self) -> Path:
+        """The JUnit file, where the command writes one."""
+        return self.log.with_suffix(".xml")
+
+
+# How the commands tell what failed
+
+
+def one_test(suite: Suite, status: int, _output: str) -> Outcome:
+    """A command that is one test."""
+    return Outcome(0, (suite.label,)) if status else Outcome(1)
+
+
+def sanity_tests(suite: Suite, status: int, output: str) -> Outcome:
+    """ansible-test names each test when it runs it, and at the end those that failed."""
+    run = len(re.findall(r"^Running sanity test ", output, re.MULTILINE))
+    listed = re.search(r"The \d+ sanity test\(s\) listed below.*\n((?:.+\n)+)", output)
+    failed = tuple(f"{suite.label} {line.strip()}" for line in listed[1].splitlines()) if listed else ()
+    if status and not failed:
+        failed = (suite.label,)
+    return Outcome(max(run - len(failed), 0), failed)
+
+
+def pytest_cases(suite: Suite, status: int, _output: str) -> Outcome:
+    """pytest writes a JUnit file; without one it did not get as far as the tests."""
+    if not suite.report.exists():
+        return Outcome(0, (suite.label,))
+    passed, failed = 0, []
+    for case in ET.parse(suite.report).getroot().iter("testcase"):
+        results = {result.tag for result in case}
+        if results & {"failure", "error"}:
+            failed.append(f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}")
+        elif "skipped" not in results:
+            passed += 1
+    if status and not failed:
+        failed.append(suite.label)
+    return Outcome(passed, tuple(failed))
+
+
+# The suites
+
+
+def lint(name: str, *command: str, seconds: float = 1.0) -> Suite:
+    """A tool that looks at files."""
+    return Suite("lint", name, command, one_test, seconds=seconds)
 
 
 def vermin(target: str, *paths: str) -> Suite:
-    """Nothing newer than a Python version in these folders."""
+    """A check that nothing in these folders is newer than a Python version."""
     present = [path for path in paths if (ROOT / path).exists()]
-    return Suite("lint", f"vermin {target}", ["vermin", f"--target={target}-", "--no-tips", "--violations", *present])
+    return lint(f"vermin {target}", "vermin", f"--target={target}-", "--no-tips", "--violations", *present)
 
 
-def cases(group: str, *labs: str, options: Sequence[str] = ()) -> Suite:
-    """The test cases of a folder of tests/."""
-    report = REPORTS / f"{group}.xml"
-    command = ["pytest", "--quiet", *options, f"--junit-xml={report}", f"tests/{group}"]
-    return Suite(group, "pytest", command, pytest_cases(report), shown=True, labs=labs)
+def cases(
+    group: str,
+    name: str,
+    *words: str,
+    cores: float = 1.0,
+    seconds: float = 1.0,
+    labs: Sequence[str] = (),
+    limit: float = LIMIT,
+) -> Suite:
+    """Test cases of pytest; `words` are files, folders and options."""
+    blank = Suite(group, name, (), pytest_cases, cores, seconds, labs, limit)
+    command = ("pytest", "--quiet", f"--junit-xml={blank.report}", "-p", "no:cacheprovider", *words)
+    return Suite(group, name, command, pytest_cases, cores, seconds, labs, limit)
+
+
+#: Molecule scenarios and files of tests/systems: about how long each takes, in seconds. One that is not here is short.
+SECONDS = {
+    "multi_computer": 300,
+    "default": 95,
+    "existing": 85,
+    "routes": 75,
+    "robots": 300,
+    "links": 270,
+    "data_flow": 110,
+    "cut_off": 140,
+    "placement": 130,
+    "fourth_robot": 110,
+    "clock": 70,
+    "exchanges": 70,
+}
+
+#: Files of tests/systems that have one lab in common, named "systems". All others have one each: "systems-NAME".
+IN_COMMON = ("faults", "readme", "router_config")
+
+#: Tests that mostly wait: they measure times of seconds.
+WAITING = {"links", "data_flow", "clock", "exchanges"}
 
 
 def scenarios() -> list[Suite]:
     """The Molecule scenarios."""
     names = sorted(path.parent.name for path in (ROOT / "extensions" / "molecule").glob("*/molecule.yml"))
     return [
-        Suite("molecule", name, ["molecule", "test", "--scenario-name", name], shown=True, labs=[f"molecule-{name}"])
+        Suite(
+            "molecule",
+            name,
+            ("molecule", "test", "--scenario-name", name),
+            one_test,
+            seconds=SECONDS.get(name, 60),
+            labs=(f"molecule-{name}",),
+        )
         for name in names
     ]
 
 
-def demonstration(layout: str) -> Suite:
-    """One layout in the lab; its second run, on systems that are as they should be, is a person's affair."""
-    lab = "test-demo"  # a person may have theirs up
-    command = [sys.executable, "tests/lab/demo.py", "--layout", layout, "--name", lab]
-    return Suite("demo", layout, command, shown=True, labs=[lab])
+def systems() -> list[Suite]:
+    """The tests on real systems, a suite for each lab."""
+    names = sorted(path.stem.removeprefix("test_") for path in (ROOT / "tests" / "systems").glob("test_*.py"))
+
+    def suite(name: str, lab: str, *stems: str) -> Suite:
+        files = [f"tests/systems/test_{stem}.py" for stem in stems]
+        cores = 0.5 if name in WAITING else 1.0
+        return cases("systems", name, *files, cores=cores, seconds=SECONDS.get(name, 60), labs=(lab,))
+
+    own = [suite(name, f"systems-{name.replace('_', '-')}", name) for name in names if name not in IN_COMMON]
+    return [suite("robots", "systems", *IN_COMMON), *own]
+
+
+def demonstration(layout: str, seconds: float) -> Suite:
+    """One layout in the lab, from nothing to a fleet that talks."""
+    lab = f"test-demo-{layout.partition('_')[0]}"  # a person may have a lab of the name "demo" up
+    command = (sys.executable, "tests/lab/demo.py", "--layout", layout, "--name", lab)
+    return Suite("demo", layout, command, one_test, seconds=seconds, labs=(lab,))
 
 
 SUITES = [
-    Suite("lint", "ansible-lint", ["ansible-lint", "--offline", "--nocolor"]),
-    Suite("lint", "yamllint", ["yamllint", "--strict", "."]),
-    Suite("lint", "ruff check", ["ruff", "check", "--no-cache", "."]),
-    Suite("lint", "ruff format", ["ruff", "format", "--no-cache", "--diff", "."]),
-    Suite("lint", "mypy", ["mypy"]),
+    lint("ansible-lint", "ansible-lint", "--offline", "--nocolor", seconds=20),
+    lint("yamllint", "yamllint", "--strict", "."),
+    lint("ruff check", "ruff", "check", "--no-cache", "."),
+    lint("ruff format", "ruff", "format", "--no-cache", "--diff", "."),
+    lint("mypy", "mypy", seconds=15),
     vermin("3.6", "plugins/modules", "plugins/module_utils"),
     vermin("3.8", "roles/nodes/files/python"),
     vermin("3.10", "plugins/action", "plugins/filter", "plugins/lookup", "plugins/plugin_utils"),
-    Suite("lint", "shellcheck", ["shellcheck", ".ci/run", "tools/setup.sh", "tests/lab/files/make-opt-ros"]),
-    Suite("lint", "reuse", ["reuse", "lint", "--lines"]),
-    Suite("lint", "antsibull-changelog", ["antsibull-changelog", "lint"]),
-    Suite("lint", "antsibull-docs", ["antsibull-docs", "lint-collection-docs", "--plugin-docs", "."]),
-    Suite("lint", "readme", [sys.executable, "tools/readme.py", "--check"]),
-    Suite("sanity", "ansible-test", [sys.executable, "tools/sanity.py"], sanity_tests, shown=True),
-    cases("unit", options=["--numprocesses=auto"]),
+    lint("shellcheck", "shellcheck", ".ci/run", "tools/setup.sh", "tests/lab/files/make-opt-ros"),
+    lint("reuse", "reuse", "lint", "--lines"),
+    lint("antsibull-changelog", "antsibull-changelog", "lint"),
+    lint("antsibull-docs", "antsibull-docs", "lint-collection-docs", "--plugin-docs", ".", seconds=7),
+    lint("readme", sys.executable, "tools/readme.py", "--check"),
+    cases("unit", "pytest", "--numprocesses=auto", "tests/unit", cores=CORES, seconds=90),
+    Suite("sanity", "ansible-test", (sys.executable, "tools/sanity.py"), sanity_tests, seconds=140),
     *scenarios(),
-    cases(
-        "systems",
-        "systems",
-        "systems-cut-off",
-        "systems-fourth",
-        "systems-placement",
-        "systems-links",
-        "systems-data-flow",
-        "systems-clock",
-        "systems-exchanges",
-    ),
-    demonstration("single_computer"),
-    demonstration("multi_computer"),
-    cases("long", "long-links", "long-fuzz"),
-    cases("interop", "interop"),
+    *systems(),
+    demonstration("single_computer", 80),
+    demonstration("multi_computer", 200),
+    cases("long", "pytest", "tests/long", labs=("long-links", "long-fuzz"), limit=LONG_LIMIT),
+    cases("interop", "pytest", "tests/interop", labs=("interop",), limit=LONG_LIMIT),
 ]
 
-#: groups that run only when they are named: what takes hours, or needs what the project does not have
+#: Groups that run only when they are named: they take hours, or need what the project does not have.
 ON_REQUEST = {"interop", "long"}
+
+#: What one runs before every commit: files, types, unit tests, and one pair of robots from nothing to messages.
+CHECK = ("lint", "unit", "demo:single_computer")
+
+
+def chosen(words: Sequence[str]) -> list[Suite]:
+    """The suites that are named, those that end early first; all but those on request, where none is named."""
+    names = [name for word in words for name in (CHECK if word == "check" else (word,))]
+    known = {suite.group for suite in SUITES} | {suite.label for suite in SUITES}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise SystemExit(f"There is no suite {', '.join(unknown)}; expected some of: check, {', '.join(sorted(known))}")
+    found = [
+        suite
+        for suite in SUITES
+        if (suite.group in names or suite.label in names if names else suite.group not in ON_REQUEST)
+    ]
+    # Mistakes in files show at once; then the longest first, or one of them would be the last and alone.
+    return sorted(found, key=lambda suite: (suite.group not in ("lint", "unit"), suite.cores == CORES, -suite.seconds))
+
+
+# Running them
+
+
+class Runner:
+    """Runs suites side by side, and says what begins and what ends."""
+
+    def __init__(self, suites: Sequence[Suite]) -> None:
+        self.waiting = list(suites)
+        self.outcomes: dict[Suite, Outcome] = {}
+        self._total = len(suites)
+        self._began = time.monotonic()
+        self._running: dict[Future[Outcome], tuple[Suite, float]] = {}
+        self._processes: set[subprocess.Popen[bytes]] = set()
+        self._stopped = False
+
+    def run(self) -> None:
+        """Run all of them. Whatever ends this early ends the commands, and removes their labs."""
+        with ThreadPoolExecutor(max_workers=self._total) as pool:
+            try:
+                while self.waiting or self._running:
+                    self._begin(pool)
+                    done, _others = wait(self._running, timeout=HEARTBEAT, return_when=FIRST_COMPLETED)
+                    if not done:
+                        self.say(f"{len(self.outcomes)} of {self._total} suites have ended; running: {self._list()}")
+                    for future in done:
+                        self._end(future)
+            except BaseException:
+                self._stopped = True
+                for process in list(self._processes):
+                    _kill(process)
+                raise
+
+    def say(self, text: str) -> None:
+        """A line with the time since the beginning."""
+        minutes, seconds = divmod(int(time.monotonic() - self._began), 60)
+        print(f"[{minutes:3}:{seconds:02}] {text}", flush=True)
+
+    def _list(self) -> str:
+        now = time.monotonic()
+        return ", ".join(f"{suite.label} ({now - began:.0f} s)" for suite, began in self._running.values())
+
+    def _begin(self, pool: ThreadPoolExecutor) -> None:
+        """Start what fits beside what is running."""
+        free = CORES - sum(suite.cores for suite, _began in self._running.values())
+        for suite in list(self.waiting):
+            if suite.cores > free and suite.cores == CORES:
+                return  # it would never begin if others went before it
+            if suite.cores <= free:
+                free -= suite.cores
+                self.waiting.remove(suite)
+                self.say(f"{suite.label} ...")
+                self._running[pool.submit(self._suite, suite)] = (suite, time.monotonic())
+
+    def _end(self, future: Future[Outcome]) -> None:
+        suite, began = self._running.pop(future)
+        outcome = self.outcomes[suite] = future.result()
+        verdict = "FAILED" if outcome.failed else "ok"
+        counts = f"{outcome.passed} passed, {len(outcome.failed)} failed"
+        self.say(f"{suite.label}: {verdict}, {counts} ({time.monotonic() - began:.1f} s)")
+        if outcome.failed:
+            lines = suite.log.read_text(errors="replace").splitlines()
+            print("\n".join([f"--- the end of {suite.log.relative_to(ROOT)}", *lines[-TAIL:], "---"]), flush=True)
+
+    def _suite(self, suite: Suite) -> Outcome:
+        """Run one suite; its labs are there while it runs and at no other time."""
+        take_down(suite.labs)
+        try:
+            status = self._command(suite)
+        finally:
+            take_down(suite.labs)
+        return suite.judge(suite, status, suite.log.read_text(errors="replace"))
+
+    def _command(self, suite: Suite) -> int:
+        with suite.log.open("wb") as log:
+            try:
+                # In a session of its own, so that all it started can be ended with it.
+                process = subprocess.Popen(
+                    suite.command, cwd=ROOT, env=environment(), stdout=log, stderr=log, start_new_session=True
+                )
+            except FileNotFoundError:
+                log.write(f"{suite.command[0]} was not found: run 'make setup'.\n".encode())
+                return 127
+            self._processes.add(process)
+            try:
+                if self._stopped:
+                    _kill(process)
+                return process.wait(suite.limit)
+            except subprocess.TimeoutExpired:
+                _kill(process)
+                log.write(f"\nIt was ended after {suite.limit:.0f} s.\n".encode())
+                return 124
+            finally:
+                self._processes.remove(process)
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a command and all that it started."""
+    try:
+        os.killpg(process.pid, signal.SIGKILL)
+    except ProcessLookupError:
+        pass
+    process.wait()
 
 
 def environment() -> dict[str, str]:
@@ -155,61 +362,32 @@ def environment() -> dict[str, str]:
     }
 
 
-def take_down(labs: Sequence[str]) -> None:
+def take_down(labs: Iterable[str]) -> None:
     """Remove labs, as far as there are any."""
     for lab in labs:
-        subprocess.run([sys.executable, "tests/lab/lab.py", "down", "--name", lab], cwd=ROOT, check=False)
+        command = (sys.executable, "tests/lab/lab.py", "down", "--name", lab)
+        subprocess.run(command, cwd=ROOT, check=False, stdout=subprocess.DEVNULL)
 
 
-def run(suite: Suite) -> Count:
-    """Run one suite and say how it went."""
-    label = f"{suite.group}: {suite.name}"
-    print(f"== {label} ...", flush=True)
-    take_down(suite.labs)
-    started = time.monotonic()
-    output = []
-    try:
-        process = subprocess.Popen(
-            suite.command, cwd=ROOT, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
-    except FileNotFoundError:
-        print(f"{suite.command[0]} was not found: run 'make setup'.")
-        status = 127
-    else:
-        assert process.stdout
-        for line in process.stdout:
-            output.append(line)
-            if suite.shown:
-                print(line, end="", flush=True)
-        status = process.wait()
-    take_down(suite.labs)
-    text = "".join(output)
-    if status and not suite.shown:
-        print(text, end="")
-    count = suite.count(status, text)
-    verdict = "ok" if status == 0 and not count.failed else "FAILED"
-    print(
-        f"== {label}: {verdict}, {count.passed} passed, {count.failed} failed ({time.monotonic() - started:.1f} s)",
-        flush=True,
-    )
-    return count
+def _interrupted(_number: int, _frame: object) -> None:
+    raise KeyboardInterrupt
 
 
 def main() -> int:
     """Return 1 when a test failed or none ran."""
-    groups = sys.argv[1:] or [
-        group for group in dict.fromkeys(suite.group for suite in SUITES) if group not in ON_REQUEST
-    ]
+    suites = chosen(sys.argv[1:])
+    signal.signal(signal.SIGTERM, _interrupted)
     shutil.rmtree(REPORTS, ignore_errors=True)
     REPORTS.mkdir(parents=True)
-    started = time.monotonic()
-    counts = []
-    for group in groups:
-        counts += [run(suite) for suite in SUITES if suite.group == group]
-    total = Count(sum(count.passed for count in counts), sum(count.failed for count in counts))
-    print(f"== all of {', '.join(groups)} took {time.monotonic() - started:.0f} s")
-    print(f"{total.passed} passed, {total.failed} failed")
-    return int(total.failed > 0 or total.passed == 0)
+    runner = Runner(suites)
+    runner.run()
+    failed = [(suite, name) for suite in suites for name in runner.outcomes[suite].failed]
+    passed = sum(outcome.passed for outcome in runner.outcomes.values())
+    runner.say(f"all {len(suites)} suites have ended")
+    for suite, name in failed:
+        print(f"FAILED {name}: see {suite.log.relative_to(ROOT)}")
+    print(f"{passed} passed, {len(failed)} failed")
+    return int(bool(failed) or not passed)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,8 @@
 """Labs: the containers and networks of an inventory, under a name.
 
 The networks have no address management and no way out; every container configures its own interfaces with its network
-manager, as a robot does. So labs with the same addresses can be up side by side, and a restart of a container is a cold boot.
+manager, as a robot does. So labs with the same addresses can be up side by side, and a restart of a container is a cold
+boot. All names begin with a few characters that stand for this checkout: labs of two checkouts are never mixed up.
 """
 
 from __future__ import annotations
@@ -24,9 +25,11 @@ from pathlib import Path
 import image
 from layout import Host
 from managers import masked
-from podman import WORK, LabError, configuration, labelled, podman
+from podman import ROOT, WORK, LabError, configuration, labelled, podman
 
-LAB, HOST, DIGEST = "rosfleet.lab", "rosfleet.host", "rosfleet.digest"
+CHECKOUT = hashlib.sha256(str(ROOT).encode()).hexdigest()[:4]
+# Labels of containers and networks.
+LAB, HOST, DIGEST, OWNER = "rosfleet.lab", "rosfleet.host", "rosfleet.digest", "rosfleet.checkout"
 FILES = Path(__file__).with_name("files")
 BOOT_SECONDS = 60.0
 INSTANCES = 12  # of inotify, that a system holds: systemd 5, D-Bus 1, logind 1, the managers of users who are logged in
@@ -41,11 +44,16 @@ RIGHTS = """
 
 def container(lab: str, host: str) -> str:
     """The name of a computer's container."""
-    return f"{lab}-{host}"
+    return f"{CHECKOUT}-{lab}-{host}"
+
+
+def label(lab: str) -> str:
+    """The label that the containers and networks of a lab carry."""
+    return f"{LAB}={CHECKOUT}-{lab}"
 
 
 def _network(lab: str, cidr: str) -> str:
-    return f"{lab}-{cidr.replace('/', '-').replace(':', '.')}"
+    return f"{CHECKOUT}-{lab}-{cidr.replace('/', '-').replace(':', '.')}"
 
 
 def ssh_key() -> Path:
@@ -102,15 +110,21 @@ def _digest(image_name: str, host: Host) -> str:
     return hashlib.sha256(inputs.encode()).hexdigest()[:16]
 
 
+def _owned(lab: str) -> tuple[str, str]:
+    """The options for what belongs to a lab."""
+    return f"--label={label(lab)}", f"--label={OWNER}={CHECKOUT}"
+
+
 def _create(lab: str, host: Host, image_name: str) -> None:
     """One computer, from nothing to the beginning of its first boot."""
     name = container(lab, host.name)
     networks = [f"--network={_network(lab, port.network)}:interface_name={port.name}" for port in host.interfaces]
-    labels = {LAB: lab, HOST: host.name, DIGEST: _digest(image_name, host)}
+    labels = {HOST: host.name, DIGEST: _digest(image_name, host)}
     podman(
         "create",
         f"--name={name}",
         f"--hostname={host.name}",
+        *_owned(lab),
         *(f"--label={key}={value}" for key, value in labels.items()),
         *RIGHTS,
         *networks,
@@ -166,8 +180,8 @@ def up(lab: str, hosts: Sequence[Host], suite: str = image.SUITE) -> None:
     by_name = {container(lab, host.name): host for host in hosts}
     wanted = {name: _digest(image_name, host) for name, host in by_name.items()}
     networks = {_network(lab, port.network) for host in hosts for port in host.interfaces}
-    present = {entry["Names"][0]: entry["Labels"].get(DIGEST) for entry in labelled("container", f"{LAB}={lab}")}
-    present_networks = {entry["name"] for entry in labelled("network", f"{LAB}={lab}")}
+    present = {entry["Names"][0]: entry["Labels"].get(DIGEST) for entry in labelled("container", label(lab))}
+    present_networks = {entry["name"] for entry in labelled("network", label(lab))}
 
     _limit(len(labelled("container", LAB)) - len(present) + len(wanted))
     staying = [name for name in wanted if present.get(name) == wanted[name]]
@@ -176,9 +190,7 @@ def up(lab: str, hosts: Sequence[Host], suite: str = image.SUITE) -> None:
     _remove(superfluous, sorted(present_networks - networks))
     for network in sorted(networks - present_networks):
         # With --internal nothing leads out; without address management podman assigns no address.
-        podman(
-            "network", "create", "--internal", "--disable-dns", "--ipam-driver=none", f"--label={LAB}={lab}", network
-        )
+        podman("network", "create", "--internal", "--disable-dns", "--ipam-driver=none", *_owned(lab), network)
     if superfluous:
         print(f"lab {lab}: removed {', '.join(superfluous)}", flush=True)
     if new:
@@ -191,9 +203,7 @@ def up(lab: str, hosts: Sequence[Host], suite: str = image.SUITE) -> None:
 
 def restart(lab: str, host: str | None = None) -> None:
     """Reboot a computer, or all: processes, addresses, routes and kernel settings go; files stay."""
-    names = [
-        entry["Names"][0] for entry in labelled("container", f"{LAB}={lab}") if host in (None, entry["Labels"][HOST])
-    ]
+    names = [entry["Names"][0] for entry in labelled("container", label(lab)) if host in (None, entry["Labels"][HOST])]
     if not names:
         raise LabError(f"The lab {lab} has no container{f' of {host}' if host else ''}.")
 
@@ -206,10 +216,10 @@ def restart(lab: str, host: str | None = None) -> None:
 
 
 def down(lab: str | None) -> None:
-    """Remove the containers and networks of a lab, or of all labs."""
-    label = f"{LAB}={lab}" if lab else LAB
-    containers = [entry["Names"][0] for entry in labelled("container", label)]
-    networks = [entry["name"] for entry in labelled("network", label)]
+    """Remove the containers and networks of a lab, or of all labs of this checkout."""
+    wanted = label(lab) if lab else f"{OWNER}={CHECKOUT}"
+    containers = [entry["Names"][0] for entry in labelled("container", wanted)]
+    networks = [entry["name"] for entry in labelled("network", wanted)]
     _remove(containers, networks)
     if containers or networks:
         print(f"lab {lab or '(all)'}: removed {len(containers)} containers, {len(networks)} networks", flush=True)

@@ -17,7 +17,7 @@ import subprocess
 import time
 from pathlib import Path
 
-from podman import LabError, podman
+from podman import LabError, labelled, podman
 
 NAME = "localhost/rosfleet-lab"
 SUITE = "bookworm"
@@ -121,7 +121,10 @@ def ensure(suite: str = SUITE) -> str:
 
 
 def remove() -> None:
-    """Remove the images and their archives; the next lab builds them anew."""
+    """Remove the images and their archives, unless there is a lab; the next one builds them anew."""
+    if labelled("container", "rosfleet.lab"):
+        print("image: it stays, since labs of another checkout need it", flush=True)
+        return
     names = podman("images", "--format", "{{.Repository}}:{{.Tag}}", NAME).split()
     if names:
         podman("rmi", "--force", *names)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-from containers import LAB
+from containers import label
 from podman import labelled, podman
 
 GROUPS = Path("/sys/fs/cgroup")
@@ -20,7 +20,7 @@ KINDS = (("", "anon"), ("memory", "total_rss"))
 
 
 def _files(lab: str) -> list[tuple[Path, str]]:
-    names = [entry["Names"][0] for entry in labelled("container", f"{LAB}={lab}")]
+    names = [entry["Names"][0] for entry in labelled("container", label(lab))]
     groups = podman("inspect", "--format", "{{.State.CgroupPath}}", *names).split() if names else []
     places = [(GROUPS / root / group.lstrip("/") / "memory.stat", field) for group in groups for root, field in KINDS]
     return [(file, field) for file, field in places if file.exists()]

@@ -85,7 +85,7 @@ def fleet(new_lab, tmp_path_factory):
     inventory = tmp_path_factory.mktemp("fleet") / "inventory"
     shutil.copytree(SHIPPED, inventory)
     change(inventory, cut_down)
-    with new_lab("systems-fourth", inventory) as lab:
+    with new_lab("systems-fourth-robot", inventory) as lab:
         status, output = lab.play("site.yml")
         assert status == 0, output
         yield lab

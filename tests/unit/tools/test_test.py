@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The runner of the tests: what it runs, and how it tells what failed."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from tools import test as runner
+
+
+def suite(*command, judge=runner.one_test, cores=1.0, name="one", limit=60.0):
+    return runner.Suite("group", name, command, judge, cores, limit=limit)
+
+
+def python(code, **more):
+    return suite(sys.executable, "-c", code, **more)
+
+
+@pytest.fixture
+def reports(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "ROOT", tmp_path)
+    monkeypatch.setattr(runner, "REPORTS", tmp_path / "reports")
+    (tmp_path / "reports").mkdir()
+
+
+def test_all_tests_on_real_systems_are_in_a_suite_with_the_lab_that_they_use():
+    folder = runner.ROOT / "tests" / "systems"
+    files = [file for suite in runner.systems() for file in suite.command if file.startswith("tests/systems/")]
+    assert sorted(files) == sorted(f"tests/systems/{path.name}" for path in folder.glob("test_*.py"))
+    for found in runner.systems():
+        text = "".join((runner.ROOT / file).read_text() for file in found.command if file in files)
+        assert {f'"{name}"' for name in found.labs} >= set(re.findall(r'"systems-[a-z-]+"', text)), found.name
+
+
+def test_suites_are_found_by_group_and_by_name():
+    assert {found.group for found in runner.chosen(["systems"])} == {"systems"}
+    assert [found.label for found in runner.chosen(["molecule:routes"])] == ["molecule:routes"]
+    assert {"lint:mypy", "unit:pytest"} < {found.label for found in runner.chosen(["check"])}
+    assert not {found.group for found in runner.chosen([])} & runner.ON_REQUEST
+    with pytest.raises(SystemExit, match="no suite sistems"):
+        runner.chosen(["sistems"])
+
+
+def test_every_suite_can_run_at_all():
+    assert all(0 < found.cores <= runner.CORES for found in runner.SUITES)
+    assert len({found.log for found in runner.SUITES}) == len(runner.SUITES)
+
+
+def test_what_fails_is_named_and_stops_nothing(reports, capsys):
+    good, bad = python("print('fine')"), python("print('why'); raise SystemExit(3)", name="two")
+    found = runner.Runner([bad, good])
+    found.run()
+    assert found.outcomes == {good: (1, ()), bad: (0, ("group:two",))}
+    assert good.log.read_text() == "fine\n"
+    shown = capsys.readouterr().out
+    assert "group:two: FAILED, 0 passed, 1 failed" in shown and "\nwhy\n" in shown and "fine" not in shown
+
+
+def test_suites_run_side_by_side_as_far_as_the_processors_allow(reports, monkeypatch):
+    monkeypatch.setattr(runner, "CORES", 2.0)
+    # Each waits until both are there.
+    code = "import pathlib, time; pathlib.Path('{0}').touch()\nwhile not pathlib.Path('{1}').exists(): time.sleep(.01)"
+    pair = [python(code.format("a", "b"), name="a"), python(code.format("b", "a"), name="b")]
+    alone = python("import pathlib; assert pathlib.Path('a').exists()", cores=2.0, name="c")
+    found = runner.Runner([*pair, alone])
+    found.run()
+    assert [outcome.passed for outcome in found.outcomes.values()] == [1, 1, 1]
+
+
+def test_a_suite_that_hangs_is_ended_with_all_that_it_started(reports):
+    hangs = suite("bash", "-c", "sleep 1000 & echo $!; wait", limit=0.5)
+    found = runner.Runner([hangs])
+    found.run()
+    assert found.outcomes[hangs].failed == ("group:one",)
+    child, _empty, sentence = hangs.log.read_text().splitlines()
+    assert sentence == "It was ended after 0 s."
+    state = subprocess.run(["ps", "-o", "stat=", child], stdout=subprocess.PIPE, text=True, check=False).stdout
+    assert state.strip() in ("", "Z", "Zs")
+
+
+def test_the_failed_cases_of_pytest_are_named(reports, tmp_path):
+    judged = suite("pytest", judge=runner.pytest_cases)
+    assert judged.judge(judged, 4, "") == (0, ("group:one",))
+    judged.report.write_text(
+        '<testsuites><testsuite><testcase classname="tests.unit.test_a" name="test_x"/>'
+        '<testcase classname="tests.unit.test_a" name="test_y[1]"><failure/></testcase>'
+        '<testcase classname="tests.unit.test_a" name="test_z"><skipped/></testcase></testsuite></testsuites>'
+    )
+    assert judged.judge(judged, 1, "") == (1, ("tests/unit/test_a.py::test_y[1]",))
+
+
+def test_the_failed_sanity_tests_are_named():
+    judged = suite("ansible-test", judge=runner.sanity_tests)
+    output = (
+        'Running sanity test "pep8"\nRunning sanity test "import" on Python 3.8\nRunning sanity test "shebang"\n'
+        "FATAL: The 1 sanity test(s) listed below (out of 3) failed. See error output above for details.\n"
+        "import --python 3.8\n"
+    )
+    assert judged.judge(judged, 1, output) == (2, ("group:one import --python 3.8",))
+    assert judged.judge(judged, 0, output.partition("FATAL")[0]) == (3, ())
