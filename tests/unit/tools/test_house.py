@@ -150,7 +150,6 @@ plugins/plugin_utils/_fleet/read.py:_read_robot
 plugins/plugin_utils/_fleet/read.py:read_fleet
 plugins/plugin_utils/_plan/plain.py:_record
 plugins/plugin_utils/_plan/router_config.py:_openwrt
-plugins/plugin_utils/_verify/exchange.py:passes
 plugins/plugin_utils/_verify/ways.py:__init__
 roles/nodes/files/python/rosfleet_multimaster/core/discovery.py:_speak
 roles/nodes/files/python/rosfleet_multimaster/core/graph.py:document
