@@ -284,117 +284,14 @@ msg:
     remains: nothing.
 """
 
-import os
-import socket
-
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import file as hosts_file
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import plan as hosts
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
-
-SYSTEM = "/etc/hosts"
-EFFECTS = {
-    "shadows": "which hides the planned one",
-    "adds": "which is answered beside the planned one",
-}
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import SYSTEM, Run
 
 
-def explain_conflict(path, conflict):
-    """One sentence on a line of somebody else's that gives a managed name another address."""
-    return (
-        "{path} line {line} gives {name} the address {found}, {what}; expected {expected} (entries): "
-        "correct or remove that line, or correct the entry."
-    ).format(path=path, what=EFFECTS[conflict["effect"]], **conflict)
-
-
-def explain(file, plan, own_name):
-    """What was found and done, in sentences, the state of the whole first."""
-    states = [entry["state"] for entry in plan.entries]
-    counts = [f"{states.count(state)} {state}" for state in ("added", "changed", "unchanged") if state in states]
-    counts += [f"{len(plan.removed)} removed"] if plan.removed else []
-    said = ["{}: {}.".format(file.path, ", ".join(counts) or "no binding of ours")]
-    if file.torn:
-        said.append("The file was torn by a run that was ended while it wrote in place; the old content is taken up.")
-    said += [explain_replaced(item, own_name) for item in plan.replaced if item["state"] != "unchanged"]
-    others = ["{} (line {})".format(entry["names"][0], entry["line"]) for entry in plan.entries if not entry["ours"]]
-    if others:
-        said.append("Left to lines that are not ours and already right: {}.".format(", ".join(others)))
-    names = [name.lower() for entry in plan.entries for name in entry["names"]]
-    if names and own_name.lower() not in names:
-        said.append(f"This computer's own name {own_name} is not among the entries, and resolves as before.")
-    return " ".join(said)
-
-
-def explain_replaced(item, own_name):
-    """One sentence on a loopback line."""
-    before, after = (" ".join(item[when].split()) for when in ("before", "after"))
-    if item["state"] == "restored":
-        return "Line {} is again: {}.".format(item["line"], before)
-    own = own_name.lower() in before.lower().split()
-    return "Line {} ({}) no longer binds {} to loopback; of it remains: {}.".format(
-        item["line"], before, "this computer's own name" if own else "a name of the fleet", after or "nothing"
-    )
-
-
-def look(module):
-    """The bindings and the file, both found fit, or a failure."""
-    params = module.params
-    for option in ("path", "records"):
-        if not os.path.isabs(params[option]):
-            module.fail_json(msg=f"{option} is {params[option]!r}, expected an absolute path.")
-    try:
-        bindings = bindings_of(params["entries"])
-        return bindings, hosts_file.HostsFile(params["path"], params["records"])
-    except Problem as problem:
-        module.fail_json(msg=str(problem))
-    except OSError as problem:
-        module.fail_json(
-            msg=f"Cannot read {problem.filename} ({problem.strerror}); expected a file: correct path, or run as root "
-            "(become: true)."
-        )
-
-
-def write(module, file, content):
-    """The plan's content into the file; returns how it was written."""
-    try:
-        written = file.replace(content) if content != file.found else ""
-        file.clean()
-        return written
-    except Problem as problem:
-        module.fail_json(msg=str(problem))
-    except OSError as problem:
-        module.fail_json(
-            msg=f"Cannot write {file.path} ({problem.strerror}: {problem.filename}), which has its old content; "
-            "expected a writable folder: run as root (become: true), and look at the mount."
-        )
-
-
-def warn(module, result):
-    """What would undo the result, or makes it less than planned."""
-    for conflict in result["conflicts"]:
-        module.warn(explain_conflict(result["path"], conflict))
-    rewriter = hosts_file.boot_rewriter() if result["entries"] and result["path"] == SYSTEM else ""
-    if rewriter:
-        module.warn(
-            f"{rewriter} sets manage_etc_hosts, so cloud-init writes {SYSTEM} at every boot and undoes the bindings; "
-            "expected manage_etc_hosts: false: set it in a later file of /etc/cloud/cloud.cfg.d."
-        )
-
-
-def ask(result, bindings):
-    """What libc answers for each name, into the entries, and where it is not what was planned."""
-    for entry, answers in zip(result["entries"], hosts_file.resolve(bindings)):
-        entry["resolved"] = answers
-        result["unresolved"] += [
-            {"name": name, "found": found, "expected": entry["address"]}
-            for name, found in answers.items()
-            if found[:1] != [entry["address"]]
-        ]
-
-
-def main():
+def main() -> None:
+    """Plan, and apply unless in check mode."""
     module = AnsibleModule(
         argument_spec={
             "entries": {
@@ -406,39 +303,14 @@ def main():
                     "names": {"type": "list", "elements": "str", "required": True},
                 },
             },
-            "path": {"type": "path", "default": "/etc/hosts"},
+            "path": {"type": "path", "default": SYSTEM},
             "own_name": {"type": "str"},
             "on_conflict": {"type": "str", "choices": ["fail", "report"], "default": "fail"},
-            "records": {"type": "path", "default": "/var/lib/rosfleet-multimaster"},
+            "records": {"type": "path", "default": RECORDS},
         },
         supports_check_mode=True,
     )
-    bindings, file = look(module)
-    plan = hosts.plan(file.content, bindings)
-    result = {
-        "changed": plan.content != file.found,
-        "entries": [dict(entry, resolved={}) for entry in plan.entries],
-        "unresolved": [],
-        "removed": plan.removed,
-        "replaced": plan.replaced,
-        "conflicts": plan.conflicts,
-        "written": "",
-        "repaired": file.torn,
-        "path": file.path,
-        "diff": difference(file.path, file.found, plan.content),
-        "msg": explain(file, plan, module.params["own_name"] or socket.gethostname()),
-    }
-    if plan.conflicts and module.params["on_conflict"] == "fail":
-        said = [explain_conflict(file.path, conflict) for conflict in plan.conflicts]
-        said.append("Nothing was changed; with on_conflict: report the module goes on.")
-        result.update(changed=False, repaired=False, msg=" ".join(said))
-        module.fail_json(**result)
-    warn(module, result)
-    if not module.check_mode:
-        result["written"] = write(module, file, plan.content)
-        if file.path == os.path.realpath(SYSTEM):
-            ask(result, bindings)
-    module.exit_json(**result)
+    run_module(module, lambda memory: Run(module.params))
 
 
 if __name__ == "__main__":

@@ -226,7 +226,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.reco
 
 
 def main() -> None:
-    """Read, plan, and apply unless in check mode."""
+    """Plan, and apply unless in check mode."""
     module = AnsibleModule(
         argument_spec=dict(
             bundle=dict(type="str", required=True),

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Bindings of an address to names: as the options of the module give them, and as libc reads them from a line."""
+"""Bindings of an address to names: read from the options of the module, and from a line as libc reads it."""
 
 import ipaddress
 import re
@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.prob
 _LABEL = re.compile(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?\Z")
 _LOCAL_NAMES = frozenset(
     ["localhost4", "localhost6", "loopback", "broadcasthost"]
-    + ["ip6-" + name for name in ("localhost", "loopback", "localnet", "mcastprefix", "allnodes", "allrouters")]
+    + [f"ip6-{name}" for name in ("localhost", "loopback", "localnet", "mcastprefix", "allnodes", "allrouters")]
 )
 _UNFIT = ("loopback", "multicast", "unspecified")
 
@@ -28,12 +28,12 @@ class Binding(typing.NamedTuple):
 
     @property
     def keys(self) -> typing.List[typing.Tuple[int, str]]:
-        """What libc looks up: a name in one address family; the case of letters means nothing (RFC 4343)."""
+        """The keys of a lookup by libc: family and name; the case of letters means nothing (RFC 4343)."""
         return [(self.address.version, name.lower()) for name in self.names]
 
 
 def address_of(text: str) -> typing.Optional[Address]:
-    """An address as libc reads it from the file (inet_pton(3)), or None; an IPv4-mapped one is its IPv4 address."""
+    """Read an address as libc does (inet_pton(3)), or return None; an IPv4-mapped one is its IPv4 address."""
     for family in (socket.AF_INET, socket.AF_INET6):
         try:
             address = ipaddress.ip_address(socket.inet_pton(family, text))
@@ -44,14 +44,14 @@ def address_of(text: str) -> typing.Optional[Address]:
 
 
 def parse(line: bytes) -> typing.Optional[Binding]:
-    """The binding of a line as libc reads it (hosts(5)), or None where there is no address or no name."""
+    """Read the binding of a line as libc does (hosts(5)), or return None where there is no address or no name."""
     fields = line.split(b"#", 1)[0].split()
     address = address_of(fields[0].decode("latin-1")) if len(fields) > 1 else None
     return None if address is None else Binding(address, tuple(name.decode("latin-1") for name in fields[1:]))
 
 
 def bindings_of(entries: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[Binding]:
-    """The module's option entries, validated. Raises Problem on the first that is wrong."""
+    """Read the module's option `entries`. Raises Problem on the first entry that is wrong."""
     bindings: typing.List[Binding] = []
     place_of_address: typing.Dict[Address, str] = {}
     place_of_name: typing.Dict[typing.Tuple[int, str], typing.Tuple[str, Address]] = {}
@@ -85,7 +85,7 @@ def _wrong_address(text: str, address: typing.Optional[Address]) -> str:
     if address is None:
         return f"the address is {text!r}, expected an IPv4 or IPv6 address, such as 192.168.1.229."
     for kind in _UNFIT:
-        if getattr(address, "is_" + kind):
+        if getattr(address, f"is_{kind}"):
             return f"the address {text} is {kind}, expected one at which other computers reach it."
     return ""
 
@@ -110,7 +110,7 @@ def _wrong_names(names: typing.List[str]) -> str:
 
 
 def _is_read_as_address(name: str) -> bool:
-    """Whether programs take a name for an IPv4 address, as getaddrinfo(3) does with 10, 1.2 and 0x7f."""
+    """True for a name that programs take for an IPv4 address, as getaddrinfo(3) does with 10, 1.2 and 0x7f."""
     try:
         return bool(socket.inet_aton(name))
     except OSError:

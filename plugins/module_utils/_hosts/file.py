@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Reading and replacing the file, also where it is a mount point; what boots and what libc make of it."""
+"""The hosts file: read, and replaced by rename or, on a mount point, in place; cloud-init and libc, which use it."""
 
 import errno
 import glob
@@ -15,6 +15,11 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
+    NotDone,
+    Step,
+    carry_out,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import Binding
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
@@ -25,20 +30,21 @@ _NO_RENAME = (errno.EBUSY, errno.EROFS)
 class HostsFile:
     """The file behind a path. It is replaced by rename; where it is a mount point, it is written in place.
 
-    Whatever ends a writer in place leaves a file that is torn between the old and the new content. Both stand in
-    the record from before the first byte until the file is read back, so the next reader knows a torn file and
-    goes on from the old content.
+    A run that is killed while it writes in place leaves a torn file: a mixture of the old and the new content. Both
+    stand in the record from before the first byte until the file is read back. So the next run recognizes a torn file
+    and starts from the old content.
     """
 
     def __init__(self, path: str, records: str) -> None:
+        """Read the file. Raises OSError, and Problem for a record that cannot be read."""
         self.path = os.path.realpath(path)
         self.record = Record("hosts_entries", records)
         self.found = atomic.read_bytes(self.path)
-        self.content = self._repaired()
+        self.content = self._repaired()  # without a torn writing
 
     @property
     def torn(self) -> bool:
-        """Whether a writer in place was ended, so that content is not what was found."""
+        """True if a run was killed while it wrote in place."""
         return self.found != self.content
 
     def _repaired(self) -> typing.Optional[bytes]:
@@ -49,7 +55,7 @@ class HostsFile:
         return before if self.found != after and is_torn(self.found, before, after) else self.found
 
     def clean(self) -> None:
-        """Remove what an ended run left beside the file and in the record."""
+        """Remove what a killed run left beside the file and in the record. Raises OSError, Problem."""
         atomic.remove_leftovers(self.path)
         atomic.remove_leftovers(self.record.path)
         self._remember(None)
@@ -80,13 +86,38 @@ class HostsFile:
 
     def _replace_in_place(self, content: bytes) -> None:
         before = self.content or b""
+        texts = {"before": before.decode("latin-1"), "after": content.decode("latin-1")}
+        stuck: typing.List[str] = []  # why the old content could not be written again
+
         with open(self.path, "r+b", buffering=0) as stream:
-            self._remember({"before": before.decode("latin-1"), "after": content.decode("latin-1")})
+
+            def put_back() -> typing.List[str]:
+                try:
+                    _overwrite(stream, before)
+                except OSError as problem:
+                    stuck.append(str(problem.strerror))
+                return stuck
+
             try:
-                _overwrite(stream, content)
-            except OSError:
-                self._take_back(stream, before)
-                raise
+                carry_out(
+                    [
+                        Step(
+                            self.record.path,
+                            lambda: self._remember(texts),
+                            lambda: self._remember(None),
+                            only_if_all_undone=True,
+                        ),
+                        Step(self.path, lambda: _overwrite(stream, content), put_back),
+                    ]
+                )
+            except NotDone as problem:
+                if not stuck:
+                    raise problem.cause from problem
+                raise Problem(
+                    f"{self.path} could neither be written in place nor given its old content again ({stuck[0]}); "
+                    "expected a file system with room: make room and run again, which repairs the file. "
+                    f"The old content is kept in {self.record.path}."
+                ) from problem
         if atomic.read_bytes(self.path) != content:
             raise Problem(
                 f"{self.path} does not read back as it was written in place; expected the new content: look for what "
@@ -94,30 +125,18 @@ class HostsFile:
             )
         self._remember(None)
 
-    def _take_back(self, stream: typing.IO[bytes], before: bytes) -> None:
-        try:
-            _overwrite(stream, before)
-        except OSError as problem:
-            raise Problem(
-                f"{self.path} could neither be written in place nor given its old content again ({problem.strerror}); "
-                "expected a file system with room: make room and run again, which repairs the file. "
-                f"The old content is kept in {self.record.path}."
-            ) from problem
-        self._remember(None)
-
     def _remember(self, under_way: typing.Optional[typing.Dict[str, str]]) -> None:
-        data = self.record.load()
-        wanted = {path: item for path, item in data.items() if path != self.path}
+        """Save the texts of the writing in place that is under way, None for none."""
+        data = {path: texts for path, texts in self.record.load().items() if path != self.path}
         if under_way:
-            wanted[self.path] = under_way
-        if wanted != data:
-            self.record.save(wanted)
+            data[self.path] = under_way
+        self.record.save_if_changed(data)
 
 
 def is_torn(found: bytes, before: bytes, after: bytes) -> bool:
-    """Whether content is a writing in place that did not end: each byte is the old, the new or never written (0).
+    """True for content of which each byte is the old one, the new one or never written (0).
 
-    Anything else was written by somebody else since, and is theirs.
+    Anything else was written by somebody else since then, and stays.
     """
     length = max(len(before), len(after))
     either = zip(found, before.ljust(length, b"\0"), after.ljust(length, b"\0"))
@@ -125,7 +144,7 @@ def is_torn(found: bytes, before: bytes, after: bytes) -> bool:
 
 
 def _overwrite(stream: typing.IO[bytes], content: bytes) -> None:
-    """Not truncated first, so that a reader in between finds as much of the file as possible."""
+    """Write a content over the old one; truncate last, so that a reader in between finds most of the file."""
     stream.seek(0)
     rest = memoryview(content)
     while rest:
@@ -135,9 +154,10 @@ def _overwrite(stream: typing.IO[bytes], content: bytes) -> None:
 
 
 def boot_rewriter(folder: str = "/etc/cloud") -> str:
-    """The file in which cloud-init is told to write /etc/hosts at every boot, or an empty text.
+    """The file that tells cloud-init to write /etc/hosts at every boot, or an empty text.
 
-    Its last file that sets manage_etc_hosts wins (true, template: from a template; localhost: the 127.0.1.1 line).
+    The last file that sets manage_etc_hosts wins (true, template: from a template; localhost: the 127.0.1.1 line;
+    cloud-init's module update_etc_hosts).
     """
     if os.path.exists(os.path.join(folder, "cloud-init.disabled")):
         return ""
@@ -152,9 +172,9 @@ def boot_rewriter(folder: str = "/etc/cloud") -> str:
 def resolve(
     bindings: typing.List[Binding], seconds: float = 10.0
 ) -> typing.Iterator[typing.Dict[str, typing.List[str]]]:
-    """For each binding: its names, and the addresses of its family that libc answers, best first.
+    """Ask libc for the names of each binding: name -> the addresses of the binding's family, best first.
 
-    No question is begun after so many seconds: a machine that asks a dead server first answers with nothing.
+    No question is begun after so many seconds: a machine with a dead name server takes long for each.
     """
     end = time.monotonic() + seconds
     for binding in bindings:

@@ -1,19 +1,19 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The lines of /etc/hosts, and the plan of what becomes of them. Pure: bytes in, bytes and a report out.
+"""The lines of /etc/hosts, and the plan of the new file. Pure: bytes in, bytes and a report out.
 
-Who owns a line stands in the line, so there is no second memory that could be lost, or differ from the file when a
-run dies between two writes; a line may be moved; and a person who reads the file sees what is ours:
+The mark in a line says who owns it. So there is no second record that could be lost, or differ from the file after a
+run was killed; a line may be moved; and a person who reads the file sees which lines the module owns:
 
     192.168.1.239   kobuki2computer # rosfleet.multimaster
-        Ours, whatever it says: put right, and taken back as a whole. Who takes the mark away takes the line over.
+        Owned, whatever it says: repaired, and removed as a whole. A person who removes the mark owns the line again.
     127.0.1.1 other # rosfleet.multimaster replaced: 127.0.1.1 kobuki2computer other
-        The user's line, with our names taken out of it (erratum E5). Behind the mark it stands byte for byte.
+        The user's line without the managed names (erratum E5). Behind the mark it stands byte for byte.
     # rosfleet.multimaster created this file
-        There was no file before us, so it goes when nothing else is left in it.
+        There was no file before, so it is removed when nothing else is left in it.
 
-Every other line is the user's, and is kept byte for byte. Taking back is therefore exact for any content.
+Every other line belongs to the user and is kept byte for byte. So a rollback is exact for any content.
 """
 
 import re
@@ -21,10 +21,10 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import Binding, parse
 
-# A mark is the first comment of its line, and all of it: a person's remark about us is not taken for one.
+# A mark is the whole first comment of its line: a person's remark about this module is no mark.
 _MARK = b"# rosfleet.multimaster"
 _CREATED = _MARK + b" created this file"
-_OURS = re.compile(rb"[^#]*[^#\s][^#]*" + re.escape(_MARK) + rb"\s*\Z")
+_OWNED = re.compile(rb"[^#]*[^#\s][^#]*" + re.escape(_MARK) + rb"\s*\Z")
 _REPLACED = re.compile(rb"[^#]*" + re.escape(_MARK) + rb" replaced: (.*)\Z", re.DOTALL)
 
 
@@ -32,7 +32,7 @@ _Item = typing.Dict[str, typing.Any]
 
 
 class Plan(typing.NamedTuple):
-    """What becomes of the file: its content (None: no file), and the report as the module returns it."""
+    """The new content of the file (None: no file), and the report as the module returns it."""
 
     content: typing.Optional[bytes]
     entries: typing.List[_Item]
@@ -42,7 +42,7 @@ class Plan(typing.NamedTuple):
 
 
 class _Line:
-    """A line: its text (None: to be added), the user's text of it (None: ours), and the text wanted (None: no line)."""
+    """A line: its text (None: to be added), the user's text of it (None: owned) and the wanted text (None: no line)."""
 
     def __init__(self, number: int, text: typing.Optional[bytes]) -> None:
         self.number = number
@@ -58,8 +58,8 @@ _Position = typing.Dict[_Line, int]
 
 
 def _of_user(text: typing.Optional[bytes]) -> typing.Optional[bytes]:
-    """The user's text of a line, or None where the line is ours."""
-    if text is None or _is_created(text) or _OURS.match(text):
+    """The user's text of a line, or None for an owned line."""
+    if text is None or _is_created(text) or _OWNED.match(text):
         return None
     replaced = _REPLACED.match(text)
     return _of_user(replaced.group(1)) if replaced else text
@@ -70,9 +70,9 @@ def _is_created(text: bytes) -> bool:
 
 
 def plan(content: typing.Optional[bytes], bindings: typing.List[Binding]) -> Plan:
-    """What becomes of a file (None: there is none) under these bindings; none of them take all of ours back.
+    """Plan the file for these bindings (content None: there is no file); without bindings, the rollback.
 
-    plan(plan(x, a).content, []).content is x for every x without lines of ours, and a second plan changes nothing.
+    plan(plan(x, a).content, []).content is x for every x without owned lines, and a second plan changes nothing.
     """
     # Joined again, the pieces are the same bytes, with or without a newline at the end.
     pieces = (_CREATED + b"\n" if content is None else content).split(b"\n")
@@ -85,14 +85,17 @@ def plan(content: typing.Optional[bytes], bindings: typing.List[Binding]) -> Pla
     for line in lines:
         if line.created and bindings:
             line.wanted = line.text
+    return _report(lines, bindings, bound, managed)
 
+
+def _report(
+    lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bound, managed: typing.Dict[_Key, Binding]
+) -> Plan:
     left = [line for line in lines if line.wanted is not None]
-    of_user = [line for line in left if line.user is not None]
     position = {line: number for number, line in enumerate(left, 1)}
-    after = b"\n".join(line.wanted or b"" for line in left)
-    created = any(line.created for line in lines)
+    of_user = [line for line in left if line.user is not None]
     return Plan(
-        content=None if created and not bindings and not after else after,
+        content=_content(lines, left, rollback=not bindings),
         entries=[_entry(binding, bound[binding], position) for binding in bindings],
         removed=[_removed(line) for line in lines if line.wanted is None and not line.created],
         replaced=[_replaced(line, position) for line in of_user if {line.text, line.wanted} != {line.user}],
@@ -100,8 +103,17 @@ def plan(content: typing.Optional[bytes], bindings: typing.List[Binding]) -> Pla
     )
 
 
+def _content(lines: typing.List[_Line], left: typing.List[_Line], rollback: bool) -> typing.Optional[bytes]:
+    after = b"\n".join(line.wanted or b"" for line in left)
+    created = any(line.created for line in lines)
+    return None if created and rollback and not after else after
+
+
+# The lines for the bindings
+
+
 def _kept_of_user(lines: typing.List[_Line], bindings: typing.List[Binding]) -> _Bound:
-    """The bindings that a line of the user's already gives, with that line: nothing is to be added for them."""
+    """The bindings that a line of the user has already, with that line: no line is added for them."""
     bound = {}
     for binding in bindings:
         for line in lines:
@@ -113,7 +125,7 @@ def _kept_of_user(lines: typing.List[_Line], bindings: typing.List[Binding]) -> 
 
 
 def _take_out_of_loopback(lines: typing.List[_Line], names: typing.Set[str]) -> None:
-    """Take managed names out of the user's loopback lines, of both families: libc answers ::1 as 127.0.0.1, too."""
+    """Remove managed names from the user's loopback lines, of both families: libc answers ::1 as 127.0.0.1, too."""
     for line in lines:
         if line.user is None or not line.host or not line.host.address.is_loopback:
             continue
@@ -125,21 +137,19 @@ def _take_out_of_loopback(lines: typing.List[_Line], names: typing.Set[str]) -> 
 
 
 def _place(lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bound) -> None:
-    """Give each binding a line of ours: where its name already has one, else behind ours, else behind IPv4 ones."""
+    """Give each binding an owned line: where its name has one already, else behind owned lines, else behind IPv4."""
     end = b"\r" if lines[0].text and lines[0].text.endswith(b"\r") else b""
     missing = {binding.keys[0]: binding for binding in bindings}
-    ours, ipv4 = [], []
+    owned = []
     for index, line in enumerate(lines):
-        if line.user is not None:
-            ipv4 += [index] if line.host and line.host.address.version == 4 else []
-        elif line.host and line.host.keys[0] in missing:
+        if line.user is None and line.host and line.host.keys[0] in missing:
             binding = missing.pop(line.host.keys[0])
             line.wanted = _text(binding, end)
             bound[binding] = line
-            ours.append(index)
+            owned.append(index)
     # Before the last piece: that is what follows the last newline, or a line that has none and keeps none.
     last = len(lines) - 1
-    at = min((ours or ipv4 or [last])[-1] + 1, last)
+    at = min((owned or _of_ipv4(lines) or [last])[-1] + 1, last)
     for binding in bindings:
         if binding not in bound:
             bound[binding] = _Line(0, None)
@@ -148,8 +158,20 @@ def _place(lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bo
             at += 1
 
 
+def _of_ipv4(lines: typing.List[_Line]) -> typing.List[int]:
+    """The indexes of the user's lines that have an IPv4 address."""
+    return [
+        index
+        for index, line in enumerate(lines)
+        if line.user is not None and line.host and line.host.address.version == 4
+    ]
+
+
 def _text(binding: Binding, end: bytes) -> bytes:
-    return "{}\t{} ".format(binding.address, " ".join(binding.names)).encode("ascii") + _MARK + end
+    return f"{binding.address}\t{' '.join(binding.names)} ".encode("ascii") + _MARK + end
+
+
+# The report
 
 
 def _entry(binding: Binding, line: _Line, position: _Position) -> _Item:
@@ -180,7 +202,7 @@ def _replaced(line: _Line, position: _Position) -> _Item:
 def _conflicts(
     line: _Line, managed: typing.Dict[_Key, Binding], bound: _Bound, position: _Position
 ) -> typing.Iterator[_Item]:
-    """The managed names to which a line of the user's gives another address of the same family."""
+    """The managed names that have another address of the same family in this line of the user."""
     if not line.host or line.host.address.is_loopback:
         return
     for name in line.host.names:
@@ -197,5 +219,5 @@ def _conflicts(
 
 
 def readable(text: typing.Optional[bytes]) -> str:
-    """Bytes of the file, for a person."""
+    """Bytes of the file as text for a person."""
     return (text or b"").decode("utf-8", "replace")

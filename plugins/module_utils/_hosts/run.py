@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""One run of the module hosts_entries: the bindings of the fleet in the hosts file."""
+
+import os
+import socket
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import (
+    HostsFile,
+    boot_rewriter,
+    resolve,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.plan import plan
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+SYSTEM = "/etc/hosts"  # the file that libc reads
+_EFFECTS = {
+    "shadows": "which hides the planned one",
+    "adds": "which is answered beside the planned one",
+}
+
+
+class Run(ModuleRun):
+    """The run, planned from the options of the module."""
+
+    def __init__(self, options: typing.Mapping[str, typing.Any]) -> None:
+        for option in ("path", "records"):
+            if not os.path.isabs(options[option]):
+                raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
+        try:
+            self.bindings = bindings_of(options["entries"])
+            self.file = HostsFile(options["path"], options["records"])
+        except OSError as problem:
+            raise Problem(
+                f"Cannot read {problem.filename} ({problem.strerror}); expected a file: correct path, or run as root "
+                "(become: true)."
+            ) from problem
+        self.plan = plan(self.file.content, self.bindings)
+        self.changed = self.plan.content != self.file.found
+        self.own_name: str = options["own_name"] or socket.gethostname()
+        self.only_report = options["on_conflict"] == "report"
+        self.written = ""
+        self.answers: typing.List[typing.Dict[str, typing.List[str]]] = []  # for each entry: name -> addresses
+
+    @property
+    def refusals(self) -> typing.List[str]:
+        """The sentences on conflicts, unless they are only to be reported."""
+        if self.only_report or not self.plan.conflicts:
+            return []
+        return self._conflicts() + ["Nothing was changed; with on_conflict: report the module goes on."]
+
+    @property
+    def warnings(self) -> typing.List[str]:
+        """The conflicts, and a cloud-init that removes the bindings at every boot."""
+        found = self._conflicts()
+        rewriter = boot_rewriter() if self.bindings and self.file.path == SYSTEM else ""
+        if rewriter:
+            found.append(
+                f"{rewriter} sets manage_etc_hosts, so cloud-init writes {SYSTEM} at every boot and undoes the bindings; "
+                "expected manage_etc_hosts: false: set it in a later file of /etc/cloud/cloud.cfg.d."
+            )
+        return found
+
+    def _conflicts(self) -> typing.List[str]:
+        """One sentence for each line of the user that gives a managed name another address."""
+        return [
+            f"{self.file.path} line {conflict['line']} gives {conflict['name']} the address {conflict['found']}, "
+            f"{_EFFECTS[conflict['effect']]}; expected {conflict['expected']} (entries): "
+            "correct or remove that line, or correct the entry."
+            for conflict in self.plan.conflicts
+        ]
+
+    def apply(self) -> None:
+        """Write the file, and ask libc for its names if it is the one that libc reads. Raises Problem."""
+        try:
+            if self.changed:
+                self.written = self.file.replace(self.plan.content)
+            self.file.clean()
+        except OSError as problem:
+            raise Problem(
+                f"Cannot write {self.file.path} ({problem.strerror}: {problem.filename}), which has its old content; "
+                "expected a writable folder: run as root (become: true), and look at the mount."
+            ) from problem
+        if self.file.path == os.path.realpath(SYSTEM):
+            self.answers = list(resolve(self.bindings))
+
+    def failure(self, problem: Problem) -> Fields:
+        """The result as planned, where conflicts are the reason."""
+        return dict(self.result(), changed=False, repaired=False) if self.refusals else {}
+
+    def result(self) -> Fields:
+        """The return values beside `changed` and `msg`."""
+        answers: typing.List[typing.Dict[str, typing.List[str]]] = self.answers or [{} for entry in self.plan.entries]
+        entries = [dict(entry, resolved=resolved) for entry, resolved in zip(self.plan.entries, answers)]
+        return {
+            "entries": entries,
+            "unresolved": [
+                {"name": name, "found": found, "expected": entry["address"]}
+                for entry in entries
+                for name, found in entry["resolved"].items()
+                if found[:1] != [entry["address"]]
+            ],
+            "removed": self.plan.removed,
+            "replaced": self.plan.replaced,
+            "conflicts": self.plan.conflicts,
+            "written": self.written,
+            "repaired": self.file.torn,
+            "path": self.file.path,
+            "diff": difference(self.file.path, self.file.found, self.plan.content),
+        }
+
+    def summary(self, check_mode: bool) -> str:
+        """What was found and done, in sentences, the counts first."""
+        said = [self._counts()]
+        if self.file.torn:
+            said.append(
+                "The file was torn by a run that was ended while it wrote in place; the old content is taken up."
+            )
+        said += [self._replaced(item) for item in self.plan.replaced if item["state"] != "unchanged"]
+        others = [f"{entry['names'][0]} (line {entry['line']})" for entry in self.plan.entries if not entry["ours"]]
+        if others:
+            said.append(f"Left to lines that are not ours and already right: {', '.join(others)}.")
+        names = [name.lower() for binding in self.bindings for name in binding.names]
+        if names and self.own_name.lower() not in names:
+            said.append(f"This computer's own name {self.own_name} is not among the entries, and resolves as before.")
+        return " ".join(said)
+
+    def _counts(self) -> str:
+        states = [entry["state"] for entry in self.plan.entries]
+        counts = [f"{states.count(state)} {state}" for state in ("added", "changed", "unchanged") if state in states]
+        counts += [f"{len(self.plan.removed)} removed"] if self.plan.removed else []
+        return f"{self.file.path}: {', '.join(counts) or 'no binding of ours'}."
+
+    def _replaced(self, item: Fields) -> str:
+        """One sentence on a loopback line."""
+        before, after = (" ".join(item[when].split()) for when in ("before", "after"))
+        if item["state"] == "restored":
+            return f"Line {item['line']} is again: {before}."
+        own = self.own_name.lower() in before.lower().split()
+        name = "this computer's own name" if own else "a name of the fleet"
+        return (
+            f"Line {item['line']} ({before}) no longer binds {name} to loopback; of it remains: {after or 'nothing'}."
+        )
