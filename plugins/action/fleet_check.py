@@ -8,6 +8,8 @@ from __future__ import annotations
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain, to_plain
 
 
 class ActionModule(ActionBase):
@@ -18,12 +20,13 @@ class ActionModule(ActionBase):
 
     def run(self, tmp=None, task_vars=None):
         result = super().run(tmp, task_vars)
-        comparison = preflight.compare(self._task.args["plan"], self._task.args["machine"])
+        plan = from_plain(ComputerPlan, self._task.args["plan"])
+        comparison = preflight.compare(plan, self._task.args["machine"])
         result.update(
             changed=False,
             problems=list(comparison.problems),
             warnings=list(comparison.warnings),
-            plan=comparison.plan,
+            plan=to_plain(comparison.plan),
         )
         if comparison.problems:
             result.update(failed=True, msg=numbered(comparison.problems))

@@ -150,7 +150,7 @@ def _second_white_lists(parties: Sequence[Party]) -> list[str]:
     found = []
     for party in parties:
         lists = ", ".join(name for name in _WHITE_LISTS if party.filters.get(name))
-        givers = list(flows_module.received(flows, party.name)) if lists else []
+        givers = flows_module.givers(flows, party.name) if lists else []
         if givers:
             found.append(
                 f"{party.host}: multimaster_filters has {lists}, but multimaster_exports of {_some(givers)} says already what "

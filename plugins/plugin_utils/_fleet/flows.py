@@ -1,16 +1,15 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What flows from robot to robot, and the nodes' parameters on both sides of it.
+"""Data flows from robot to robot: declarations in, flows out.
 
-Pure: declarations in, flows and parameters out. One list of flows is the source of both sides, so they agree.
+The nodes' parameters on both sides are made of this one list, so the two sides agree.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
     FROM_CLIENT,
@@ -19,7 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.export
     topics_of,
 )
 
-# What the verification publishes while it runs: it crosses wherever anything does.
+# The topics that the verification publishes while it runs: they cross wherever anything does.
 VERIFICATION_TOPICS = "/multimaster_verify/*"
 
 
@@ -36,12 +35,12 @@ class Flow:
     services: tuple[str, ...]
 
     def reaches(self, robot: str) -> bool:
-        """Whether the robot is given this by somebody."""
+        """Return True if somebody gives this to the robot."""
         return robot in self.to if self.to else self.givers != (robot,)
 
 
 def flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ...]:
-    """The flows of a fleet, from what each robot declares; None: nothing declared.
+    """Return the flows of a fleet, from the declaration of each robot; None: nothing declared.
 
     An action is two of them: its server's topics to the clients, and the clients' to the server.
     """
@@ -56,42 +55,6 @@ def flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ...]:
     return tuple(found)
 
 
-def received(of_fleet: Sequence[Flow], robot: str) -> dict[str, dict[str, list[str]]]:
-    """What a robot takes from each declaring robot that gives it something, as the parameters of its master_sync."""
-    found: dict[str, dict[str, dict[str, None]]] = {}
-    for flow in of_fleet:
-        if flow.reaches(robot):
-            for giver in flow.givers:
-                lists = found.setdefault(giver, {"sync_topics": {}, "sync_services": {}})
-                lists["sync_topics"].update(dict.fromkeys(flow.topics))
-                lists["sync_services"].update(dict.fromkeys(flow.services))
-    return {
-        giver: {"sync_topics": [*lists["sync_topics"], VERIFICATION_TOPICS], "sync_services": [*lists["sync_services"]]}
-        for giver, lists in found.items()
-    }
-
-
-def served(of_fleet: Sequence[Flow], robot: str, addresses: Mapping[str, Sequence[str]]) -> list[dict[str, Any]]:
-    """What a declaring robot gives to which addresses ("*": any), as the parameter `exports` of its master_discovery."""
-    return [
-        {
-            "to": [address for other in flow.to for address in addresses[other]] or ["*"],
-            "topics": [*flow.topics, VERIFICATION_TOPICS],
-            "services": [*flow.services],
-        }
-        for flow in of_fleet
-        if robot in flow.givers
-    ]
-
-
-def listed(of_fleet: Sequence[Flow], robots: Sequence[str]) -> list[dict[str, list[str]]]:
-    """The flows as plain data, the receivers by name."""
-    return [
-        {
-            "from": [*flow.givers],
-            "to": [*flow.to] or [robot for robot in robots if robot not in flow.givers],
-            "topics": [*flow.topics],
-            "services": [*flow.services],
-        }
-        for flow in of_fleet
-    ]
+def givers(of_fleet: Sequence[Flow], robot: str) -> list[str]:
+    """Return the declaring robots that give a robot something."""
+    return list(dict.fromkeys(giver for flow in of_fleet if flow.reaches(robot) for giver in flow.givers))

@@ -1,148 +1,151 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Whether the addresses and networks of an inventory can be routed (section 4.1 of the report).
+"""Checks whether the addresses and networks of an inventory can be routed (section 4.1 of the report).
 
-Pure: addresses and networks in, sentences out. What is missing is not judged twice.
+Addresses and networks in, sentences out. A value that is missing is told once.
 """
 
 from __future__ import annotations
 
-import ipaddress
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from ipaddress import IPv4Address, IPv4Network
 from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Router
 
 
 @dataclass(frozen=True)
-class Layout:
-    """What a robot's variables say of its network; empty texts for what is not set."""
+class Addressing:
+    """A robot's network as its variables have it; None for a variable that is not set."""
 
     hosts: Sequence[str]
-    network: str
-    gateway: str
-    common_address: str
+    network: IPv4Network | None
+    gateway: str | IPv4Address | None
+    common_address: IPv4Address | None
     unread: frozenset[str] = frozenset()  # variables with a value that is not of its kind
 
     @classmethod
-    def of(cls, hosts: Sequence[str], own: Mapping[str, Any], given: Mapping[str, Any]) -> Layout:
-        """The layout in the variables of a robot, as they were read and as they were given."""
+    def of(cls, hosts: Sequence[str], own: Mapping[str, Any], given: Mapping[str, Any]) -> Addressing:
+        """Return the network of a robot out of its variables, as they were read and as they were given."""
         names = ("multimaster_network", "multimaster_gateway", "multimaster_common_address")
         unread = frozenset(name for name in names if given.get(name) is not None and name not in own)
-        return cls(hosts, *(own.get(name, "") for name in names), unread)
+        return cls(hosts, own.get(names[0]), own.get(names[1]), own.get(names[2]), unread)
+
+    @property
+    def gateway_host(self) -> str | None:
+        """The computer of the robot that is the gateway, None where it is none of them."""
+        return self.gateway if isinstance(self.gateway, str) and self.gateway in self.hosts else None
 
 
 def problems(
-    common: str,
-    addresses: Mapping[str, str],
-    robots: Mapping[str, Layout],
-    router: tuple[str, str] | None,
+    common: IPv4Network | None,
+    addresses: Mapping[str, IPv4Address],
+    robots: Mapping[str, Addressing],
+    router: Router | None,
 ) -> list[str]:
-    """What keeps packets from going everywhere and back, one sentence each.
+    """Return what keeps packets from going everywhere and back, one sentence each.
 
-    `common` is the common network (empty: unknown), `addresses` has the address of each host, `router` is the host (or an
-    empty text) and the address of the device that manages the common network.
+    `common` is the common network, None where it is not known. `addresses` has the address of each host.
     """
-    found = []
-    for robot, layout in robots.items():
-        found += _complete(robot, layout)
-        found += _members(layout, common, addresses)
-        found += _gateway(robot, layout, common, addresses)
+    found: list[str] = []
+    for robot, own in robots.items():
+        found += _complete(robot, own)
+        found += _members(own, common, addresses)
+        found += _gateway(robot, own, common, addresses)
     found += _overlaps(common, robots)
     found += _unique(addresses, robots, router)
     if router and common:
-        found += _inside(
-            router[0] or "The router", "multimaster_address" if router[0] else "multimaster_router", router[1], common
-        )
+        found += _inside(router.name or "The router", _variable_of(router), router.address, common)
     return found
 
 
-def _complete(robot: str, layout: Layout) -> Iterator[str]:
+def _variable_of(router: Router) -> str:
+    return "multimaster_address" if router.name else "multimaster_router"
+
+
+def _complete(robot: str, own: Addressing) -> Iterator[str]:
     """The three variables of a robot's own network belong together."""
     given = {
-        "multimaster_network": layout.network,
-        "multimaster_gateway": layout.gateway,
-        "multimaster_common_address": layout.common_address,
+        "multimaster_network": own.network,
+        "multimaster_gateway": own.gateway,
+        "multimaster_common_address": own.common_address,
     }
     examples = {
         "multimaster_network": "the robot's own network, such as 192.168.11.0/24",
         "multimaster_gateway": "the computer of the robot that connects it with the common network"
-        + (f", one of {', '.join(layout.hosts)}" if layout.hosts else ""),
+        + (f", one of {', '.join(own.hosts)}" if own.hosts else ""),
         "multimaster_common_address": "the gateway's address in the common network, such as 192.168.1.201",
     }
     present = [name for name, value in given.items() if value]
-    if layout.hosts and present:
+    if own.hosts and present:
         for name, value in given.items():
-            if not value and name not in layout.unread:
+            if not value and name not in own.unread:
                 yield (
-                    f"{layout.hosts[0]}: {name} of the robot {robot} is not set, but {present[0]} is; expected {examples[name]}: "
+                    f"{own.hosts[0]}: {name} of the robot {robot} is not set, but {present[0]} is; expected {examples[name]}: "
                     f"set it in group_vars/{robot}.yml."
                 )
 
 
-def _members(layout: Layout, common: str, addresses: Mapping[str, str]) -> Iterator[str]:
+def _members(own: Addressing, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]) -> Iterator[str]:
     """Every computer is in the network of its robot."""
-    if not layout.network and (layout.gateway or layout.common_address):
+    if not own.network and (own.gateway or own.common_address):
         return  # among the incomplete ones already
-    network, variable = (
-        (layout.network, "multimaster_network") if layout.network else (common, "multimaster_common_network")
-    )
-    for host in layout.hosts:
+    network, variable = (own.network, "multimaster_network") if own.network else (common, "multimaster_common_network")
+    for host in own.hosts:
         if network and host in addresses:
             yield from _inside(host, "multimaster_address", addresses[host], network, variable)
 
 
-def _gateway(robot: str, layout: Layout, common: str, addresses: Mapping[str, str]) -> Iterator[str]:
+def _gateway(
+    robot: str, own: Addressing, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
+) -> Iterator[str]:
     """The gateway is in both networks."""
     where = f"group_vars/{robot}.yml"
-    if layout.gateway and layout.gateway not in layout.hosts:
-        if not layout.gateway.replace(".", "").isdigit():
+    if own.gateway and not own.gateway_host:
+        if isinstance(own.gateway, str):
             yield (
-                f"{layout.hosts[0]}: multimaster_gateway of the robot {robot} is '{layout.gateway}', which is none of its computers; "
-                f"expected one of {', '.join(layout.hosts)}, or the address of another device: correct it in {where}."
+                f"{own.hosts[0]}: multimaster_gateway of the robot {robot} is '{own.gateway}', which is none of its computers; "
+                f"expected one of {', '.join(own.hosts)}, or the address of another device: correct it in {where}."
             )
-        elif layout.gateway in addresses.values():
-            host = {address: host for host, address in addresses.items()}[layout.gateway]
+        elif own.gateway in addresses.values():
+            host = {address: host for host, address in addresses.items()}[own.gateway]
             yield (
-                f"{layout.hosts[0]}: multimaster_gateway of the robot {robot} is {layout.gateway}, the address of {host}; expected the "
+                f"{own.hosts[0]}: multimaster_gateway of the robot {robot} is {own.gateway}, the address of {host}; expected the "
                 f"name of a computer of the inventory: write {host} in {where}."
             )
-        elif layout.network:
-            yield from _inside(
-                layout.hosts[0], "multimaster_gateway", layout.gateway, layout.network, "multimaster_network"
-            )
-    if layout.common_address and common and layout.hosts:
-        host = layout.gateway if layout.gateway in layout.hosts else layout.hosts[0]
-        yield from _inside(host, "multimaster_common_address", layout.common_address, common)
+        elif own.network:
+            yield from _inside(own.hosts[0], "multimaster_gateway", own.gateway, own.network, "multimaster_network")
+    if own.common_address and common and own.hosts:
+        host = own.gateway_host or own.hosts[0]
+        yield from _inside(host, "multimaster_common_address", own.common_address, common)
 
 
 def _inside(
-    host: str, variable: str, address: str, network: str, of: str = "multimaster_common_network"
+    host: str, variable: str, address: IPv4Address, network: IPv4Network, of: str = "multimaster_common_network"
 ) -> Iterator[str]:
-    inside, of_one = ipaddress.ip_network(network), ipaddress.ip_address(address)
-    if of_one not in inside:
+    if address not in network:
         yield (
             f"{host}: {variable} is {address}, which is outside {of} {network}; expected an address of that network: correct one of "
             "the two."
         )
-    elif inside.prefixlen < 31 and of_one in (inside.network_address, inside.broadcast_address):
+    elif network.prefixlen < 31 and address in (network.network_address, network.broadcast_address):
         yield (
             f"{host}: {variable} is {address}, which is the network's or the broadcast address of {network}; expected the address of "
             "one computer: correct it."
         )
 
 
-def _overlaps(common: str, robots: Mapping[str, Layout]) -> Iterator[str]:
+def _overlaps(common: IPv4Network | None, robots: Mapping[str, Addressing]) -> Iterator[str]:
     """No address may be in two networks. Sorted by their begin, only neighbours can overlap first."""
-    named = [
-        (ipaddress.ip_network(layout.network), f"multimaster_network of the robot {robot}")
-        for robot, layout in robots.items()
-        if layout.network
-    ]
+    named = [(own.network, f"multimaster_network of the robot {robot}") for robot, own in robots.items() if own.network]
     if common:
-        named.append((ipaddress.ip_network(common), "multimaster_common_network"))
+        named.append((common, "multimaster_common_network"))
     named.sort(key=lambda entry: (entry[0].network_address, entry[0].prefixlen))
-    widest, whose = named[0] if named else (None, "")
+    if not named:
+        return
+    widest, whose = named[0]
     for network, name in named[1:]:
         if network.overlaps(widest):
             yield (
@@ -154,19 +157,19 @@ def _overlaps(common: str, robots: Mapping[str, Layout]) -> Iterator[str]:
 
 
 def _unique(
-    addresses: Mapping[str, str], robots: Mapping[str, Layout], router: tuple[str, str] | None
+    addresses: Mapping[str, IPv4Address], robots: Mapping[str, Addressing], router: Router | None
 ) -> Iterator[str]:
     """Every address belongs to one."""
-    claims = [(host, "multimaster_address", address) for host, address in addresses.items()]
-    for robot, layout in robots.items():
-        if layout.common_address and layout.hosts:
-            host = layout.gateway if layout.gateway in layout.hosts else f"the gateway of {robot}"
-            claims.append((host, "multimaster_common_address", layout.common_address))
+    claims: list[tuple[str, str, IPv4Address]] = [
+        (host, "multimaster_address", address) for host, address in addresses.items()
+    ]
+    for robot, own in robots.items():
+        if own.common_address and own.hosts:
+            host = own.gateway_host or f"the gateway of {robot}"
+            claims.append((host, "multimaster_common_address", own.common_address))
     if router:
-        claims.append(
-            (router[0] or "the router", "multimaster_address" if router[0] else "multimaster_router", router[1])
-        )
-    owner: dict[str, str] = {}
+        claims.append((router.name or "the router", _variable_of(router), router.address))
+    owner: dict[IPv4Address, str] = {}
     for host, variable, address in claims:
         first = owner.setdefault(address, host)
         if first != host:

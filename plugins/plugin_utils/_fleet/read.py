@@ -1,30 +1,46 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The fleet: robots, their computers and what they share, read from the inventory's variables and validated.
+"""Reading of an inventory: variables in, the model of the fleet or sentences about what is wrong out.
 
-Pure: mappings in, a model or sentences out. Every problem of an inventory is found in one pass.
+Every problem of an inventory is found in one pass. First all values are read, then they are compared. The model is made
+only where there is no problem, so it has no missing values.
 """
 
 from __future__ import annotations
 
-import ipaddress
-import math
+import dataclasses
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from ipaddress import IPv4Address, IPv4Network
+from typing import Any, TypeVar
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import contradictions, networks
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import variables as variables_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import Export
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import (
+    contradictions,
+    discovery,
+    kinds,
+    networks,
+    variables,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import (
+    Computer,
+    Fleet,
+    Gateway,
+    Robot,
+    Router,
+    master_name,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected, nearest
+
+T = TypeVar("T")
+
+# Values that could be read, by the names of their variables.
+Values = Mapping[str, Any]
 
 
 class InventoryProblems(Exception):
-    """What is wrong with the inventory: one sentence each, naming host, variable, found and expected."""
+    """An inventory has problems: one sentence each, naming host, variable, found and expected."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = list(problems)
@@ -33,7 +49,7 @@ class InventoryProblems(Exception):
 
 @dataclass(frozen=True)
 class Inventory:
-    """What is read of Ansible's inventory, whatever `--limit` says."""
+    """The content of Ansible's inventory that concerns the fleet, whatever `--limit` says."""
 
     robots: Mapping[str, Sequence[str]]  # robot -> its hosts
     variables: Mapping[str, Mapping[str, Any]]  # host -> its multimaster_* variables
@@ -42,102 +58,21 @@ class Inventory:
 
 
 @dataclass(frozen=True)
-class Computer:
-    """One computer of a robot."""
+class _Reading:
+    """The values of an inventory, as far as they could be read."""
 
-    name: str
-    robot: str
-    address: str
-    aliases: tuple[str, ...]
-    ros_setup: str
-    common_address: str  # its address in the common network; empty behind a gateway
+    inventory: Inventory
+    hosts: Mapping[str, Values]  # by host
+    shared: Values  # of the whole fleet, where the hosts agree
+    own: Mapping[str, Values]  # of each robot that has hosts, where these agree
 
-    @property
-    def discovery_address(self) -> str:
-        """The address that discovery uses: the one in the common network, where there is one."""
-        return self.common_address or self.address
-
-
-@dataclass(frozen=True)
-class Gateway:
-    """What connects a robot's own network with the common network."""
-
-    name: str  # the computer; empty for a device that is no computer of the inventory
-    address: str  # in the robot's network
-    common_address: str
-
-
-@dataclass(frozen=True)
-class Robot:
-    """One robot: its computers, the one that runs its roscore, and the way out of its network."""
-
-    name: str
-    network: str  # the common network, where it has none of its own
-    gateway: Gateway | None  # none in the common network
-    routes: str
-    computers: tuple[Computer, ...]
-    master: Computer
-    roscore: str
-    roscore_port: int
-    rpc_port: int
-    filters: Mapping[str, list[str]] = field(default_factory=dict)
-    exports: tuple[Export, ...] | None = None  # none declared: everything to everybody
-    provider: str = "bundled"
-
-    @property
-    def master_name(self) -> str:
-        """The name of its master."""
-        return master_name(self.master.name, self.roscore_port)
-
-
-def master_name(computer: str, roscore_port: int) -> str:
-    """The name of a master: its computer, and the port where that is not ROS's usual one (as upstream does)."""
-    return computer.lower() if roscore_port == 11311 else f"{computer.lower()}_{roscore_port}"
-
-
-@dataclass(frozen=True)
-class Router:
-    """The device that manages the common network (section 4.1 of the report)."""
-
-    name: str  # the host; empty for a device that is not in the inventory
-    address: str
-
-
-@dataclass(frozen=True)
-class Fleet:
-    """All robots and what they share."""
-
-    robots: tuple[Robot, ...]
-    common_network: str
-    router: Router | None
-    transport: str
-    multicast_routing: str
-    multicast_group: str
-    multicast_port: int
-    answer_broadcast_pings: bool
-    advertise: str
-    heartbeat_hz: float
-    offline_after: float
-
-    @property
-    def computers(self) -> tuple[Computer, ...]:
-        """The computers of all robots, in the order of the inventory."""
-        return tuple(computer for robot in self.robots for computer in robot.computers)
-
-    @cached_property
-    def flows(self) -> tuple[flows_module.Flow, ...]:
-        """What flows by declaration; robots that declare nothing give everything to everybody."""
-        return flows_module.flows({robot.name: robot.exports for robot in self.robots})
-
-    @cached_property
-    def declared(self) -> bool:
-        """Whether any robot declares what it gives."""
-        return any(robot.exports is not None for robot in self.robots)
+    def robots(self) -> Iterable[tuple[str, Sequence[str], Values]]:
+        """Return (name, hosts, values) of each robot, also of those without hosts."""
+        return ((name, hosts, self.own.get(name, {})) for name, hosts in self.inventory.robots.items())
 
 
 def read_fleet(inventory: Inventory) -> Fleet:
-    """The model of an inventory. Raises InventoryProblems with every problem that was found."""
-    problems: list[str] = []
+    """Return the model of an inventory. Raises InventoryProblems with every problem that was found."""
     if not any(inventory.robots.values()) and not inventory.strays:
         raise InventoryProblems(
             [
@@ -145,64 +80,58 @@ def read_fleet(inventory: Inventory) -> Fleet:
                 "below 'robots', each with its computers (see inventory/single_computer/hosts.yml)."
             ]
         )
-    values = {
-        host: _read_host(host, inventory.variables.get(host, {}), problems)
-        for hosts in inventory.robots.values()
-        for host in hosts
-    }
-    problems += _one_robot_each(inventory.robots) + _no_strays(inventory.strays)
-    shared = _shared_values(values, problems)
-    own = {name: _own_values(name, hosts, values, problems) for name, hosts in inventory.robots.items() if hosts}
-    router = _read_router(inventory, shared, problems)
-    robots = []
-    for name, hosts in inventory.robots.items():
-        robot = _read_robot(name, hosts, values, own.get(name, {}), problems)
-        if robot is not None:
-            robots.append(robot)
-    problems += _unique_names(
-        [
-            (host, [host, *values[host].get("multimaster_aliases", [])])
-            for host in values
-            if "multimaster_address" in values[host]
-        ]
+    reading, problems = _read_values(inventory)
+    router, found = _read_router(reading)
+    problems += found
+    for name, hosts, own in reading.robots():
+        problems += _robot_problems(name, hosts, own)
+    problems += _ambiguous_names(reading) + _network_problems(reading, router) + _contradictions(reading)
+    problems += discovery.too_few_heartbeats(
+        reading.shared.get("multimaster_heartbeat_hz"), reading.shared.get("multimaster_offline_after")
     )
-    problems += networks.problems(
-        common=shared.get("multimaster_common_network", ""),
-        addresses={host: read["multimaster_address"] for host, read in values.items() if "multimaster_address" in read},
-        robots={
-            name: networks.Layout.of(hosts, own.get(name, {}), inventory.variables.get(hosts[0], {}) if hosts else {})
-            for name, hosts in inventory.robots.items()
-        },
-        router=(router.name, router.address) if router else None,
-    )
-    problems += contradictions.problems(
-        [_party(name, hosts, values, own[name]) for name, hosts in inventory.robots.items() if hosts], inventory.robots
-    )
-    problems += _too_few_heartbeats(shared)
     if not problems:
-        problems += _unreached_masters(robots, shared)
-    if problems or not robots:
-        raise InventoryProblems(_collapsed(problems, [*values, *inventory.routers]))
-    return Fleet(
-        robots=tuple(robots),
-        common_network=shared["multimaster_common_network"],
-        router=router,
-        transport=shared["multimaster_transport"],
-        multicast_routing=shared["multimaster_multicast_routing"],
-        multicast_group=shared["multimaster_multicast_group"],
-        multicast_port=shared["multimaster_multicast_port"],
-        answer_broadcast_pings=shared["multimaster_answer_broadcast_pings"],
-        advertise=shared["multimaster_advertise"],
-        heartbeat_hz=shared["multimaster_heartbeat_hz"],
-        offline_after=shared.get("multimaster_offline_after", _offline_after(shared["multimaster_heartbeat_hz"])),
+        fleet = _made_fleet(reading, router)
+        problems = discovery.unreached_masters(fleet)
+    if problems:
+        raise InventoryProblems(_collapsed(problems, [*reading.hosts, *inventory.routers]))
+    return fleet
+
+
+# Reading of values
+
+
+def _read_values(inventory: Inventory) -> tuple[_Reading, list[str]]:
+    """Read all values, and find out which ones the computers of the fleet and of each robot agree about."""
+    problems: list[str] = []
+    hosts = {
+        host: _read_host(host, inventory.variables.get(host, {}), problems)
+        for of_robot in inventory.robots.values()
+        for host in of_robot
+    }
+    problems += _several_robots(inventory.robots) + _no_robot(inventory.strays)
+    shared = _agreed(
+        variables.OF_FLEET, list(hosts), hosts, "all computers of the fleet", "group_vars/robots.yml", problems
     )
+    own = {
+        name: _agreed(
+            variables.OF_ROBOT,
+            of_robot,
+            hosts,
+            f"the computers of the robot {name}",
+            f"group_vars/{name}.yml",
+            problems,
+        )
+        for name, of_robot in inventory.robots.items()
+        if of_robot
+    }
+    return _Reading(inventory, hosts, shared, own), problems
 
 
-def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
-    """The host's variables of the right kind, defaults filled in; what is wrong goes to problems and stays out."""
+def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> Values:
+    """Return the values of a host, with defaults filled in. A value that is wrong is told in `problems` and left out."""
     read: dict[str, Any] = {}
     problems += _unknown(host, given)
-    for variable in variables_module.VARIABLES:
+    for variable in variables.VARIABLES:
         value = given.get(variable.name)
         value = variable.default if value is None else value  # "name:" without a value is not set
         if value is None:
@@ -228,40 +157,29 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> dict
 
 def _unknown(host: str, given: Mapping[str, Any]) -> list[str]:
     return [
-        f"{host}: the variable {name} is not known{nearest(name, variables_module.BY_NAME)}; expected one of the "
+        f"{host}: the variable {name} is not known{nearest(name, variables.BY_NAME)}; expected one of the "
         "variables in the README: correct its name or remove it."
         for name in given
-        if name not in variables_module.BY_NAME and name not in variables_module.RESERVED
+        if name not in variables.BY_NAME and name not in variables.RESERVED
     ]
-
-
-def _collapsed(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
-    """One sentence for a value that is wrong on many hosts, since it stands in one place of the inventory."""
-    of: dict[str, list[str]] = {}
-    for problem in problems:
-        host, colon, text = problem.partition(": ")
-        of.setdefault(text if colon and host in hosts else problem, []).append(host)
-    sentences = []
-    for text, named in of.items():
-        others = f" and {len(named) - 3} more" if len(named) > 3 else ""
-        sentences.append(text if named[0] not in hosts else f"{', '.join(named[:3])}{others}: {text}")
-    return sentences
 
 
 def _is_name(host: str) -> bool:
     try:
-        variables_module.BY_NAME["multimaster_master"].read(host)
+        kinds.name(host)
     except Unexpected:
         return False
     return host.lower() != "localhost"
 
 
 def _shown(value: Any) -> str:
-    value = list(value) if isinstance(value, tuple) else value
-    return f"'{value}'" if isinstance(value, str) else str(value)
+    """Return a value as a sentence has it: texts and addresses in quotes."""
+    if isinstance(value, (str, IPv4Address, IPv4Network)):
+        return f"'{value}'"
+    return str(list(value) if isinstance(value, tuple) else value)
 
 
-def _one_robot_each(robots: Mapping[str, Sequence[str]]) -> list[str]:
+def _several_robots(robots: Mapping[str, Sequence[str]]) -> list[str]:
     members = defaultdict(list)
     for robot, hosts in robots.items():
         for host in hosts:
@@ -273,149 +191,43 @@ def _one_robot_each(robots: Mapping[str, Sequence[str]]) -> list[str]:
     ]
 
 
-def _no_strays(strays: Sequence[str]) -> list[str]:
+def _no_robot(strays: Sequence[str]) -> list[str]:
     return [
         f"{host}: is in the group 'robots' but in none of its robots; expected a group of its robot below 'robots': put it there."
         for host in strays
     ]
 
 
-def _shared_values(values: Mapping[str, Mapping[str, Any]], problems: list[str]) -> dict[str, Any]:
-    """The variables of the whole fleet; hosts that disagree are a problem."""
-    names = [variable.name for variable in variables_module.VARIABLES if variable.scope == "fleet"]
-    return _agreed(names, list(values), values, "all computers of the fleet", "group_vars/robots.yml", problems)
-
-
 def _agreed(
-    names: Sequence[str],
+    rows: Sequence[variables.Variable],
     hosts: Sequence[str],
-    values: Mapping[str, Mapping[str, Any]],
+    values: Mapping[str, Values],
     whom: str,
     where: str,
     problems: list[str],
-) -> dict[str, Any]:
-    agreed: dict[str, Any] = {}
-    for name in names:
+) -> Values:
+    """Return the values that these hosts have together. Where they disagree, the first one counts, and a problem is told."""
+    agreed: dict[str, tuple[str, Any]] = {}
+    for name in (row.name for row in rows):
         for host in hosts:
             if name not in values[host]:
                 continue
-            first = agreed.setdefault(name, (host, values[host][name]))
-            if values[host][name] != first[1]:
+            first, value = agreed.setdefault(name, (host, values[host][name]))
+            if values[host][name] != value:
                 problems.append(
-                    f"{host}: {name} is {_shown(values[host][name])}, but {first[0]} has {_shown(first[1])}; "
+                    f"{host}: {name} is {_shown(values[host][name])}, but {first} has {_shown(value)}; "
                     f"expected one value for {whom}: set it once, in {where}."
                 )
     return {name: value for name, (_host, value) in agreed.items()}
 
 
-def _own_values(
-    name: str, hosts: Sequence[str], values: Mapping[str, Mapping[str, Any]], problems: list[str]
-) -> dict[str, Any]:
-    """The variables of one robot; hosts that disagree are a problem."""
-    names = [variable.name for variable in variables_module.VARIABLES if variable.scope == "robot"]
-    return _agreed(names, hosts, values, f"the computers of the robot {name}", f"group_vars/{name}.yml", problems)
-
-
-def _read_robot(
-    name: str,
-    hosts: Sequence[str],
-    values: Mapping[str, Mapping[str, Any]],
-    own: Mapping[str, Any],
-    problems: list[str],
-) -> Robot | None:
-    if not hosts:
-        problems.append(
-            f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
-        )
-        return None
-    master = own.get("multimaster_master", hosts[0] if len(hosts) == 1 else None)
-    if master is None:
-        problems.append(
-            f"{hosts[0]}: multimaster_master is not set; expected the computer of the robot {name} that runs its roscore, "
-            f"one of {', '.join(hosts)}: set it in group_vars/{name}.yml."
-        )
-        return None
-    if master not in hosts:
-        problems.append(
-            f"{hosts[0]}: multimaster_master is '{master}', which is no computer of the robot {name}; expected one of "
-            f"{', '.join(hosts)}{nearest(master, hosts)}: correct it in group_vars/{name}.yml."
-        )
-        return None
-    roscore_port = own.get("multimaster_roscore_port")
-    rpc_port = own.get("multimaster_rpc_port", (roscore_port or 0) + 300)
-    if roscore_port is not None and rpc_port == roscore_port:
-        problems.append(
-            f"{master}: multimaster_rpc_port is {rpc_port}, which is also the port of its roscore; expected another port: "
-            "leave it out for the port of the roscore + 300."
-        )
-    required = (
-        "multimaster_roscore_port",
-        "multimaster_roscore",
-        "multimaster_filters",
-        "multimaster_provider",
-        "multimaster_routes",
-    )
-    required_of_each = (
-        "multimaster_address",
-        "multimaster_ros_setup",
-        "multimaster_aliases",
-        "multimaster_common_network",
-    )
-    if any(variable not in own for variable in required) or any(
-        variable not in values[host] for host in hosts for variable in required_of_each
-    ):
-        return None  # already among the problems
-    gateway = _read_gateway(hosts, values, own)
-    computers = tuple(
-        Computer(
-            name=host,
-            robot=name,
-            address=values[host]["multimaster_address"],
-            aliases=tuple(values[host]["multimaster_aliases"]),
-            ros_setup=values[host]["multimaster_ros_setup"],
-            common_address=_common_address(host, values[host]["multimaster_address"], gateway),
-        )
-        for host in hosts
-    )
-    return Robot(
-        name=name,
-        network=own.get("multimaster_network", values[hosts[0]]["multimaster_common_network"]),
-        gateway=gateway,
-        routes=own["multimaster_routes"],
-        computers=computers,
-        master=next(computer for computer in computers if computer.name == master),
-        roscore=own["multimaster_roscore"],
-        roscore_port=roscore_port,
-        rpc_port=rpc_port,
-        filters=own["multimaster_filters"],
-        exports=own.get("multimaster_exports"),
-        provider=own["multimaster_provider"],
-    )
-
-
-def _read_gateway(
-    hosts: Sequence[str], values: Mapping[str, Mapping[str, Any]], own: Mapping[str, Any]
-) -> Gateway | None:
-    if not {"multimaster_network", "multimaster_gateway", "multimaster_common_address"} <= own.keys():
-        return None  # in the common network, or already among the problems
-    gateway = own["multimaster_gateway"]
-    if gateway in hosts:
-        return Gateway(gateway, values[gateway]["multimaster_address"], own["multimaster_common_address"])
-    return Gateway("", gateway, own["multimaster_common_address"])
-
-
-def _common_address(host: str, address: str, gateway: Gateway | None) -> str:
-    if gateway is None:
-        return address
-    return gateway.common_address if host == gateway.name else ""
-
-
-def _read_router(inventory: Inventory, shared: Mapping[str, Any], problems: list[str]) -> Router | None:
-    given = shared.get("multimaster_router")
+def _read_router(reading: _Reading) -> tuple[Router | None, list[str]]:
+    """Return the router and what is wrong with it: the host of the group `routers`, or the device of the variable."""
+    inventory = reading.inventory
+    given = reading.shared.get("multimaster_router")
     if not inventory.routers:
-        return Router("", given) if given else None
-    name = inventory.routers[0]
-    variables = inventory.variables.get(name, {})
+        return (Router("", given) if given else None), []
+    name, problems = inventory.routers[0], []
     if len(inventory.routers) > 1:
         problems.append(
             f"{name}: the group 'routers' has {len(inventory.routers)} hosts ({', '.join(inventory.routers)}); expected one, the "
@@ -426,28 +238,105 @@ def _read_router(inventory: Inventory, shared: Mapping[str, Any], problems: list
             f"{name}: is in the group 'routers' and a computer of a robot; expected one of the two, since a robot's computer on the "
             "common network gets its routes as such: remove it from the group 'routers'."
         )
-        return None
-    problems += _unknown(name, variables)
-    address = variables.get("multimaster_address")
-    variable = variables_module.BY_NAME["multimaster_address"]
+        return None, problems
+    of_router = inventory.variables.get(name, {})
+    problems += _unknown(name, of_router)
+    address = of_router.get("multimaster_address")
     try:
-        read = str(variable.read(address))
+        read = kinds.address(address)
     except Unexpected as expected:
         found = "is not set" if address is None else f"is {_shown(address)}"
         problems.append(f"{name}: multimaster_address {found}; expected {expected}: set it in the inventory.")
-        return None
+        return None, problems
     if given not in (None, read):
         problems.append(
             f"{name}: multimaster_address is {read}, but multimaster_router is {given}; expected one router: leave "
             "multimaster_router out where the group 'routers' has a host."
         )
-    return Router(name, read)
+    return Router(name, read), problems
 
 
-def _party(
-    name: str, hosts: Sequence[str], values: Mapping[str, Mapping[str, Any]], own: Mapping[str, Any]
-) -> contradictions.Party:
-    """A robot as far as it can be read; what its computers disagree about counts as not set."""
+# Comparing of values
+
+
+def _robot_problems(name: str, hosts: Sequence[str], own: Values) -> list[str]:
+    """Return the problems of a robot: it has no computers, no master, or one port for two programs."""
+    if not hosts:
+        return [
+            f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
+        ]
+    master = _master(hosts, own)
+    if master is None:
+        return [
+            f"{hosts[0]}: multimaster_master is not set; expected the computer of the robot {name} that runs its roscore, "
+            f"one of {', '.join(hosts)}: set it in group_vars/{name}.yml."
+        ]
+    if master not in hosts:
+        return [
+            f"{hosts[0]}: multimaster_master is '{master}', which is no computer of the robot {name}; expected one of "
+            f"{', '.join(hosts)}{nearest(master, hosts)}: correct it in group_vars/{name}.yml."
+        ]
+    port = own.get("multimaster_rpc_port")
+    if port is not None and port == own.get("multimaster_roscore_port"):
+        return [
+            f"{master}: multimaster_rpc_port is {port}, which is also the port of its roscore; expected another port: "
+            "leave it out for the port of the roscore + 300."
+        ]
+    return []
+
+
+def _master(hosts: Sequence[str], own: Values) -> str | None:
+    """Return the name of a robot's master; the only computer of a robot is its master."""
+    name: str | None = own.get("multimaster_master", hosts[0] if len(hosts) == 1 else None)
+    return name
+
+
+def _ambiguous_names(reading: _Reading) -> list[str]:
+    """Return a sentence for each name that does not mean one computer."""
+    problems = []
+    owner: dict[str, str] = {}
+    for computer, values in reading.hosts.items():
+        if "multimaster_address" not in values:
+            continue
+        for name in (computer, *values.get("multimaster_aliases", ())):
+            first = owner.setdefault(name.lower(), computer)
+            if first != computer:
+                problems.append(
+                    f"{computer}: the name {name} also means {first}; expected names that mean one computer each "
+                    "(case does not count): rename one, or correct multimaster_aliases."
+                )
+            if name.lower() == "localhost":
+                problems.append(
+                    f"{computer}: multimaster_aliases has localhost, which every computer is for itself; expected names of "
+                    "this computer alone: remove it."
+                )
+    return problems
+
+
+def _network_problems(reading: _Reading, router: Router | None) -> list[str]:
+    given = reading.inventory.variables
+    return networks.problems(
+        common=reading.shared.get("multimaster_common_network"),
+        addresses={
+            host: values["multimaster_address"]
+            for host, values in reading.hosts.items()
+            if "multimaster_address" in values
+        },
+        robots={
+            name: networks.Addressing.of(hosts, own, given.get(hosts[0], {}) if hosts else {})
+            for name, hosts, own in reading.robots()
+        },
+        router=router,
+    )
+
+
+def _contradictions(reading: _Reading) -> list[str]:
+    parties = [_party(name, hosts, reading.hosts, own) for name, hosts, own in reading.robots() if hosts]
+    return contradictions.problems(parties, reading.inventory.robots)
+
+
+def _party(name: str, hosts: Sequence[str], values: Mapping[str, Values], own: Values) -> contradictions.Party:
+    """Return a robot as far as it can be read; what its computers disagree about counts as not set."""
     declared = {values[host]["multimaster_exports"] for host in hosts if "multimaster_exports" in values[host]}
     filters = [values[host].get("multimaster_filters", {}) for host in hosts]
     master = own.get("multimaster_master", hosts[0])
@@ -461,68 +350,64 @@ def _party(
     )
 
 
-def _tenths(rate: float) -> int:
-    """A heartbeat carries its rate in whole tenths."""
-    return int(rate * 10)
+def _collapsed(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
+    """Return one sentence for a value that is wrong on many hosts, since it stands in one place of the inventory."""
+    of: dict[str, list[str]] = {}
+    for problem in problems:
+        host, colon, text = problem.partition(": ")
+        of.setdefault(text if colon and host in hosts else problem, []).append(host)
+    sentences = []
+    for text, named in of.items():
+        others = f" and {len(named) - 3} more" if len(named) > 3 else ""
+        sentences.append(text if named[0] not in hosts else f"{', '.join(named[:3])}{others}: {text}")
+    return sentences
 
 
-def _offline_after(rate: float) -> float:
-    """The default: two heartbeats at least. Who promises none is asked, and given up after 65 s (discovery_core.py)."""
-    return max(5.0, math.ceil(200 / _tenths(rate)) / 10) if _tenths(rate) else 65.0
+# The model
 
 
-def _too_few_heartbeats(shared: Mapping[str, Any]) -> list[str]:
-    """Silence is told from a slow rate by two heartbeats at least."""
-    rate, after = shared.get("multimaster_heartbeat_hz"), shared.get("multimaster_offline_after")
-    if rate is None or after is None:
-        return []
-    tenths = _tenths(rate)
-    if tenths * after >= 20:
-        return []
-    longer = f" or multimaster_offline_after to {_offline_after(rate):g}" if tenths else ""
-    return [
-        f"multimaster_heartbeat_hz is {rate:g} and multimaster_offline_after is {after:g}, so a robot promises {tenths * after / 10:.2g} "
-        f"heartbeats in that time; expected at least 2: raise multimaster_heartbeat_hz to {math.ceil(20 / after) / 10:g}{longer} "
-        "in group_vars/robots.yml."
-    ]
+def _made_fleet(reading: _Reading, router: Router | None) -> Fleet:
+    """Make the model of values that have no problem."""
+    rate = reading.shared["multimaster_heartbeat_hz"]
+    computed = {"multimaster_offline_after": discovery.default_offline_after(rate)}
+    return Fleet(
+        robots=tuple(_made_robot(reading, name, hosts, own) for name, hosts, own in reading.robots()),
+        router=router,
+        variables=_made(variables.FleetVariables, {**computed, **reading.shared}),
+    )
 
 
-def _unreached_masters(robots: Sequence[Robot], shared: Mapping[str, Any]) -> list[str]:
-    """Masters that no heartbeat can reach: multicast does not cross a gateway by itself (errata E4)."""
-    group, routing = shared["multimaster_multicast_group"], shared["multimaster_multicast_routing"]
-    if routing == "smcroute" and ipaddress.ip_address(group) in ipaddress.ip_network("224.0.0.0/24"):
-        return [
-            f"multimaster_multicast_group is {group}, which no router passes on (RFC 5771, 224.0.0.0/24), and "
-            "multimaster_multicast_routing is 'smcroute'; expected a group outside 224.0.0.0/24: set it in group_vars/robots.yml, "
-            "for example 239.255.0.1."
-        ]
-    if shared["multimaster_transport"] != "multicast" or len(robots) < 2:
-        return []
-    return [
-        f"{robot.master.name}: is the master of the robot {robot.name} behind the gateway {robot.gateway.name or robot.gateway.address}, and "
-        f"multimaster_transport is 'multicast'; expected a way to it, since nobody passes {group} on there: set multimaster_transport to "
-        "'both'"
-        + (" or multimaster_multicast_routing to 'smcroute'" if robot.gateway.name else "")
-        + ", or choose the gateway as multimaster_master."
-        for robot in robots
-        if robot.gateway and not robot.master.common_address and (routing == "none" or not robot.gateway.name)
-    ]
+def _made_robot(reading: _Reading, name: str, hosts: Sequence[str], own: Values) -> Robot:
+    computed = {"multimaster_rpc_port": own["multimaster_roscore_port"] + 300}
+    values = _made(variables.RobotVariables, {**computed, **own})
+    gateway = _made_gateway(reading, values)
+    computers = {host: _made_computer(reading, name, host, gateway) for host in hosts}
+    return Robot(
+        name=name,
+        network=values.network or reading.shared["multimaster_common_network"],
+        gateway=gateway,
+        computers=tuple(computers.values()),
+        master=computers[values.master or hosts[0]],
+        variables=values,
+    )
 
 
-def _unique_names(computers: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
-    problems = []
-    owner: dict[str, str] = {}
-    for computer, names in computers:
-        for name in names:
-            first = owner.setdefault(name.lower(), computer)
-            if first != computer:
-                problems.append(
-                    f"{computer}: the name {name} also means {first}; expected names that mean one computer each "
-                    "(case does not count): rename one, or correct multimaster_aliases."
-                )
-            if name.lower() == "localhost":
-                problems.append(
-                    f"{computer}: multimaster_aliases has localhost, which every computer is for itself; expected names of "
-                    "this computer alone: remove it."
-                )
-    return problems
+def _made_gateway(reading: _Reading, own: variables.RobotVariables) -> Gateway | None:
+    if own.gateway is None or own.common_address is None:
+        return None
+    if isinstance(own.gateway, IPv4Address):
+        return Gateway("", own.gateway, own.common_address)
+    return Gateway(own.gateway, reading.hosts[own.gateway]["multimaster_address"], own.common_address)
+
+
+def _made_computer(reading: _Reading, robot: str, host: str, gateway: Gateway | None) -> Computer:
+    values = _made(variables.ComputerVariables, reading.hosts[host])
+    common = values.address
+    if gateway is not None:
+        return Computer(host, robot, gateway.common_address if host == gateway.name else None, values)
+    return Computer(host, robot, common, values)
+
+
+def _made(kind: type[T], values: Values) -> T:
+    """Make one of the classes of variables; what is not set is None."""
+    return kind(**{row.name: values.get(variables.PREFIX + row.name) for row in dataclasses.fields(kind)})  # type: ignore[arg-type]  # a dataclass

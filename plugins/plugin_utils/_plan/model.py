@@ -15,6 +15,7 @@ from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway, Router
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import spelling
 
 DEFAULT_ROUTE = IPv4Network("0.0.0.0/0")
@@ -67,14 +68,6 @@ class RobotNetwork:
     gateway: IPv4Address  # in this network
     common_address: IPv4Address  # of the gateway, in the common network
     device: bool = False  # the gateway is no computer of the inventory
-
-
-@dataclass(frozen=True)
-class Router:
-    """The device that manages the common network (section 4.1 of the report)."""
-
-    name: str  # the host; empty for a device that is not in the inventory
-    address: IPv4Address
 
 
 @dataclass(frozen=True)
@@ -239,6 +232,15 @@ class FleetPlan:
     def master_of(self) -> Mapping[str, Master]:
         """The master of each robot, by the robot's name."""
         return {master.robot: master for master in self.masters}
+
+    @cached_property
+    def gateways(self) -> Mapping[str, Gateway]:
+        """The gateway of each robot that has a network of its own, by the robot's name."""
+        names = {plan.robot: name for name, plan in self.computers.items() if plan.is_gateway}
+        return {
+            entry.robot: Gateway(names.get(entry.robot, ""), entry.gateway, entry.common_address)
+            for entry in self.networks
+        }
 
     def heard(self, talkers: Collection[str]) -> dict[str, list[str]]:
         """Return which of the computers in `talkers` each robot is to hear; the empty name is the router.

@@ -12,7 +12,6 @@ from __future__ import annotations
 import dataclasses
 import types
 from collections.abc import Callable, Mapping
-from functools import cache
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -61,8 +60,16 @@ class Converter(NamedTuple):
     nothing: Any = ""  # plain data for None
 
 
-@cache
+_CONVERTERS: dict[Any, Converter] = {}  # made once for each type
+
+
 def _converter(kind: Any) -> Converter:
+    if kind not in _CONVERTERS:
+        _CONVERTERS[kind] = _made(kind)
+    return _CONVERTERS[kind]
+
+
+def _made(kind: Any) -> Converter:
     origin, arguments = get_origin(kind), get_args(kind)
     if dataclasses.is_dataclass(kind):
         return _record(kind)
@@ -79,7 +86,7 @@ def _same(value: Any) -> Any:
     return value
 
 
-def _checked(kind: type, expected: str) -> Converter:
+def _checked(kind: type | tuple[type, ...], expected: str) -> Converter:
     def read(data: Any, path: str) -> Any:
         if not isinstance(data, kind) or (isinstance(data, bool) and kind is not bool):
             raise Mismatch(f"{path} is {data!r}; expected {expected}.")
@@ -102,6 +109,7 @@ _SCALARS: Mapping[Any, Converter] = {
     Any: Converter(_same, lambda data, path: data),
     str: _checked(str, "a text"),
     int: _checked(int, "a whole number"),
+    float: _checked((int, float), "a number"),
     bool: _checked(bool, "true or false"),
     IPv4Address: _parsed(IPv4Address, "an IPv4 address"),
     IPv4Network: _parsed(IPv4Network, "an IPv4 network"),

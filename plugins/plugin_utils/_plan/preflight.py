@@ -1,21 +1,20 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The plan of a computer compared with the machine as `multimaster_info` found it, before anything changes.
+"""Comparison of a computer's plan with the machine as `multimaster_info` found it, before anything changes.
 
-Pure: plan and description in, sentences out.
+Plan and description in, sentences out.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import ipaddress
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from ipaddress import IPv4Address
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers, units
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Interface, Port
 
 # The units of the collection: what they hold is no stranger's.
 OWN_UNITS = ("multimaster-roscore.service", "multimaster-discovery.service", "multimaster-sync.service")
@@ -25,182 +24,183 @@ NODES_PYTHON = (3, 8)
 
 @dataclass(frozen=True)
 class Comparison:
-    """What stands against applying a plan to a machine, what only deserves a word, and the plan with the machine's names."""
+    """The reasons against applying a plan to a machine, warnings, and the plan with what only the machine knows."""
 
     problems: tuple[str, ...]
     warnings: tuple[str, ...]
-    plan: Mapping[str, Any]
+    plan: ComputerPlan
 
 
-def compare(plan: Mapping[str, Any], info: Mapping[str, Any]) -> Comparison:
-    """Compare one computer's plan with its machine.
+def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
+    """Compare one computer's plan with its machine; `info` is the return of `multimaster_info`.
 
-    `plan` is an entry of `computers` of `fleet_plan`, `info` the return of `multimaster_info`. The plan that comes back has
-    the names of the interfaces, the nodes' programs and the packages to install, which only the machine knows.
+    The plan that comes back has the names of the interfaces, the nodes' programs and the packages to install.
     """
-    interfaces: dict[str, str] = {}  # address -> name
+    interfaces: dict[IPv4Address, str] = {}  # address -> name
     problems = []
-    for wanted in plan["networks"]:
+    for wanted in plan.networks:
         name, found = _interface(plan, info, wanted)
-        interfaces[wanted["address"]] = name
+        interfaces[wanted.address] = name
         problems += found
     problems += _systemd(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
     warnings = _own_name(plan, info)
-    provided: dict[str, Any] = {"programs": _plain(units.NO_PROGRAMS), "packages": []}
-    limits = list(plan["limits"])
-    if not plan["is_router"]:
+    filled = replace(
+        _with_interfaces(plan, interfaces),
+        programs=units.NO_PROGRAMS,
+        packages=(),
+        multicast_routing_due=_multicast_routing_due(plan, info),
+    )
+    limits = list(plan.limits)
+    if not plan.is_router:
         warnings += _exports(plan, info) + _sshd(plan, info)
         ros = _ros(plan, info)
         if not ros:
             nodes = providers.find(plan, info["ros"]["chosen"], info)
-            provided, ros = _provided(plan, info, nodes), list(nodes.problems)
+            filled, ros = _provided(filled, info, nodes), list(nodes.problems)
             limits += nodes.limits(plan)
-        if plan["is_master"]:
+        if plan.is_master:
             problems += ros + _port_holders(plan, info)
             warnings += _no_roscore(plan, info) + limits
         else:
             warnings += ros
-    provided["multicast_routing_due"] = _multicast_routing_due(plan, info)
-    return Comparison(tuple(problems), tuple(warnings), {**_with_interfaces(plan, interfaces), **provided})
+    return Comparison(tuple(problems), tuple(warnings), filled)
 
 
-def _provided(plan: Mapping[str, Any], info: Mapping[str, Any], found: providers.Found) -> dict[str, Any]:
-    """What only the machine knows of the nodes: their programs, and the packages to install."""
-    ready = plan["is_master"] and not found.problems
+def _provided(plan: ComputerPlan, info: Mapping[str, Any], found: providers.Found) -> ComputerPlan:
+    """Return the plan with the nodes' programs and the packages to install."""
+    ready = plan.is_master and not found.problems
     python = info["ros"]["chosen"]["python"]
-    programs = units.programs(plan["provider"], python, found.paths) if ready else units.NO_PROGRAMS
-    return {"programs": _plain(programs), "packages": [] if found.problems else list(found.packages)}
+    programs = units.programs(plan.provider, python, found.paths) if ready else units.NO_PROGRAMS
+    return replace(plan, programs=programs, packages=() if found.problems else tuple(found.packages))
 
 
-def _multicast_routing_due(plan: Mapping[str, Any], info: Mapping[str, Any]) -> bool:
-    """Whether multicast routing is planned, or an earlier plan left some behind."""
-    return bool(plan["multicast_routing"]) or any("multicast_routing" in name for name in info.get("owned", ()))
+def _multicast_routing_due(plan: ComputerPlan, info: Mapping[str, Any]) -> bool:
+    """Return True if multicast routing is planned, or an earlier plan left some behind."""
+    return plan.multicast_routing is not None or any("multicast_routing" in name for name in info.get("owned", ()))
 
 
-def _plain(programs: Mapping[str, UnitLines]) -> dict[str, dict[str, str]]:
-    return {name: dataclasses.asdict(lines) for name, lines in programs.items()}
-
-
-def _with_interfaces(plan: Mapping[str, Any], interfaces: Mapping[str, str]) -> dict[str, Any]:
-    """The plan with the names of the interfaces."""
-    common = interfaces.get(plan["common_address"], "")
-    filled = dict(plan)
-    filled["sysctl"] = [
-        {**setting, "name": setting["name"].replace("{common}", common.replace(".", "/"))} for setting in plan["sysctl"]
-    ]
-    routing = plan["multicast_routing"]
+def _with_interfaces(plan: ComputerPlan, interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:
+    """Return the plan with the names of the interfaces."""
+    common = interfaces.get(plan.common_address, "") if plan.common_address else ""
+    sysctl = tuple(
+        replace(setting, name=setting.name.replace("{common}", common.replace(".", "/"))) for setting in plan.sysctl
+    )
+    routing = plan.multicast_routing
     if routing:
-        filled["multicast_routing"] = {
-            **routing,
-            "interfaces": [interfaces[address] for address in routing["addresses"]],
-        }
-    return filled
+        routing = replace(routing, interfaces=tuple(interfaces[address] for address in routing.addresses))
+    return replace(plan, sysctl=sysctl, multicast_routing=routing)
 
 
-def _interface(plan: Mapping[str, Any], info: Mapping[str, Any], wanted: Mapping[str, str]) -> tuple[str, list[str]]:
-    """The interface that has an address of the plan."""
-    host, address = plan["computer"], wanted["address"]
-    variable = "multimaster_address" if address == plan["address"] else "multimaster_common_address"
-    network = ipaddress.ip_network(wanted["network"])
+def _interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -> tuple[str, list[str]]:
+    """Return the name of the interface that has an address of the plan, and what is wrong with it."""
     found = []
     for interface in info["interfaces"]:
-        name = interface["name"]
         for entry in interface["addresses"]:
-            if entry["address"] != address:
-                continue
-            if not interface["up"]:
-                return name, [
-                    f"{host}: the interface {name} with {variable} {address} is down; expected it to be up: "
-                    f"bring it up (ip link set {name} up) and find out why it was not."
-                ]
-            if plan["is_master"] and _multicast_on(plan) == address and not interface["multicast"]:
-                return name, [
-                    f"{host}: the interface {name} with {variable} {address} does not do multicast; expected "
-                    f"the flag MULTICAST: set it (ip link set {name} multicast on), or set multimaster_transport to "
-                    "unicast."
-                ]
-            if entry["prefix"] != network.prefixlen:
-                return name, [
-                    f"{host}: {variable} is {address}, on {name} with the prefix length {entry['prefix']}; expected {network.prefixlen}, "
-                    f"as the network {network} of the inventory has it, since packets to other networks take another way otherwise: "
-                    "correct one of the two."
-                ]
-            return name, []
+            if entry["address"] == str(wanted.address):
+                return interface["name"], _interface_problems(plan, wanted, interface, entry["prefix"])
         if not interface["loopback"]:
             found += [
-                f"{entry['address']} on {name}" for entry in interface["addresses"] if ":" not in entry["address"]
+                f"{entry['address']} on {interface['name']}"
+                for entry in interface["addresses"]
+                if ":" not in entry["address"]
             ]
     return "", [
-        f"{host}: {variable} is {address}, but the machine has {', '.join(found) or 'no address'}; expected that address "
+        f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has {', '.join(found) or 'no address'}; expected that address "
         "on one of its interfaces: correct the inventory, or give the machine the address."
     ]
 
 
-def _multicast_on(plan: Mapping[str, Any]) -> str:
-    """The address of the interface on which the discovery node uses the multicast group; empty where it does not."""
-    return plan["discovery"]["interface"] if plan["discovery"]["send_mcast"] else ""
+def _interface_problems(plan: ComputerPlan, wanted: Interface, interface: Mapping[str, Any], prefix: int) -> list[str]:
+    host, variable, name = plan.computer, _variable(plan, wanted), interface["name"]
+    if not interface["up"]:
+        return [
+            f"{host}: the interface {name} with {variable} {wanted.address} is down; expected it to be up: "
+            f"bring it up (ip link set {name} up) and find out why it was not."
+        ]
+    if plan.is_master and _multicast_on(plan) == str(wanted.address) and not interface["multicast"]:
+        return [
+            f"{host}: the interface {name} with {variable} {wanted.address} does not do multicast; expected "
+            f"the flag MULTICAST: set it (ip link set {name} multicast on), or set multimaster_transport to "
+            "unicast."
+        ]
+    if prefix != wanted.network.prefixlen:
+        return [
+            f"{host}: {variable} is {wanted.address}, on {name} with the prefix length {prefix}; expected {wanted.network.prefixlen}, "
+            f"as the network {wanted.network} of the inventory has it, since packets to other networks take another way otherwise: "
+            "correct one of the two."
+        ]
+    return []
 
 
-def _ways(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
-    """With `multimaster_routes: existing`: whether there is a route to each network, so that packets come back."""
+def _variable(plan: ComputerPlan, wanted: Interface) -> str:
+    return "multimaster_address" if wanted.address == plan.address else "multimaster_common_address"
+
+
+def _multicast_on(plan: ComputerPlan) -> str:
+    """Return the address of the interface on which the discovery node uses multicast; empty where it does not."""
+    return str(plan.discovery["interface"]) if plan.discovery["send_mcast"] else ""
+
+
+def _ways(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+    """Return a sentence for each network without a route, with `multimaster_routes: existing`: nothing comes back."""
     found = {entry["destination"]: entry for entry in info.get("ways", ())}
     problems = []
-    for route in plan["routes_expected"]:
-        way = found.get(str(ipaddress.ip_network(route["destination"])[1]), {"error": "not looked at", "gateway": None})
-        by = way["gateway"]
-        if by in route["gateways"]:
+    for route in plan.routes_expected:
+        way = found.get(str(route.destination[1]), {"error": "not looked at", "gateway": None})
+        by, gateways = way["gateway"], [str(gateway) for gateway in route.gateways]
+        if by in gateways:
             continue
         seen = way["error"] or (f"one by {by}" if by else "a way without a gateway")
         problems.append(
-            f"{plan['computer']}: multimaster_routes is 'existing', but towards {route['destination']} there is no route by "
-            f"{' or '.join(route['gateways'])} (found: {seen}); expected one, since without a route back nothing is answered: add it, "
+            f"{plan.computer}: multimaster_routes is 'existing', but towards {route.destination} there is no route by "
+            f"{' or '.join(gateways)} (found: {seen}); expected one, since without a route back nothing is answered: add it, "
             "name the router in multimaster_router where it leads there, or set multimaster_routes to 'default' or 'networks'."
         )
     return problems
 
 
-def _multicast_routing(plan: Mapping[str, Any], info: Mapping[str, Any], interfaces: Mapping[str, str]) -> list[str]:
-    if not plan["multicast_routing"]:
+def _multicast_routing(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]) -> list[str]:
+    if not plan.multicast_routing:
         return []
-    inner, common = (interfaces[address] for address in plan["multicast_routing"]["addresses"])
+    inner, common = (interfaces[address] for address in plan.multicast_routing.addresses)
     if inner and inner == common:
         return [
-            f"{plan['computer']}: multimaster_multicast_routing is 'smcroute', but both its addresses are on {inner}; expected an interface "
+            f"{plan.computer}: multimaster_multicast_routing is 'smcroute', but both its addresses are on {inner}; expected an interface "
             "for each network, since multicast is passed on between interfaces: give the common network its own, or set "
             "multimaster_multicast_routing to 'none'."
         ]
     routing = info["multicast_routing"]
     if not routing["smcrouted"]:
         return [
-            f"{plan['computer']}: multimaster_multicast_routing is 'smcroute', but there is no smcrouted; expected it on a gateway: install "
+            f"{plan.computer}: multimaster_multicast_routing is 'smcroute', but there is no smcrouted; expected it on a gateway: install "
             "it (apt-get install smcroute)."
         ]
     if routing["others"]:
         return [
-            f"{plan['computer']}: {', '.join(routing['others'])} passes multicast on already, and the kernel takes one program for that; "
+            f"{plan.computer}: {', '.join(routing['others'])} passes multicast on already, and the kernel takes one program for that; "
             "expected none beside the collection's: stop it for good (systemctl disable --now smcroute.service smcroute-helper.service, "
             "where it is Debian's smcroute), or set multimaster_multicast_routing to 'none'."
         ]
     return []
 
 
-def _systemd(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
+def _systemd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     if info["systemd"]["running"]:
         return []
     return [
-        f"{plan['computer']}: systemd does not run the machine; expected it, since the nodes are its services: "
+        f"{plan.computer}: systemd does not run the machine; expected it, since the nodes are its services: "
         "use a system with systemd."
     ]
 
 
-def _ros(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
-    host, ros = plan["computer"], info["ros"]
+def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+    host, ros = plan.computer, info["ros"]
     if ros["problem"]:
         return [f"{host}: {ros['problem']}"]
     chosen = ros["chosen"]
     if not chosen:
         return [
-            f"{host}: multimaster_ros_setup is '{plan['ros_setup']}', but no ROS was found on the machine; expected ROS 1 below "
+            f"{host}: multimaster_ros_setup is '{plan.ros_setup}', but no ROS was found on the machine; expected ROS 1 below "
             "/opt/ros, as Debian's packages, or in a workspace: install it, or name its set-up file in multimaster_ros_setup."
         ]
     where = chosen["setup"] or "Debian's packages"
@@ -209,13 +209,13 @@ def _ros(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
             f"{host}: the ROS of {where} lacks the Python modules {', '.join(chosen['missing'])}; expected them for the "
             f"nodes: install them ({_packages(chosen)})."
         ]
-    if plan["is_master"] and plan["roscore"] == "managed" and not chosen["commands"].get("roscore"):
+    if plan.is_master and plan.roscore == "managed" and not chosen["commands"].get("roscore"):
         return [
             f"{host}: the ROS of {where} has no roscore; expected it, since multimaster_roscore is 'managed': install it, or set "
             "multimaster_roscore to 'existing' where something else starts a roscore."
         ]
     version = tuple(int(part) for part in chosen["python_version"].split(".")[:2])
-    if version < NODES_PYTHON and plan["provider"] == "bundled":
+    if version < NODES_PYTHON and plan.provider == "bundled":
         return [
             f"{host}: the ROS of {where} has Python {chosen['python_version']}; expected 3.8 or later for the bundled nodes (Ubuntu 20.04, Debian 11 "
             "or later): use such a system, or set multimaster_provider to 'fkie_apt' or 'fkie_existing'."
@@ -229,14 +229,14 @@ def _packages(chosen: Mapping[str, Any]) -> str:
     return "apt-get install " + " ".join(prefix + name for name in names)
 
 
-def _port_holders(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
+def _port_holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     problems = []
-    for port in plan["ports"]:
+    for port in plan.ports:
         for holder in info["ports"]:
-            if (holder["protocol"], holder["port"]) != (port["protocol"], port["port"]) or holder["unit"] in OWN_UNITS:
+            if (holder["protocol"], holder["port"]) != (port.protocol, port.port) or holder["unit"] in OWN_UNITS:
                 continue
-            use = "roscore" if port == {"protocol": "tcp", "port": plan["roscore_port"]} else "discovery"
-            if use == "roscore" and plan["roscore"] == "existing":
+            use = "roscore" if port == Port("tcp", plan.roscore_port) else "discovery"
+            if use == "roscore" and plan.roscore == "existing":
                 continue
             who = f"{holder['command'] or 'a process'} (pid {holder['pid']}, user {holder['user']}" + (
                 f", {holder['unit']})" if holder["unit"] else ")"
@@ -246,55 +246,55 @@ def _port_holders(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]
                 "discovery": "stop it: only one discovery node can answer for a master",
             }[use]
             problems.append(
-                f"{plan['computer']}: {port['protocol'].upper()} port {port['port']} is held by {who}; expected it to be free for the "
+                f"{plan.computer}: {port.protocol.upper()} port {port.port} is held by {who}; expected it to be free for the "
                 f"{use} of the collection: {what}."
             )
     return list(dict.fromkeys(problems))  # a process may hold a port on several addresses
 
 
-def _no_roscore(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
+def _no_roscore(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     listening = {(holder["protocol"], holder["port"]) for holder in info["ports"]}
-    if plan["roscore"] == "managed" or ("tcp", plan["roscore_port"]) in listening:
+    if plan.roscore == "managed" or ("tcp", plan.roscore_port) in listening:
         return []
     return [
-        f"{plan['computer']}: nothing listens on TCP port {plan['roscore_port']}; expected the roscore that something else starts, "
+        f"{plan.computer}: nothing listens on TCP port {plan.roscore_port}; expected the roscore that something else starts, "
         "since multimaster_roscore is 'existing': start it now, for the discovery node waits for it."
     ]
 
 
-def _own_name(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
-    if info["hostname"].split(".")[0].lower() == plan["computer"].split(".")[0].lower():
+def _own_name(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+    if info["hostname"].split(".")[0].lower() == plan.computer.split(".")[0].lower():
         return []
     return [
-        f"{plan['computer']}: the machine calls itself '{info['hostname']}'; expected its name in the inventory: nodes that are "
+        f"{plan.computer}: the machine calls itself '{info['hostname']}'; expected its name in the inventory: nodes that are "
         "started without the environment of the collection advertise that other name; rename one of the two."
     ]
 
 
-def _exports(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
+def _exports(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     return [
-        f"{plan['computer']}: {export['file']}, line {export['line']} sets {export['variable']} ({export['text']}); expected that "
+        f"{plan.computer}: {export['file']}, line {export['line']} sets {export['variable']} ({export['text']}); expected that "
         "only the collection sets it: shells that read this file differ from the services; remove the line."
         for export in info["exports"]
-        if plan["environment"].get(export["variable"], None) != export["value"].rstrip("/")
+        if plan.environment.get(export["variable"], None) != export["value"].rstrip("/")
     ]
 
 
-def _sshd(plan: Mapping[str, Any], info: Mapping[str, Any]) -> list[str]:
+def _sshd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     sshd = info["sshd"]
     if not sshd["installed"]:
         return []
     warnings = []
     if not sshd["includes_drop_ins"]:
         warnings.append(
-            f"{plan['computer']}: sshd does not read /etc/ssh/sshd_config.d; expected it, so that commands by ssh have the ROS "
+            f"{plan.computer}: sshd does not read /etc/ssh/sshd_config.d; expected it, so that commands by ssh have the ROS "
             "environment: add 'Include /etc/ssh/sshd_config.d/*.conf' at the top of /etc/ssh/sshd_config, or use login shells."
         )
     for other in sshd["other_setenv"]:
         if other["match"]:
             continue  # below a Match it adds to ours
         warnings.append(
-            f"{plan['computer']}: {other['file']}, line {other['line']} has its own SetEnv ({other['text']}), and sshd takes only one; "
+            f"{plan.computer}: {other['file']}, line {other['line']} has its own SetEnv ({other['text']}), and sshd takes only one; "
             "expected none: commands by ssh get no ROS environment from the collection; move it into the users' ~/.ssh/environment, "
             "or use login shells."
         )

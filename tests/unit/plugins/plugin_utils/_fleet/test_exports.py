@@ -298,7 +298,7 @@ def test_a_declaration_on_one_computer_is_the_robots_and_is_checked():
 
 @pytest.mark.parametrize(("rate", "after"), [(1, 5), (0.5, 5), (0.4, 5), (0.35, 6.7), (0.1, 20), (0.02, 65)])
 def test_without_a_value_a_slow_rate_is_waited_for(rate, after):
-    assert fleet({"multimaster_heartbeat_hz": rate}).offline_after == after
+    assert fleet({"multimaster_heartbeat_hz": rate}).variables.offline_after == after
 
 
 @pytest.mark.parametrize(
@@ -565,7 +565,12 @@ def test_both_sides_let_pass_exactly_what_is_declared(robots, filters_of):
     model = dataclasses.replace(
         model,
         robots=tuple(
-            dataclasses.replace(robot, exports=robots[robot.name], filters=filters_of[robot.name])
+            dataclasses.replace(
+                robot,
+                variables=dataclasses.replace(
+                    robot.variables, exports=robots[robot.name], filters=filters_of[robot.name]
+                ),
+            )
             for robot in model.robots
         ),
     )
@@ -583,7 +588,7 @@ def test_both_sides_let_pass_exactly_what_is_declared(robots, filters_of):
                     expected = declared(robots, giver, taker, key, name)
                     assert served.has(key, name) == expected
                     assert taken.has(key, name) == (expected and wanted.has(key, name))
-            flows = robots[giver] is None or giver in flows_module.received(model.flows, taker)
+            flows = robots[giver] is None or giver in flows_module.givers(model.flows, taker)
             assert served.has("topics", VERIFYING) == flows
             assert robots[giver] is None or served.nodes <= {"/n"}  # what it has from others is not its to give
             if any(entries is not None for entries in robots.values()):

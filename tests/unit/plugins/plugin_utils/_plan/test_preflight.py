@@ -4,6 +4,7 @@
 """The plan of a computer compared with its machine."""
 
 import copy
+import dataclasses
 import json
 import os
 import pathlib
@@ -13,11 +14,14 @@ import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Setting
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain
 
 PLAN = {
     "computer": "kobuki1computer",
     "address": "192.168.1.229",
     "common_address": "192.168.1.229",
+    "network": "192.168.1.0/24",
     "networks": [{"network": "192.168.1.0/24", "address": "192.168.1.229"}],
     "is_master": True,
     "is_router": False,
@@ -83,14 +87,15 @@ def compare(change=None, **plan):
     info = copy.deepcopy(INFO)
     if change:
         change(info)
-    return preflight.compare({**PLAN, **plan}, info)
+    return preflight.compare(from_plain(ComputerPlan, {**PLAN, **plan}), info)
 
 
 def test_a_machine_like_its_plan():
-    programs = preflight._plain(units.programs("bundled", "/usr/bin/python3", {}))
-    assert compare() == preflight.Comparison(
-        (), (), {**PLAN, "programs": programs, "packages": [], "multicast_routing_due": False}
+    programs = units.programs("bundled", "/usr/bin/python3", {})
+    plan = dataclasses.replace(
+        from_plain(ComputerPlan, PLAN), programs=programs, packages=(), multicast_routing_due=False
     )
+    assert compare() == preflight.Comparison((), (), plan)
 
 
 PROBLEMS = {
@@ -217,8 +222,8 @@ def test_the_plan_gets_the_names_of_the_interfaces():
 
     found = compare(change, **GATEWAY, multicast_routing=routing, sysctl=sysctl)
     assert found.problems == ()
-    assert found.plan["multicast_routing"]["interfaces"] == ["eth1.5", "eth0"]
-    assert found.plan["sysctl"] == [{"name": "net.ipv4.conf.eth0.send_redirects", "value": "0"}]
+    assert found.plan.multicast_routing.interfaces == ("eth1.5", "eth0")
+    assert found.plan.sysctl == (Setting("net.ipv4.conf.eth0.send_redirects", "0"),)
 
 
 @pytest.mark.parametrize(
@@ -343,9 +348,9 @@ def noetic(info, installed=(), candidates=PACKAGES, python="3.8.10"):
 def test_packages_of_upstream_that_are_there_or_to_be_had(installed):
     found = compare(lambda info: noetic(info, installed), provider="fkie_apt")
     assert found.problems == found.warnings == ()
-    assert found.plan["packages"] == PACKAGES
+    assert found.plan.packages == tuple(PACKAGES)
     start = "ExecStart=/usr/bin/python3 /opt/ros/noetic/lib/fkie_master_discovery/master_discovery "
-    assert start in found.plan["programs"]["discovery"]["service"]
+    assert start in found.plan.programs["discovery"].service
 
 
 def test_packages_that_no_source_has_are_named():
@@ -366,13 +371,13 @@ def test_debians_ros_has_no_packages_of_upstream():
 
 def test_a_further_computer_needs_the_messages_alone():
     found = compare(noetic, provider="fkie_apt", is_master=False, ports=[], discovery={})
-    assert (found.problems, found.plan["packages"]) == ((), ["ros-noetic-fkie-multimaster-msgs"])
-    assert found.plan["programs"] == preflight._plain(units.NO_PROGRAMS)
+    assert (found.problems, found.plan.packages) == ((), ("ros-noetic-fkie-multimaster-msgs",))
+    assert found.plan.programs == units.NO_PROGRAMS
     found = compare(
         lambda info: noetic(info, candidates=()), provider="fkie_apt", is_master=False, ports=[], discovery={}
     )
     assert found.problems == () and "have no ros-noetic-fkie-multimaster-msgs" in found.warnings[0]
-    assert found.plan["packages"] == []  # apt would fail half way
+    assert found.plan.packages == ()  # apt would fail half way
 
 
 def test_upstream_runs_on_an_older_python():
@@ -389,13 +394,13 @@ def workspace(info, **changes):
         setup="/home/robot/ws/devel/setup.bash",
         nodes=[
             {
-                "package": node["package"],
-                "executable": node["executable"],
-                "path": f"/home/robot/ws/src/{node['package']}/nodes/{node['executable']}",
+                "package": node.package,
+                "executable": node.executable,
+                "path": f"/home/robot/ws/src/{node.package}/nodes/{node.executable}",
                 "problem": "",
-                **changes.get(node["package"], {}),
+                **changes.get(node.package, {}),
             }
-            for node in providers.looked_for("fkie_existing", True)["nodes"]
+            for node in providers.nodes_to_look_for("fkie_existing")
         ],
     )
 
@@ -411,9 +416,9 @@ NO_OLD = {"master_discovery_fkie": GONE, "master_sync_fkie": GONE}
 )
 def test_an_installation_of_either_name(there, package):
     found = compare(lambda info: workspace(info, **there), provider="fkie_existing")
-    assert found.problems == () and found.plan["packages"] == []
+    assert found.problems == () and found.plan.packages == ()
     start = f"ExecStart=/usr/bin/python3 /home/robot/ws/src/{package}/nodes/master_sync "
-    assert start in found.plan["programs"]["sync"]["service"]
+    assert start in found.plan.programs["sync"].service
 
 
 @pytest.mark.parametrize(
@@ -433,7 +438,7 @@ def test_an_installation_of_either_name(there, package):
 def test_an_installation_that_is_not_whole(there, expected):
     found = compare(lambda info: workspace(info, **there), provider="fkie_existing")
     assert len(found.problems) == 1 and re.search(expected, found.problems[0]), found.problems
-    assert found.plan["programs"] == preflight._plain(units.NO_PROGRAMS)
+    assert found.plan.programs == units.NO_PROGRAMS
 
 
 def test_what_upstream_cannot_do_is_a_warning():

@@ -15,9 +15,11 @@ import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import parameters as parameters_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, LookAt
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain, to_plain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -64,7 +66,7 @@ def machine(distribution, computer="tibi-visio"):
     own = distribution == "debian"
     old = distribution not in ("noetic", "debian")
     addresses = {"tibi-visio": ("192.168.11.101", "192.168.1.201"), "dabo-pc": ("192.168.1.202",)}[computer]
-    nodes = providers.looked_for("fkie_existing", True)["nodes"]
+    nodes = to_plain(LookAt(nodes=providers.nodes_to_look_for("fkie_existing")))["nodes"]
     return {
         "hostname": computer,
         "systemd": {"running": True},
@@ -97,7 +99,7 @@ def machine(distribution, computer="tibi-visio"):
         },
         "packages": [
             {"name": name, "installed": "", "candidate": "1", "ours": False}
-            for name in providers.looked_for("fkie_apt", True)["packages"]
+            for name in providers.packages_to_look_for("fkie_apt", True)
         ],
         "ports": [],
         "exports": [],
@@ -107,15 +109,14 @@ def machine(distribution, computer="tibi-visio"):
 
 def rendered(found):
     """The files that the roles nodes and services write for a checked plan."""
-    programs = {name: UnitLines(**lines) for name, lines in found["programs"].items()}
-    roscore = units.Roscore("/opt/ros/x/bin/roscore", found["roscore_port"])
+    roscore = units.Roscore("/opt/ros/x/bin/roscore", found.roscore_port)
     made = units.services(
-        ["roscore", "discovery", "sync"], found["robot"], roscore, programs, units.Inputs("4567", "0123")
+        ["roscore", "discovery", "sync"], found.robot, roscore, found.programs, units.Inputs("4567", "0123")
     )
     files = {unit.name: unit.content for unit in made}
     for name in ("discovery", "sync"):
-        files[f"master_{name}.json"] = json.dumps(found[name], indent=4, sort_keys=True) + "\n"
-    files["packages"] = "\n".join(found["packages"])
+        files[f"master_{name}.json"] = json.dumps(getattr(found, name), indent=4, sort_keys=True) + "\n"
+    files["packages"] = "\n".join(found.packages)
     return "".join(f"===== {name}\n{text.rstrip()}\n" for name, text in files.items())
 
 
@@ -130,7 +131,7 @@ CASES = {
 def test_what_is_written_for_each_distribution(case):
     distribution, provider = CASES[case]
     computers = plan(everywhere("tibi", multimaster_provider=provider))
-    found = preflight.compare(computers["tibi-visio"], machine(distribution))
+    found = preflight.compare(from_plain(ComputerPlan, computers["tibi-visio"]), machine(distribution))
     assert found.problems == ()
     path = GOLDEN / f"{case}.txt"
     if os.environ.get("UPDATE_GOLDEN"):
@@ -147,7 +148,7 @@ def test_packages_are_without_the_gui(distribution):
 
 
 def test_bundled_nodes_need_nothing_of_upstream():
-    assert providers.looked_for("bundled", True) == {"packages": [], "nodes": []}
+    assert providers.packages_to_look_for("bundled", True) == providers.nodes_to_look_for("bundled") == ()
     computers = plan(everywhere("tibi", multimaster_provider="bundled"))
     assert [computer["limits"] for computer in computers.values()] == [[]] * 4
 
@@ -199,7 +200,7 @@ NAMES = ("/a", "/b", "/a/x", "/Tf", "/tf_static", "/ab")
 PATTERNS = st.lists(st.sampled_from(["/a", "/A*", "/b|/a/x", "/tf", "*", " /ab ", "/x|/b"]), max_size=2)
 HOSTS = ("alpha", "beta_11411", "gamma-pc")
 HOST_PATTERNS = st.lists(st.sampled_from(["alpha", "BETA*", "*", "alpha|gamma-pc"]), max_size=2)
-LISTS = st.fixed_dictionaries({}, optional=dict.fromkeys(providers.FILTERS, PATTERNS))
+LISTS = st.fixed_dictionaries({}, optional=dict.fromkeys(parameters_module.UPSTREAM_FILTERS, PATTERNS))
 SECTIONS = st.dictionaries(st.sampled_from(["alpha", "Beta_11411"]), LISTS, max_size=2)
 BUNDLED = st.builds(
     lambda lists, hosts, sections: {**lists, **hosts, **sections},
@@ -212,7 +213,7 @@ BUNDLED = st.builds(
 @settings(max_examples=80, deadline=None)
 @given(BUNDLED)
 def test_upstream_decides_as_the_bundled_node(parameters):
-    bundled, upstream = filters.Filters(parameters), Upstream(providers._sync(parameters))
+    bundled, upstream = filters.Filters(parameters), Upstream(parameters_module._upstream_sync(parameters))
     for host in HOSTS:
         assert upstream.host(host) == bundled.wants_host(host)
         rules = bundled.rules(host)
@@ -229,9 +230,9 @@ def hides(parameters, kind, name):
 
 @given(st.lists(st.sampled_from(["/a", "/a*", "/tf", "/b/*/c"]), max_size=3), st.sampled_from([*NAMES, "/b/x/c"]))
 def test_what_goes_to_nobody_is_hidden(patterns, name):
-    exports = [{"to": ["192.168.1.202"], "topics": patterns, "services": []}]
+    exports = [parameters_module.Served(to=("192.168.1.202",), topics=tuple(patterns), services=())]
     given_away = any(re.fullmatch(item.replace("*", ".*"), name, re.IGNORECASE) for item in patterns)
-    hidden = providers._hidden(exports)
+    hidden = parameters_module._hidden(exports)
     assert hides(hidden, "topics", name) is not given_away
     assert hides(hidden, "services", name)
 

@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks whether discovery can work: heartbeats that come often enough, and masters that they reach."""
+
+from __future__ import annotations
+
+import math
+from ipaddress import IPv4Network
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Fleet
+
+# Routers pass none of these groups on (RFC 5771).
+LOCAL_GROUPS = IPv4Network("224.0.0.0/24")
+
+
+def _tenths(rate: float) -> int:
+    """Return a rate in tenths of a heartbeat per second; a heartbeat carries its rate in whole tenths."""
+    return int(rate * 10)
+
+
+def default_offline_after(rate: float) -> float:
+    """Return the seconds after which a lost robot is withdrawn: the time of two heartbeats, at least 5.
+
+    A robot that promises no heartbeat is asked, and given up after 65 s (the nodes' core/discovery.py).
+    """
+    return max(5.0, math.ceil(200 / _tenths(rate)) / 10) if _tenths(rate) else 65.0
+
+
+def too_few_heartbeats(rate: float | None, after: float | None) -> list[str]:
+    """Return a sentence if `after` seconds have less than two heartbeats, which tell silence from a slow rate."""
+    if rate is None or after is None:
+        return []
+    tenths = _tenths(rate)
+    if tenths * after >= 20:
+        return []
+    longer = f" or multimaster_offline_after to {default_offline_after(rate):g}" if tenths else ""
+    return [
+        f"multimaster_heartbeat_hz is {rate:g} and multimaster_offline_after is {after:g}, so a robot promises {tenths * after / 10:.2g} "
+        f"heartbeats in that time; expected at least 2: raise multimaster_heartbeat_hz to {math.ceil(20 / after) / 10:g}{longer} "
+        "in group_vars/robots.yml."
+    ]
+
+
+def unreached_masters(fleet: Fleet) -> list[str]:
+    """Return a sentence for each master that no heartbeat reaches: multicast does not cross a gateway by itself."""
+    group, routing = fleet.variables.multicast_group, fleet.variables.multicast_routing
+    if routing == "smcroute" and group in LOCAL_GROUPS:
+        return [
+            f"multimaster_multicast_group is {group}, which no router passes on (RFC 5771, 224.0.0.0/24), and "
+            "multimaster_multicast_routing is 'smcroute'; expected a group outside 224.0.0.0/24: set it in group_vars/robots.yml, "
+            "for example 239.255.0.1."
+        ]
+    if fleet.variables.transport != "multicast" or len(fleet.robots) < 2:
+        return []
+    return [
+        f"{robot.master.name}: is the master of the robot {robot.name} behind the gateway {robot.gateway.title}, and "
+        f"multimaster_transport is 'multicast'; expected a way to it, since nobody passes {group} on there: set multimaster_transport to "
+        "'both'"
+        + (" or multimaster_multicast_routing to 'smcroute'" if robot.gateway.name else "")
+        + ", or choose the gateway as multimaster_master."
+        for robot in fleet.robots
+        if robot.gateway and not robot.master.common_address and (routing == "none" or not robot.gateway.name)
+    ]

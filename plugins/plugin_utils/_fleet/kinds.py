@@ -1,0 +1,161 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Kinds of values: each function reads one value of an inventory and returns it as a type, or raises Unexpected.
+
+Here a text becomes an address or a network; from here on, both are objects.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from ipaddress import IPv4Address, IPv4Network, ip_address, ip_network
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected, nearest
+
+FILTERS = tuple(sorted(exports.FILTERS))
+
+_NAME = re.compile(r"(?!-)[a-z0-9-]{1,63}(?<!-)(\.(?!-)[a-z0-9-]{1,63}(?<!-))*", re.IGNORECASE)
+
+
+def text(value: Any) -> str:
+    """Read a text that is not empty."""
+    if not isinstance(value, str) or not value:
+        raise Unexpected("a text that is not empty")
+    return str(value)
+
+
+def name(value: Any) -> str:
+    """Read a host name (RFC 1123)."""
+    if not isinstance(value, str) or not _NAME.fullmatch(value) or value.replace(".", "").isdigit():
+        raise Unexpected("a host name: letters, digits and hyphens (RFC 1123), and no address")
+    return str(value)
+
+
+def names(value: Any) -> list[str]:
+    """Read a list of host names."""
+    if isinstance(value, str) or not isinstance(value, (list, tuple)):
+        raise Unexpected("a list of host names")
+    return [name(item) for item in value]
+
+
+def address(value: Any) -> IPv4Address:
+    """Read the IPv4 address of one computer."""
+    try:
+        found = ip_address(text(value))
+    except ValueError:
+        raise Unexpected("an IPv4 address such as 192.168.1.229") from None
+    if not isinstance(found, IPv4Address) or found.is_loopback or found.is_multicast or found.is_unspecified:
+        raise Unexpected("the IPv4 address of one computer, such as 192.168.1.229")
+    return found
+
+
+def gateway(value: Any) -> str | IPv4Address:
+    """Read the name of a computer, or the address of another device."""
+    try:
+        return name(value)
+    except Unexpected:
+        pass
+    try:
+        return address(value)
+    except Unexpected:
+        raise Unexpected("the name of a computer of the robot, or the address of another device") from None
+
+
+def network(value: Any) -> IPv4Network:
+    """Read an IPv4 network of several addresses."""
+    try:
+        found = ip_network(text(value))
+    except ValueError:
+        raise Unexpected("an IPv4 network such as 192.168.1.0/24, without host bits") from None
+    if not isinstance(found, IPv4Network) or found.prefixlen > 30:
+        raise Unexpected("an IPv4 network of several addresses, such as 192.168.1.0/24")
+    return found
+
+
+def group(value: Any) -> IPv4Address:
+    """Read an IPv4 multicast group."""
+    try:
+        found = ip_address(text(value))
+    except ValueError:
+        raise Unexpected("an IPv4 multicast group between 224.0.0.0 and 239.255.255.255") from None
+    if not isinstance(found, IPv4Address) or not found.is_multicast or found == IPv4Address("224.0.0.0"):
+        raise Unexpected("an IPv4 multicast group between 224.0.0.1 and 239.255.255.255")
+    return found
+
+
+def number(kind: type[int] | type[float], low: float, high: float) -> Callable[[Any], float]:
+    """Return a reader of numbers of this kind, from `low` to `high`. A text that is a number is read as one."""
+
+    def read(value: Any) -> float:
+        expected = Unexpected(f"{'a whole number' if kind is int else 'a number'} from {low} to {high}")
+        if isinstance(value, bool) or not isinstance(value, (kind, int, str)):
+            raise expected
+        try:
+            found = kind(value)
+        except ValueError:
+            raise expected from None
+        if not low <= found <= high:
+            raise expected
+        return found
+
+    return read
+
+
+def switch(value: Any) -> bool:
+    """Read true or false, in the words of YAML."""
+    if isinstance(value, bool):
+        return bool(value)
+    if isinstance(value, str) and value.lower() in ("true", "yes", "on"):
+        return True
+    if isinstance(value, str) and value.lower() in ("false", "no", "off"):
+        return False
+    raise Unexpected("true or false")
+
+
+def choice(*choices: str) -> Callable[[Any], str]:
+    """Return a reader of one of these words."""
+
+    def read(value: Any) -> str:
+        if value not in choices:
+            raise Unexpected("one of " + ", ".join(choices))
+        return str(value)
+
+    return read
+
+
+def setup(value: Any) -> str:
+    """Read where ROS is: `auto`, `debian`, or an absolute path."""
+    if value in ("auto", "debian"):
+        return str(value)
+    if not isinstance(value, str) or not value.startswith("/") or ".." in value.split("/"):
+        raise Unexpected("auto, debian, or the absolute path of a set-up file such as /opt/ros/noetic/setup.bash")
+    return str(value)
+
+
+def filters(value: Any) -> dict[str, list[str]]:
+    """Read filters: lists of patterns, by the names in FILTERS."""
+    if not isinstance(value, Mapping):
+        raise Unexpected("a mapping of filters, such as {ignore_topics: [/tf]}")
+    read = {}
+    for key, patterns in value.items():
+        if key not in FILTERS:
+            raise Unexpected(f"filters named {', '.join(FILTERS)}, but there is '{key}'{nearest(str(key), FILTERS)}")
+        if isinstance(patterns, str) or not isinstance(patterns, (list, tuple)):
+            raise Unexpected(f"a list of patterns at '{key}', such as [/tf, '/camera/*']")
+        for pattern in patterns:
+            _check_pattern(key, pattern)
+        read[str(key)] = [str(pattern) for pattern in patterns]
+    return read
+
+
+def _check_pattern(key: str, pattern: Any) -> None:
+    if not isinstance(pattern, str) or not pattern.strip():
+        raise Unexpected(f"patterns at '{key}' that are texts and not empty")
+    try:
+        re.compile(pattern.strip().replace("*", ".*"))
+    except re.error as problem:
+        raise Unexpected(f"regular expressions at '{key}', but '{pattern}' is none ({problem})") from None

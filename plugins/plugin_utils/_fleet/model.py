@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The fleet as types: robots, their computers, and what connects them. `read.read_fleet` makes it of an inventory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from ipaddress import IPv4Address, IPv4Network
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import Flow, flows
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import (
+    ComputerVariables,
+    FleetVariables,
+    RobotVariables,
+)
+
+
+@dataclass(frozen=True)
+class Computer:
+    """One computer of a robot."""
+
+    name: str
+    robot: str
+    common_address: IPv4Address | None  # its address in the common network; None behind a gateway
+    variables: ComputerVariables
+
+    @property
+    def address(self) -> IPv4Address:
+        """The address by which the other computers reach it."""
+        return self.variables.address
+
+    @property
+    def discovery_address(self) -> IPv4Address:
+        """The address that discovery uses: the one in the common network, where there is one."""
+        return self.common_address or self.address
+
+
+@dataclass(frozen=True)
+class Gateway:
+    """A connection of a robot's own network with the common network."""
+
+    name: str  # the computer; empty for a device that is no computer of the inventory
+    address: IPv4Address  # in the robot's network
+    common_address: IPv4Address
+
+    @property
+    def title(self) -> str:
+        """The name, or the address of a device that has none."""
+        return self.name or str(self.address)
+
+
+@dataclass(frozen=True)
+class Router:
+    """The device that manages the common network (section 4.1 of the report)."""
+
+    name: str  # the host; empty for a device that is not in the inventory
+    address: IPv4Address
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One robot: its computers, the one that runs its roscore, and the way out of its network."""
+
+    name: str
+    network: IPv4Network  # the common network, where it has none of its own
+    gateway: Gateway | None  # None in the common network
+    computers: tuple[Computer, ...]
+    master: Computer
+    variables: RobotVariables
+
+    @property
+    def master_name(self) -> str:
+        """The name of its master."""
+        return master_name(self.master.name, self.variables.roscore_port)
+
+
+def master_name(computer: str, roscore_port: int) -> str:
+    """Return the name of a master: its computer, and the port where that is not 11311 (as upstream does)."""
+    return computer.lower() if roscore_port == 11311 else f"{computer.lower()}_{roscore_port}"
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """All robots and what they share."""
+
+    robots: tuple[Robot, ...]
+    router: Router | None
+    variables: FleetVariables
+
+    @property
+    def computers(self) -> tuple[Computer, ...]:
+        """The computers of all robots, in the order of the inventory."""
+        return tuple(computer for robot in self.robots for computer in robot.computers)
+
+    @cached_property
+    def flows(self) -> tuple[Flow, ...]:
+        """The declared data flows. Robots that declare nothing give everything to everybody."""
+        return flows({robot.name: robot.variables.exports for robot in self.robots})
+
+    @cached_property
+    def declared(self) -> bool:
+        """True if any robot declares what it gives."""
+        return any(robot.variables.exports is not None for robot in self.robots)

@@ -1,0 +1,333 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The private parameters of the nodes master_discovery and master_sync, in the words of the provider.
+
+First come the parameters of the bundled nodes. Upstream's (multimaster_fkie) are made of them, with the same meaning as
+far as upstream has it. For each thing that it has not, `limits` has a sentence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from ipaddress import IPv4Address
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
+    FILTERS,
+    FROM_CLIENT,
+    FROM_SERVER,
+    topics_of,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import (
+    HOSTS,
+    NAMES,
+    NO_NAME,
+    WHITE_LISTS,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS, Flow
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Fleet, Robot
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import Parameters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import spelling, to_plain
+
+UPSTREAM = ("fkie_apt", "fkie_existing")
+
+# Filters by their parameters, such as {"ignore_topics": ["/tf"]}.
+Filters = dict[str, list[str]]
+
+
+def discovery(fleet: Fleet, robot: Robot) -> Parameters:
+    """Return the parameters of a robot's master_discovery."""
+    bundled = _discovery(fleet, robot)
+    parameters: Parameters = (
+        to_plain(bundled) if robot.variables.provider == "bundled" else _upstream_discovery(bundled)
+    )
+    return parameters
+
+
+def sync(fleet: Fleet, robot: Robot) -> Parameters:
+    """Return the parameters of a robot's master_sync."""
+    bundled = _sync(fleet, robot)
+    _add_for_upstream(bundled, fleet, robot)
+    return bundled if robot.variables.provider == "bundled" else _upstream_sync(bundled)
+
+
+# master_discovery, bundled
+
+
+@dataclass(frozen=True)
+class Served:
+    """Names that a robot gives to the callers from some addresses; `*` is any caller."""
+
+    to: tuple[str, ...]
+    topics: tuple[str, ...]
+    services: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Discovery:
+    """The parameters of the bundled master_discovery; where upstream has the same one, its name is upstream's."""
+
+    name: str
+    mcast_group: IPv4Address
+    mcast_port: int
+    interface: IPv4Address  # of the common network
+    rpc_port: int
+    heartbeat_hz: float
+    offline_after: float
+    send_mcast: bool
+    listen_mcast: bool
+    robot_hosts: tuple[IPv4Address, ...]
+    hide_subscribers: tuple[str, ...]
+    exports: tuple[Served, ...] | None = field(default=None, metadata=spelling(left_out=True))  # None: not declared
+
+
+def _discovery(fleet: Fleet, robot: Robot) -> Discovery:
+    shared = fleet.variables
+    multicast = shared.transport in ("both", "multicast")
+    peers = tuple(other.master.discovery_address for other in fleet.robots if other != robot)
+    return Discovery(
+        name=robot.master_name,
+        mcast_group=shared.multicast_group,
+        mcast_port=shared.multicast_port,
+        interface=robot.master.discovery_address,
+        rpc_port=robot.variables.rpc_port,
+        heartbeat_hz=shared.heartbeat_hz,
+        offline_after=shared.offline_after,
+        send_mcast=multicast,
+        listen_mcast=multicast,
+        robot_hosts=peers if shared.transport in ("both", "unicast") else (),
+        hide_subscribers=("*",) if restricted(fleet, robot) else (),
+        exports=None if robot.variables.exports is None else _served(fleet, robot),
+    )
+
+
+def _served(fleet: Fleet, robot: Robot) -> tuple[Served, ...]:
+    addresses = {other.name: _addresses(other) for other in fleet.robots}
+    return tuple(
+        Served(
+            to=tuple(address for other in flow.to for address in addresses[other]) or ("*",),
+            topics=(*flow.topics, VERIFICATION_TOPICS),
+            services=flow.services,
+        )
+        for flow in fleet.flows
+        if robot.name in flow.givers
+    )
+
+
+def _addresses(robot: Robot) -> list[str]:
+    """Return the addresses from which a robot's master_sync asks the others."""
+    return list(dict.fromkeys(map(str, filter(None, (robot.master.address, robot.master.common_address)))))
+
+
+# Filters that leave no publisher out.
+UNRESTRICTING = ("ignore_services", "ignore_subscribers")
+
+
+def restricted(fleet: Fleet, robot: Robot) -> bool:
+    """Return True if this robot exchanges no subscribers: a roscore that has another robot's tells it whom to hear."""
+    return fleet.declared or any(
+        patterns for name, patterns in robot.variables.filters.items() if name not in UNRESTRICTING
+    )
+
+
+# master_sync, bundled
+
+
+def _sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
+    """Return the robot's filters, and a section with a white list for each master that declares."""
+    filters = _filters(robot)
+    if restricted(fleet, robot):
+        filters["ignore_subscribers"] = ["*"]
+    parameters: dict[str, Any] = {**filters}
+    received = _received(fleet.flows, robot.name)
+    for other in fleet.robots:
+        if other.variables.exports is None or other == robot:
+            continue
+        if other.name in received:
+            parameters[other.master_name] = received[other.name]
+            continue
+        parameters.setdefault("ignore_hosts", []).append(other.master_name.replace(".", r"\."))
+        if robot.variables.filters.get("sync_hosts"):  # it would take the host back
+            parameters[other.master_name] = {"ignore_nodes": ["*"]}
+    return parameters
+
+
+def _filters(robot: Robot) -> Filters:
+    """Return the robot's filters in upstream's names, an action as its five topics."""
+    parameters: Filters = {}
+    for name, patterns in robot.variables.filters.items():
+        texts = topics_of(patterns, FROM_CLIENT + FROM_SERVER) if name.endswith("_actions") else patterns
+        parameters.setdefault(FILTERS[name], []).extend(texts)
+    if any(parameters.get(name) for name in WHITE_LISTS):
+        parameters.setdefault("sync_topics", []).append(VERIFICATION_TOPICS)
+    return parameters
+
+
+def _received(flows: Sequence[Flow], robot: str) -> dict[str, Filters]:
+    """Return the white lists for each declaring robot that gives this one something."""
+    found: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
+    for flow in flows:
+        if flow.reaches(robot):
+            for giver in flow.givers:
+                topics, services = found.setdefault(giver, ({}, {}))
+                topics.update(dict.fromkeys(flow.topics))
+                services.update(dict.fromkeys(flow.services))
+    return {
+        giver: {"sync_topics": [*topics, VERIFICATION_TOPICS], "sync_services": [*services]}
+        for giver, (topics, services) in found.items()
+    }
+
+
+def _add_for_upstream(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> None:
+    """Add what other robots with upstream's nodes make necessary, whatever the provider of this one.
+
+    A robot with upstream tells of the nodes of its further computers as remote ones, and cannot hide its subscribers.
+    So the others ask for the former, and leave the latter out where that robot is restricted.
+    """
+    for other in fleet.robots:
+        if other == robot or other.variables.provider not in UPSTREAM:
+            continue
+        if len(other.computers) > 1:
+            parameters["sync_remote_nodes"] = True
+        if restricted(fleet, other) and parameters.get("ignore_subscribers") != ["*"]:
+            section = parameters.get(other.master_name, {})
+            parameters[other.master_name] = {**section, "ignore_subscribers": ["*"]}
+
+
+# Upstream's words
+
+
+# The filters of upstream's master_sync beside those of hosts; the white lists are last.
+UPSTREAM_FILTERS = (*(name for name in NAMES if name not in (*WHITE_LISTS, "do_not_sync")), *WHITE_LISTS)
+# At one heartbeat a second, ten datagrams in a row do not get lost; upstream asks nobody before it gives a robot up.
+BEATS = 10
+# Upstream's: seconds of silence that timeout_factor multiplies, at one heartbeat a second or more.
+INTERVAL = 5.0
+# Below this rate upstream counts requests instead: 60 s and five of them.
+COUNTED_HZ, UNCOUNTED = 0.3, 65.0
+# The parameters that upstream has under the same name and with the same meaning.
+SAME = ("name", "mcast_port", "interface", "rpc_port", "heartbeat_hz", "send_mcast", "listen_mcast", "robot_hosts")
+
+
+def _upstream_discovery(bundled: Discovery) -> dict[str, Any]:
+    plain = to_plain(bundled)
+    hz, silence = bundled.heartbeat_hz, _offline_after(bundled)
+    return {
+        **{name: plain[name] for name in SAME},
+        "mcast_group": f"{bundled.mcast_group}@{bundled.interface}",
+        "timeout_factor": round(silence / (INTERVAL if hz >= 1 else INTERVAL / hz), 3),
+        "remove_after": int(silence + 0.999),
+        **_hidden(bundled.exports),
+    }
+
+
+def _offline_after(bundled: Discovery) -> float:
+    """Return the seconds of silence after which upstream gives a robot up and withdraws what it has of it."""
+    hz = bundled.heartbeat_hz
+    return max(bundled.offline_after, BEATS / hz if hz >= COUNTED_HZ else UNCOUNTED)
+
+
+def _hidden(exports: Sequence[Served] | None) -> Filters:
+    """Hide from everybody what goes to nobody. What goes to some robots, upstream serves to all of them."""
+    if exports is None:
+        return {}
+    topics = (name for entry in exports for name in entry.topics)
+    services = (name for entry in exports for name in entry.services)
+    return {"hide_topics": [_all_but(topics)], "hide_services": [_all_but(services)]}
+
+
+def _all_but(patterns: Iterable[str]) -> str:
+    alternatives = "|".join(dict.fromkeys(patterns))
+    return rf"(?!(?:{alternatives})\Z)*" if alternatives else "*"
+
+
+def _upstream_sync(bundled: Mapping[str, Any]) -> dict[str, Any]:
+    sections = {key: value for key, value in bundled.items() if isinstance(value, Mapping)}
+    kept = {key: value for key, value in bundled.items() if key not in (*sections, *UPSTREAM_FILTERS, *HOSTS)}
+    everybody = _closed({name: list(bundled.get(name, ())) for name in UPSTREAM_FILTERS}, {})
+    lists: dict[str, list[Any]] = {name: [*_grouped(items)] for name, items in everybody.items()}
+    for master, section in sections.items():
+        own = _closed({name: list(section.get(name, ())) for name in UPSTREAM_FILTERS}, everybody)
+        for name, items in own.items():
+            if items:
+                lists[name].append({master.lower(): _grouped(items)})
+    return {**kept, **_hosts(bundled), **{name: items for name, items in lists.items() if items}}
+
+
+def _hosts(bundled: Mapping[str, Any]) -> Filters:
+    """Return the filters of hosts. Beside `ignore_hosts`, upstream's `sync_hosts` restricts nothing, unless all are ignored."""
+    wanted, ignored = (_grouped(bundled.get(name, ())) for name in ("sync_hosts", "ignore_hosts"))
+    if wanted:
+        return {"ignore_hosts": ["*"], "sync_hosts": wanted}
+    return {"ignore_hosts": ignored} if ignored else {}
+
+
+def _closed(own: Mapping[str, list[str]], everybody: Mapping[str, list[str]]) -> Filters:
+    """Close the white lists: where one of any kind is there, an empty one of topics or services lets nothing pass."""
+    closed = {name: list(items) for name, items in own.items()}
+    if any(own[name] or everybody.get(name) for name in WHITE_LISTS):
+        for name in ("sync_topics", "sync_services"):
+            if not own[name] and not everybody.get(name):
+                closed[name] = [NO_NAME]
+    return closed
+
+
+def _grouped(items: Iterable[str]) -> list[str]:
+    """Put alternatives in a group: upstream anchors the text as it is, so `a|b` would be everything that starts with a."""
+    return [f"(?:{item.strip()})" if "|" in item else item.strip() for item in items if item.strip()]
+
+
+# What the configuration asks for, and upstream has not
+
+
+def limits(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
+    """Return a sentence for each thing that the provider of a robot cannot do; the bundled nodes can do everything."""
+    return tuple(_limits(robot, _discovery(fleet, robot))) if robot.variables.provider in UPSTREAM else ()
+
+
+def _limits(robot: Robot, bundled: Discovery) -> list[str]:
+    host, provider = robot.master.name, robot.variables.provider
+    said = [
+        f"{host}: multimaster_provider is '{provider}', whose nodes register whatever they find; expected names of nodes and "
+        "services that are unique in the fleet, and one type for a topic, since a roscore ends its own node when another robot's has "
+        "the same name: rename them or leave them out by multimaster_filters, or set multimaster_provider to 'bundled', which refuses "
+        "such registrations."
+    ]
+    silence = _offline_after(bundled)
+    if silence > bundled.offline_after:
+        said.append(
+            f"{host}: multimaster_offline_after is {bundled.offline_after:g} s, but multimaster_provider is '{provider}', which cannot ask a "
+            f"silent robot; expected to wait {silence:g} s here, so that lost datagrams remove nobody: accept that, or set "
+            "multimaster_provider to 'bundled'."
+        )
+    if bundled.exports is not None:
+        said.append(_exported(host, provider, bundled.exports))
+    if len(robot.computers) > 1:
+        others = ", ".join(computer.name for computer in robot.computers if computer != robot.master)
+        said.append(
+            f"{host}: multimaster_provider is '{provider}', which tells of the nodes on {others} as remote ones; expected the parameter "
+            "sync_remote_nodes on whoever takes them: the robots of the inventory have it, set it on any other, or set "
+            "multimaster_provider to 'bundled'."
+        )
+    if robot.variables.roscore == "existing":
+        said.append(
+            f"{host}: multimaster_roscore is 'existing', and multimaster_provider is '{provider}', whose nodes do not notice that a "
+            "roscore was started again; expected it to run as long as they: after a restart of it, run 'systemctl restart "
+            "multimaster-discovery multimaster-sync', or set multimaster_roscore to 'managed'."
+        )
+    return said
+
+
+def _exported(host: str, provider: str, exports: Sequence[Served]) -> str:
+    some = [entry for entry in exports if entry.to != ("*",)]
+    topics = dict.fromkeys(name for entry in some for name in entry.topics if name != VERIFICATION_TOPICS)
+    names = [*topics, *dict.fromkeys(name for entry in some for name in entry.services)]
+    shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    served = f"serves {shown} to every robot alike, and " if names else ""
+    return (
+        f"{host}: multimaster_exports is declared, but multimaster_provider is '{provider}', which {served}hides what goes to nobody only "
+        "from robots that ask as master_sync does; expected a robot that knows who asks: rely on the filters of the other robots of "
+        "the inventory, which leave out what is not for them, or set multimaster_provider to 'bundled', which serves nothing else."
+    )
