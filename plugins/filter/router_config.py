@@ -26,11 +26,11 @@ options:
     type: dict
     required: true
   dialects:
-    description: The languages to write, for example V([openwrt]).
+    description:
+      - The languages to write, for example V([openwrt]). All of them, if it is not set.
+      - The table in C(docs/router.md) lists them.
     type: list
     elements: str
-    choices: [openwrt, routeros, vyos, edgeos, ios, linux]
-    default: [openwrt, routeros, vyos, edgeos, ios, linux]
   interfaces:
     description:
       - >-
@@ -75,14 +75,13 @@ from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import router_config as router_config_module
 
 
-def router_config(
-    plan: Any, dialects: Sequence[str] = tuple(router_config_module.DIALECTS), interfaces: Any = None
-) -> list[dict[str, str]]:
+def router_config(plan: Any, dialects: Sequence[str] | None = None, interfaces: Any = None) -> list[dict[str, str]]:
     """The files for all devices; see DOCUMENTATION."""
     if not isinstance(plan, Mapping) or "networks" not in plan:
         raise AnsibleFilterError(
             f"The plan to render is {plan!r}; expected the return of rosfleet.multimaster.fleet_plan: register it first."
         )
+    dialects = tuple(router_config_module.DIALECTS) if dialects is None else dialects
     if isinstance(dialects, str) or not isinstance(dialects, Sequence):
         raise AnsibleFilterError(
             f"router_config_dialects is {dialects!r}; expected a list such as [openwrt]: correct it."
