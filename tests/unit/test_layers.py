@@ -34,7 +34,8 @@ ROOMS = {
     NODES: {
         "core": set(),
         "edge": {"core"},
-        "": {"core", "edge"},
+        "parts": {"core", "edge"},
+        "": {"core", "edge", "parts"},
     },
 }
 COLLECTION = "ansible_collections.rosfleet.multimaster."
@@ -142,6 +143,39 @@ def test_ros_has_one_file(path):
         assert not {name.split(".")[0] for name in imports(path)} & ROS
 
 
+#: what touches the outside -> the only files of the nodes that import it; wait_for_master.py runs alone, without these
+OUTSIDE = {
+    "socket": "addresses connections loop ros rpc_client rpc_server systemd udp",
+    "socketserver": "rpc_server",
+    "select": "",
+    "selectors": "loop",
+    "http": "rpc_client rpc_server",
+    "threading": "loop patience rpc_client rpc_server parts/served",
+    "queue": "loop",
+    "time": "clock wait_for_master",
+    "signal": "parts/program",
+    "subprocess": "",
+    "asyncio": "",
+    "concurrent": "",
+    "multiprocessing": "",
+}
+
+
+@pytest.mark.parametrize("module", OUTSIDE)
+def test_what_touches_the_outside_is_in_few_files_of_edge(module):
+    users = {
+        path.relative_to(ROOT / NODES).with_suffix("").as_posix().replace("edge/", "")
+        for path in sources(NODES)
+        if module in {name.split(".")[0] for name in imports(path)}
+    }
+    assert users == set(OUTSIDE[module].split())
+
+
+def test_ros_is_handed_to_the_parts_by_the_programs():
+    users = {path.name for path in sources(NODES) if "rosfleet_multimaster.edge.ros" in imports(path)}
+    assert users == {"master_discovery.py", "master_sync.py"}
+
+
 @pytest.mark.parametrize("path", sources(NODES), ids=lambda path: path.stem)
 def test_no_setting_of_the_process_is_changed(path):
     text = path.read_text(encoding="utf-8")
@@ -155,6 +189,7 @@ MIRRORED = {
     "tests/unit/plugins": "plugins",
     "tests/unit/nodes/core": NODES + "/core",
     "tests/unit/nodes/edge": NODES + "/edge",
+    "tests/unit/nodes/parts": NODES + "/parts",
 }
 
 

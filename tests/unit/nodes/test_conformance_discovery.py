@@ -13,7 +13,6 @@ import urllib.request
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster import program
 from rosfleet_multimaster.core.discovery import Ask, Contact, Discovery, Event, Master, Say, Send, Settings
 from rosfleet_multimaster.core.filters import NAMES, Filters, InvalidPattern, Rules
 from rosfleet_multimaster.core.graph import Policy, State, build, document, graph_of, own_types, stamp_text, stamped
@@ -21,6 +20,7 @@ from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, decode, 
 from rosfleet_multimaster.core.parameters import DISCOVERY, ParameterError, overlay
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import PerCaller, Refused, RpcServer
+from rosfleet_multimaster.parts import own_roscore, program
 from virtual_time import Robot, World
 
 NODES = pathlib.Path(__file__).parents[3] / "roles/nodes/files/python"
@@ -364,7 +364,7 @@ def test_15_11_one_silent_master_does_not_postpone_the_others():
 
 def test_15_12_the_pace_of_the_looks_is_a_parameter_and_nothing_lowers_it_for_good():
     assert overlay(DISCOVERY, {})[0]["rosmaster_hz"] == 2.0
-    source = (NODES / "rosfleet_multimaster/master_discovery.py").read_text(encoding="utf-8")
+    source = (NODES / "rosfleet_multimaster/parts/poller.py").read_text(encoding="utf-8")
     assert "max(period, min(took * SHARE, SLOWEST))" in source, "each pause follows from the last look alone"
 
 
@@ -402,7 +402,7 @@ def test_15_17_those_who_hear_of_it_forget_it_and_find_it_again():
 
 
 def test_13_no_clock_is_set_and_no_package_is_imported_for_others():
-    source = (NODES / "rosfleet_multimaster/master_discovery.py").read_text(encoding="utf-8")
+    source = (NODES / "rosfleet_multimaster/parts/poller.py").read_text(encoding="utf-8")
     assert "setTime" not in source
     assert own_types(STATE) == {"std_msgs/String", "own_msgs/Key"}, "evil_msgs/Import is only named by another master"
 
@@ -487,5 +487,5 @@ def test_a_filter_of_the_importing_side_comes_on_top():
 def test_a_roscore_that_answers_geturi_with_nonsense_is_waited_for(answer):
     made = RpcServer("127.0.0.1", 0, {"getUri": lambda caller: answer}, lambda host, why: None)
     with pytest.raises(program.Fatal, match="does not answer"):
-        program.wait_for_roscore(f"http://127.0.0.1:{made.server_address[1]}", timeout=0.1)
+        own_roscore.wait_for_roscore(f"http://127.0.0.1:{made.server_address[1]}", timeout=0.1)
     made.stop()

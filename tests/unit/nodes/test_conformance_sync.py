@@ -17,13 +17,14 @@ import types
 
 import pytest
 import rosfleet_multimaster
-from rosfleet_multimaster import program
 from rosfleet_multimaster.core import parameters
 from rosfleet_multimaster.core.filters import Filters
 from rosfleet_multimaster.core.graph import Node, State
 from rosfleet_multimaster.core.sync import MISSING, Announced, Sync
 from rosfleet_multimaster.edge import patience
 from rosfleet_multimaster.edge.rpc_server import Refused, RpcServer
+from rosfleet_multimaster.parts import program
+from rosfleet_multimaster.parts.imports import IMPORTS
 
 FOLDER = pathlib.Path(rosfleet_multimaster.__file__).parent
 R2 = "http://robot2:11311/"
@@ -157,14 +158,12 @@ class Lab:
         self.nodes, self.asked_list = [], []
         self.listed = [self.other.announced()]
         ros = types.ModuleType("rosfleet_multimaster.edge.ros")
-        ros.CHANGES_TYPE, ros.LIST_MASTERS, ros.GET_SYNC_INFO = "MasterState", "list_masters", "get_sync_info"
         ros.master_uri = lambda: self.roscore.uri
         ros.node_name = lambda default: SYNC
         ros.start = lambda default: (SYNC, "http://own:1/")
         ros.ended_by = ros.stop = lambda reason: None
         ros.md5sum = lambda name: None
         ros.SyncNode = lambda held: self.nodes.append(SyncNode(self.roscore, held)) or self.nodes[-1]
-        ros.Diagnosis = lambda *parts: parts
         ros.list_masters = lambda service: self.asked_list.append(service) or list(self.listed)
         monkeypatch.setitem(sys.modules, "rosfleet_multimaster.edge.ros", ros)
         monkeypatch.setattr(rosfleet_multimaster, "ros", ros, raising=False)
@@ -235,7 +234,7 @@ def test_16_b2_registrations_are_reported_and_claimed_before_the_roscore_has_the
     def before(method, arguments):
         if method == "registerPublisher":
             reported = {(item.name, item.node) for item in lab.nodes[0].held()}
-            seen.append(((arguments[0], "/talker") in reported, "/talker" in lab.roscore.parameters[program.IMPORTS]))
+            seen.append(((arguments[0], "/talker") in reported, "/talker" in lab.roscore.parameters[IMPORTS]))
 
     lab.roscore.before = lambda method, arguments: lab.nodes and before(method, arguments)
     lab.start()
@@ -344,7 +343,7 @@ def test_15_6_a_state_that_comes_while_a_round_looks_at_the_roscore_waits_for_th
 
     def slow(method, *arguments):
         found = answer(method, *arguments)
-        if method == "getSystemState" and lab.program.working and not waited:
+        if method == "getSystemState" and lab.program.rounds.working and not waited:
             until(lambda: any(remote.state for remote in lab.program.core.remotes.values()))
             waited.append(True)
         return found
@@ -366,7 +365,7 @@ def test_15_7_a_node_on_another_computer_of_the_robot_is_exchanged(lab):
 def test_15_8_what_is_registered_is_recorded_where_a_dead_master_sync_cannot_take_it_along(lab):
     lab.start()
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
-    assert lab.other.uri in lab.roscore.parameters[program.IMPORTS]
+    assert lab.other.uri in lab.roscore.parameters[IMPORTS]
     assert {item.node for item in lab.nodes[0].held()} == {"/talker"}
 
 
@@ -394,7 +393,15 @@ def test_15_9_masters_of_one_name_do_not_take_each_other_away():
 
 
 def test_15_10_and_13_no_wall_clock_and_no_process_wide_time_limit():
-    for name in ("core/sync", "core/message_types", "core/losses", "master_sync", "program", "edge/connections"):
+    for name in (
+        "core/sync",
+        "core/message_types",
+        "core/losses",
+        "master_sync",
+        "parts/rounds",
+        "parts/program",
+        "edge/connections",
+    ):
         text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
         assert "time.time" not in text and "setdefaulttimeout" not in text
     text = (FOLDER / "master_sync.py").read_text(encoding="utf-8")

@@ -4,7 +4,7 @@
 
 import threading
 
-from rosfleet_multimaster.edge.loop import Loop, Workers
+from rosfleet_multimaster.edge.loop import InLoop, Loop, Recurring, Workers
 
 
 def test_the_loop_runs_what_workers_and_threads_hand_it():
@@ -14,3 +14,28 @@ def test_the_loop_runs_what_workers_and_threads_hand_it():
     workers.submit(lambda: 1 / 0, lambda result, problem: (seen.append(type(problem)), loop.post(loop.stop)))
     loop.run(lambda now: now + 5.0)
     assert (42, None, threading.main_thread()) in seen and ZeroDivisionError in seen
+
+
+def test_a_recurring_job_has_one_run_at_a_time():
+    done = []
+
+    class Later:
+        def submit(self, job, ended):
+            done.append(lambda: ended(job(), None))
+
+    results, wanted = [], [True]
+    job = Recurring(Later(), lambda: 5.0, lambda: 42, lambda result, problem: results.append(result), lambda: wanted[0])
+    assert job.tick(10.0) is None and job.tick(20.0) is None and len(done) == 1, "it runs"
+    done.pop()()
+    assert results == [42] and job.tick(12.0) == 15.0 and not done
+    job.due = 11.0
+    assert job.tick(12.0) is None and len(done) == 1
+    done.pop()()
+    wanted[0] = False
+    assert job.tick(99.0) is None and not done, "there is nothing to run for"
+
+
+def test_a_recurring_job_in_the_loop_has_ended_when_it_returns():
+    seen = []
+    job = Recurring(InLoop(), lambda: 1.0, lambda: seen.append(1))
+    assert job.tick(7.0) == 8.0 and job.tick(7.5) == 8.0 and job.tick(8.0) == 9.0 and len(seen) == 2

@@ -12,6 +12,7 @@ import os
 import sys
 import time
 import xmlrpc.client
+from typing import Any, Callable
 
 CALLER = "/rosfleet_multimaster"
 PAUSE = 0.2  # seconds between two looks
@@ -24,25 +25,25 @@ class NotYet(Exception):
 class Transport(xmlrpc.client.Transport):
     """A roscore that takes a connection and says nothing must not stop the waiting."""
 
-    def make_connection(self, host):
+    def make_connection(self, host: Any) -> Any:
         connection = super().make_connection(host)
         connection.timeout = 2.0  # seconds
         return connection
 
 
-def ask(uri, method, *arguments):
+def ask(uri: str, method: str, *arguments: Any) -> Any:
     """The value that a roscore answers with. Raises NotYet where it gives none."""
     try:
         code, text, value = getattr(xmlrpc.client.ServerProxy(uri, Transport()), method)(CALLER, *arguments)
     except Exception as problem:  # the network's, HTTP's and XML's own: whatever it is, not a roscore's answer
-        raise NotYet("the roscore at %s does not answer: %s" % (uri, problem)) from None
+        raise NotYet(f"the roscore at {uri} does not answer: {problem}") from None
     if code != 1:
-        raise NotYet("the roscore at %s says: %s" % (uri, text))
+        raise NotYet(f"the roscore at {uri} says: {text}")
     return value
 
 
-def until(end, look, *arguments):
-    """What `look` returns, as soon as it does. Raises NotYet when the time is over."""
+def until(end: float, look: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what `look` returns, as soon as it does. Raises NotYet when the time is over."""
     while True:
         try:
             return look(*arguments)
@@ -52,7 +53,7 @@ def until(end, look, *arguments):
             time.sleep(PAUSE)
 
 
-def main():
+def main() -> int:
     """Wait, and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--timeout", type=float, default=60.0, metavar="SECONDS")
@@ -71,7 +72,7 @@ def main():
         if options.service:
             until(end, ask, uri, "lookupService", options.service)
     except NotYet as problem:
-        print("%s (after %g s)" % (problem, options.timeout), file=sys.stderr)
+        print(f"{problem} (after {options.timeout:g} s)", file=sys.stderr)
         return 1
     return 0
 

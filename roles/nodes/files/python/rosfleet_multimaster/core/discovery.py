@@ -549,6 +549,7 @@ class Discovery:
     def _check_leaving(self, entry: _Entry, contact: Optional[Contact], gone: bool, now: float) -> None:
         """After a LEAVE: whoever still answers has not left, whatever a datagram says."""
         last = entry.leaving == len(LEAVE_CHECKS)
+        name = entry.contact.name if entry.contact is not None else entry.monitor_uri
         if contact is None and (gone or last):
             self._drop(entry, now)
         elif not last:
@@ -560,7 +561,7 @@ class Discovery:
             self._say(
                 "warning",
                 f"leave {entry.key[0]}",
-                f"{entry.master().name} was said to leave, but answers at {entry.monitor_uri}: kept",
+                f"{name} was said to leave, but answers at {entry.monitor_uri}: kept",
             )
 
     # What others see

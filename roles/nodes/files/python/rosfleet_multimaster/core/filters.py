@@ -20,11 +20,10 @@ from math import comb
 from typing import Any, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
 
 try:
-    from re import _compiler as _sre_compile  # type: ignore[attr-defined]  # Python 3.11 and later
-    from re import _parser as _sre
+    from re import _compiler, _parser  # type: ignore[attr-defined]  # Python 3.11 and later, undocumented
 except ImportError:
-    import sre_compile as _sre_compile  # type: ignore[no-redef]
-    import sre_parse as _sre  # type: ignore[no-redef]
+    import sre_compile as _compiler
+    import sre_parse as _parser
 
 MAX_TEXT = 65536  # characters of all patterns of a request
 MAX_NAME = 255  # characters of a name; a longer one is not exchanged
@@ -85,7 +84,7 @@ class Pattern:
     @cached_property
     def cheap(self) -> bool:
         """True where another computer would accept it."""
-        return len(self.text) <= MAX_TEXT and _cost(_sre.parse(self.text, re.IGNORECASE)) <= MAX_COST
+        return len(self.text) <= MAX_TEXT and _cost(_parser.parse(self.text, re.IGNORECASE)) <= MAX_COST
 
     @cached_property
     def _compiled(self) -> "re.Pattern[str]":
@@ -116,7 +115,8 @@ def _usable(items: Tuple[str, ...]) -> Pattern:
 
 
 def _compile(text: str) -> "re.Pattern[str]":
-    return _sre_compile.compile(text, re.IGNORECASE)  # not by re, which keeps hundreds, of whatever size
+    compiled: re.Pattern[str] = _compiler.compile(text, re.IGNORECASE)  # re would keep hundreds, of whatever size
+    return compiled
 
 
 _compiled_once = lru_cache(maxsize=64)(_compile)
@@ -132,7 +132,7 @@ def _check(text: str, what: str, costly: bool = True) -> None:
     if len(text) > MAX_TEXT:
         raise InvalidPattern(f"{what} is longer than {MAX_TEXT} characters")
     try:
-        if not costly and _cost(_sre.parse(text, re.IGNORECASE)) > MAX_COST:
+        if not costly and _cost(_parser.parse(text, re.IGNORECASE)) > MAX_COST:
             raise InvalidPattern(f"{what} would be too costly: it has too many repetitions, or one in another")
         _compile(text)
     except InvalidPattern:

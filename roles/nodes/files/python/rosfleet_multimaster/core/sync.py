@@ -366,7 +366,8 @@ class Sync:
             return False
         remote.fetching = False
         if state is not None and state.uri != fetch.uri:
-            state, problem = None, f"{fetch.monitor_uri} answers for {state.uri}"
+            problem = f"{fetch.monitor_uri} answers for {state.uri}"
+            state = None
         if fetch.rules != remote.rules:  # who it is has changed meanwhile
             state, problem = None, "it changed its name"
         remote.problem = "" if state is not None else problem

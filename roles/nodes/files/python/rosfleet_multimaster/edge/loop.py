@@ -9,7 +9,7 @@ import queue
 import selectors
 import socket
 import threading
-from typing import Any, Callable, Optional, Tuple
+from typing import Any, Callable, Optional, Tuple, Union
 
 from .clock import monotonic, sleep
 
@@ -77,17 +77,17 @@ class Loop:
 
 
 class Workers:
-    """A few threads for what may block. They never keep the process from ending."""
+    """A few threads for jobs that may block. They never keep the process from ending."""
 
     def __init__(self, loop: Loop, threads: int, waiting: int = 1024) -> None:
         self._loop = loop
-        self._jobs: queue.Queue[Tuple[Callable[[], Any], Callable[[Any, Optional[Exception]], None]]] = queue.Queue(
+        self._jobs: queue.Queue[Tuple[Callable[[], Any], Callable[[Any, Optional[Exception]], Any]]] = queue.Queue(
             waiting
         )
         for number in range(threads):
-            threading.Thread(target=self._work, name=f"worker-{number}", daemon=True).start()
+            in_thread(f"worker-{number}", self._work)
 
-    def submit(self, job: Callable[[], Any], done: Callable[[Any, Optional[Exception]], None]) -> None:
+    def submit(self, job: Callable[[], Any], done: Callable[[Any, Optional[Exception]], Any]) -> None:
         """Run a job in a thread, then `done(result, exception)` in the loop."""
         try:
             self._jobs.put_nowait((job, done))
@@ -102,3 +102,75 @@ class Workers:
             except Exception as error:  # whatever it is belongs to who asked
                 result, problem = None, error
             self._loop.post(done, result, problem)
+
+
+class InLoop:
+    """Runs jobs at once, in the loop: for jobs that do not block."""
+
+    def submit(self, job: Callable[[], Any], done: Callable[[Any, Optional[Exception]], Any]) -> None:
+        """Run a job, then `done(result, None)`."""
+        done(job(), None)
+
+
+class Recurring:
+    """A job that recurs. It has one run at a time.
+
+    The program asks `tick` on each pass of its loop. `due` (a time of the monotonic clock) may be changed at any time.
+    """
+
+    def __init__(
+        self,
+        runner: Union[Workers, InLoop],
+        every: Callable[[], float],
+        job: Callable[[], Any],
+        done: Callable[[Any, Optional[Exception]], Any] = lambda _result, _problem: None,
+        wanted: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """`every`: seconds from the start of a run to the next; `wanted`: False while there is nothing to run for."""
+        self.due = 0.0
+        self._running = False
+        self._runner, self._every, self._job, self._done, self._wanted = runner, every, job, done, wanted
+
+    def tick(self, now: float) -> Optional[float]:
+        """Start a run where one is due. Return the time of the next one.
+
+        None: no run can start now. The end of a run wakes the loop.
+        """
+        if not self._running and self._wanted() and now >= self.due:
+            self.due, self._running = now + self._every(), True
+            self._runner.submit(self._job, self._ended)
+        return self.due if not self._running and self._wanted() else None
+
+    def _ended(self, result: Any, problem: Optional[Exception]) -> None:
+        self._running = False
+        self._done(result, problem)
+
+
+def in_thread(name: str, job: Callable[[], Any]) -> None:
+    """Run a job in a thread of its own, which does not keep the process from ending."""
+    threading.Thread(target=job, name=name, daemon=True).start()
+
+
+def after(seconds: float, job: Callable[[], Any]) -> None:
+    """Run a job in a thread after a while, unless the process has ended before."""
+    timer = threading.Timer(seconds, job)
+    timer.daemon = True
+    timer.start()
+
+
+class Ended:
+    """A flag that is set once, from any thread."""
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+
+    def __bool__(self) -> bool:
+        return self._event.is_set()
+
+    def set(self) -> None:
+        """Set the flag."""
+        self._event.set()
+
+    def wait(self, seconds: float) -> None:
+        """Sleep, but not longer than until the flag is set."""
+        self._event.wait(seconds)

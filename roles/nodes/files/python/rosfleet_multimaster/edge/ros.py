@@ -7,7 +7,7 @@ import os
 import socket
 import sys
 import urllib.parse
-from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 # rospy would write log files: its configuration is replaced before it is imported.
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
@@ -25,6 +25,7 @@ import std_srvs.srv  # noqa: E402
 from fkie_multimaster_msgs import msg, srv  # noqa: E402
 
 from ..core.discovery import Link, Master  # noqa: E402
+from ..core.report import Diagnosis  # noqa: E402
 from ..core.sync import Announced, Registration  # noqa: E402
 from .patience import within  # noqa: E402
 
@@ -34,10 +35,6 @@ except ImportError:  # not everywhere installed: then there is no /diagnostics
     diagnostics = None
 
 _log = logging.getLogger("rosfleet.ros")
-
-CHANGES_TYPE = "MasterState"  # the topic of discovery is known by the end of its type,
-LIST_MASTERS = "list_masters"  # and its service by the end of its name
-GET_SYNC_INFO = "get_sync_info"
 
 
 def master_uri() -> str:
@@ -177,14 +174,6 @@ def sync_info(service: str) -> Dict[Tuple[str, str], str]:
 
 
 # master_sync
-
-
-class Diagnosis(NamedTuple):
-    """An entry of /diagnostics: fine without values."""
-
-    name: str
-    message: str
-    values: List[Tuple[str, str]]
 
 
 class SyncNode:

@@ -9,7 +9,7 @@ import socketserver
 import threading
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
-from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Dict, Mapping, Tuple
 
 from .clock import monotonic
 from .xml_rpc import MAX_REQUEST, loads, unpack
@@ -25,10 +25,11 @@ class Refused(Exception):
     """A method's way to answer with a fault: the text is the fault's sentence."""
 
 
-class PerCaller(NamedTuple):
+class PerCaller:
     """A method whose answer depends on who calls: its first argument is the caller's address."""
 
-    method: Callable[..., Any]
+    def __init__(self, method: Callable[..., Any]) -> None:
+        self.method = method
 
     def __call__(self, caller: str, *arguments: Any) -> Any:
         return self.method(caller, *arguments)

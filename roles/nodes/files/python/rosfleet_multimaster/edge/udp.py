@@ -12,6 +12,9 @@ _IP_PKTINFO = 8
 _TTL = 20
 
 
+Socket = socket.socket
+
+
 class Datagram(NamedTuple):
     """A received datagram."""
 

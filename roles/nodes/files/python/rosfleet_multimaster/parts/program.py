@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the two programs share: their arguments, their log, and the roscore that they belong to."""
+"""Start and end of a program: its log, arguments, parameters and signals."""
 
 import argparse
 import json
@@ -8,22 +8,20 @@ import logging
 import os
 import signal
 import sys
-import time
 import warnings
 import xmlrpc.client
+from functools import partial
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
-from .core import parameters
-from .edge.clock import monotonic
-from .edge.loop import Loop
-from .edge.roscore import Roscore
-from .edge.rpc_client import Rpc
-from .edge.systemd import notify
+from ..core import parameters
+from ..edge.clock import monotonic
+from ..edge.loop import Loop, after
+from ..edge.roscore import Roscore
+from ..edge.systemd import notify
 
 FAILURES = (OSError, ValueError, xmlrpc.client.Fault)  # what a call to another program may end with
-IMPORTS = (
-    "/rosfleet_multimaster/imports"  # parameter: what master_sync registered, for whom; lives as long as that does
-)
+
+LOG = logging.getLogger("rosfleet")
 
 _PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 _LEVELS = {"WARN": "WARNING", "FATAL": "CRITICAL"}
@@ -45,23 +43,20 @@ class _Format(logging.Formatter):
         return "\n".join(f"<{_PRIORITIES.get(record.levelno, 6)}>{line}" for line in text.splitlines())
 
 
-def logger(level: str = "INFO") -> logging.Logger:
-    """The log of the program, on standard error."""
-    log = logging.getLogger("rosfleet")
-    if not log.handlers:
+def start_log(level: str = "INFO") -> None:
+    """Write the log of the program to standard error, from this level on."""
+    if not LOG.handlers:
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(_Format())
-        log.addHandler(handler)
-        log.propagate = False
-    log.setLevel(_LEVELS.get(level, level))
-    return log
+        LOG.addHandler(handler)
+        LOG.propagate = False
+    LOG.setLevel(_LEVELS.get(level, level))
 
 
 class Limited:
     """A log that says one thing once a minute, and then how often it has not said it; and not too many things at all."""
 
-    def __init__(self, log: logging.Logger) -> None:
-        self._log = log
+    def __init__(self) -> None:
         self._said: Dict[str, Tuple[Optional[float], int]] = {}
         self._minute, self._lines, self._dropped = -_EVERY, 0, 0
 
@@ -74,7 +69,7 @@ class Limited:
             return
         if now - self._minute >= _EVERY:
             if self._dropped:
-                self._log.warning("%d more lines were not logged", self._dropped)
+                LOG.warning("%d more lines were not logged", self._dropped)
             self._minute, self._lines, self._dropped = now, 0, 0
         if self._lines >= _LINES:
             self._dropped += 1
@@ -83,10 +78,7 @@ class Limited:
             self._said.clear()
         self._said[topic] = (now, 0)
         self._lines += 1
-        self._log.log(getattr(logging, level.upper()), "%s%s", text, f" ({silent} more since)" if silent else "")
-
-
-# Time limits
+        LOG.log(getattr(logging, level.upper()), "%s%s", text, f" ({silent} more since)" if silent else "")
 
 
 # Arguments and parameters
@@ -131,73 +123,30 @@ def settle_parameters(
     node: str,
     read: Optional[Tuple[Dict[str, Any], List[str]]],
     table: Mapping[str, parameters.Parameter],
-) -> Tuple[Dict[str, Any], List[str]]:
-    """The parameters in force. Those of a file replace the node's whole namespace; else they are read from there."""
-    if read is not None:
+) -> Dict[str, Any]:
+    """The parameters in force. Those of a file replace the node's whole namespace; else they are read from there.
+
+    Starts the log again at their level, and says there what is wrong with them. Raises Fatal.
+    """
+    if read is None:
+        read = _from_roscore(roscore, node, table)
+    else:
         roscore.ask(("setParam", node, {name: value for name, value in read[0].items() if value is not None}))
-        return read
+    values, warnings = read
+    start_log(values["log_level"])
+    for warning in warnings:
+        LOG.warning("%s", warning)
+    return values
+
+
+def _from_roscore(
+    roscore: Roscore, node: str, table: Mapping[str, parameters.Parameter]
+) -> Tuple[Dict[str, Any], List[str]]:
     given, do_not_sync = roscore.ask(("getParam", node), ("getParam", "/do_not_sync"))
     given = given if isinstance(given, dict) else {}
     if do_not_sync and "do_not_sync" not in given:
         given["do_not_sync"] = do_not_sync
     return _overlay(table, given, "the parameter server")
-
-
-# The roscore
-
-
-def wait_for_roscore(uri: str, timeout: Optional[float] = None) -> str:
-    """The URI that the roscore calls itself, as soon as it answers. Raises Fatal after `timeout` seconds."""
-    started, said = monotonic(), False
-    while True:
-        try:
-            answer = Rpc(uri, 2.0).call("getUri", "/rosfleet")
-            if isinstance(answer, list) and len(answer) == 3 and answer[0] == 1 and isinstance(answer[2], str):
-                return answer[2]
-            raise ValueError("no URI")
-        except FAILURES as problem:
-            if timeout is not None and monotonic() - started > timeout:
-                raise Fatal(f"the roscore at {uri} does not answer after {timeout:g} s: {problem}") from None
-            if not said:
-                logger().warning("waiting for the roscore at %s: %s", uri, problem)
-                said = True
-            notify(f"STATUS=waiting for the roscore at {uri}\nEXTEND_TIMEOUT_USEC=30000000")
-            time.sleep(0.2)
-
-
-def refuse_second(roscore: Roscore, node: str) -> None:
-    """A second node of this name would end the first one. Raises Fatal."""
-    (uri,) = roscore.ask(("lookupNode", node))
-    if not uri:
-        return
-    try:
-        Rpc(uri, 2.0).call("getPid", "/rosfleet")
-    except FAILURES:
-        return  # it is dead, and its registration is replaced
-    raise Fatal(f"a node named {node} is already running at {uri}: stop it, or do not start this one beside it")
-
-
-class Identity:
-    """Whether the roscore is still the one that this node registered with."""
-
-    def __init__(self) -> None:
-        self._pid: Any = None
-        self.service = ("", "")  # name and URI of a service of this node
-
-    def calls(self) -> List[Tuple[str, ...]]:
-        """What to ask the roscore for `check`."""
-        return [("getPid",), ("lookupService", self.service[0] or "/-")]
-
-    def check(self, service: Tuple[str, str], pid: Any, service_uri: Any) -> None:
-        """The answers, and `service` as it was when they were asked for. Raises Fatal where the roscore is another one."""
-        if pid is None:
-            raise OSError("the roscore does not tell its process id")
-        if self._pid is None:
-            self._pid = pid
-        if pid != self._pid:
-            raise Fatal("the roscore was restarted and knows nothing of this node: starting again")
-        if service[0] and service_uri != service[1]:
-            raise Fatal(f"the roscore knows {service[0]} no longer as a service of this node: starting again")
 
 
 # The end
@@ -216,23 +165,32 @@ def leave_process(status: int) -> None:
     os._exit(status)
 
 
+def leave_after(seconds: float) -> None:
+    """End the process after a while, whatever still hangs then."""
+    after(seconds, partial(leave_process, 0))
+
+
 def run(main: Callable[[], int]) -> None:
     """Run a program, and end it with one sentence where it cannot go on."""
     # Python would say something about each questionable pattern that a stranger sends.
     warnings.filterwarnings("ignore", "Possible (nested set|set )", FutureWarning)
     warnings.filterwarnings("ignore", "Flags not at the start", DeprecationWarning)
+    start_log()
     try:
         status = main()
     except Fatal as problem:
-        logger().error("%s", problem)
+        start_log()  # whatever ~log_level says
+        LOG.error("%s", problem)
         notify(f"STATUS={problem}")
         status = 1
     except KeyboardInterrupt:
         status = 0
     except FAILURES as problem:  # while it started
-        logger().error("starting again: %s", problem)
+        start_log()
+        LOG.error("starting again: %s", problem)
         status = 1
     except Exception as problem:  # ROS's threads would keep a broken program alive
-        logger().exception("the program cannot go on: %s", problem)
+        start_log()
+        LOG.exception("the program cannot go on: %s", problem)
         status = 1
     leave_process(status)

@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The connections with lost masters, ended so that nothing waits for TCP (see core/losses.py)."""
+
+from functools import partial
+from typing import Callable, Dict, FrozenSet, List, Mapping, Optional, Set, Tuple
+
+from ..core.losses import Connection, Ending, Look, Losses, connections_of
+from ..core.sync import Claims, Registration, View
+from ..edge import connections
+from ..edge.clock import monotonic
+from ..edge.loop import Loop, Recurring, Workers
+from ..edge.rpc_client import Rpc
+from . import program
+
+QUESTION_TIMEOUT = 2.0  # seconds for the connections of an own node
+SWEEP, SWEEP_AGAIN = 1.0, 0.1  # seconds between two looks for connections to lost masters, and where there were some
+LINES = 50  # log lines of one look
+
+
+class Lost:
+    """Notes and ends connections. Does nothing where this service may not end any."""
+
+    def __init__(
+        self,
+        loop: Loop,
+        askers: Workers,
+        limited: program.Limited,
+        wanted: bool,
+        online: Callable[[], Dict[str, bool]],
+    ) -> None:
+        """`wanted`: the parameter; `online()`: URI of each known master -> whether it is online."""
+        self._losses = Losses()
+        self._limited, self._online = limited, online
+        self._active = wanted and _possible()
+        self._askers = askers
+        self._enders = Workers(loop, 1)  # of connections: never behind what may hang
+        self._resolvers = Workers(loop, 2)  # name servers know no time limit
+        self._endpoints: Set[Tuple[str, int]] = set()  # what leads there is ended
+        self._sweeps = Recurring(self._enders, lambda: SWEEP, self._sweep, self._swept, lambda: bool(self._endpoints))
+
+    def tick(self, now: float) -> Optional[float]:
+        """See which masters were lost or have come back, and do what is due; the time of the next call."""
+        if not self._active:
+            return None
+        looks, endings = self._losses.seen(self._online(), now)
+        for look in looks:
+            self._sweeps.due = now
+            for _name, uri in look.nodes:
+                self._askers.submit(partial(_connections_with, look, uri), partial(self._noted, look.master))
+        for ending in endings:
+            self._enders.submit(partial(_end, ending), self._ended)
+        self._endpoints = self._losses.endpoints()
+        return self._sweeps.tick(now)
+
+    def registered(self, held: Mapping[Registration, str], view: View, claims: Claims, now: float) -> None:
+        """Note what is registered for whom, and where its hosts are while that can still be found out."""
+        if self._active:
+            self._losses.registered(held, view, claims)
+            for host in self._losses.to_resolve(now):
+                self._resolve(host)
+
+    def _resolve(self, host: str) -> None:
+        def resolved(found: Optional[FrozenSet[str]], _problem: Optional[Exception]) -> None:
+            if found:
+                self._losses.resolved(host, found, monotonic())
+
+        self._resolvers.submit(lambda: connections.addresses_of(host), resolved)
+
+    def _noted(self, master: str, found: Optional[Set[Connection]], _problem: Optional[Exception]) -> None:
+        self._losses.noted(master, found or set())
+
+    def _sweep(self) -> List[connections.Tcp]:
+        """End what waits for the nodes of lost masters, whichever process of this computer has it."""
+        endpoints = self._endpoints
+        return connections.end_all(lambda found: found.remote in endpoints)
+
+    def _swept(self, ended: Optional[List[connections.Tcp]], problem: Optional[Exception]) -> None:
+        if ended:  # the roscore may have a queue of what leads there
+            self._sweeps.due = monotonic() + SWEEP_AGAIN
+        self._ended(ended, problem)
+
+    def _ended(self, ended: Optional[List[connections.Tcp]], problem: Optional[Exception]) -> None:
+        for found in (ended or [])[:LINES]:
+            program.LOG.info("the connection from port %d to %s:%d is ended", found.local[1], *found.remote)
+        if problem is not None:
+            self._limited.say("warning", "end", f"connections with lost robots cannot be ended: {problem}")
+
+
+def _possible() -> bool:
+    try:
+        connections.check()
+    except OSError as problem:
+        text = "connections with lost robots are left to TCP, since this service cannot end them (CAP_NET_ADMIN): %s"
+        program.LOG.info(text, problem)
+        return False
+    return True
+
+
+def _connections_with(look: Look, node_uri: str) -> Set[Connection]:
+    """The connections of an own node with the nodes of a master."""
+    answer = Rpc(node_uri, QUESTION_TIMEOUT).call("getBusInfo", "/rosfleet")
+    return connections_of(answer[2] if isinstance(answer, list) and len(answer) == 3 else [], look.others)
+
+
+def _end(ending: Ending) -> List[connections.Tcp]:
+    return connections.end_all(lambda found: ending.wants(found.local[1], found.remote, found.silent))

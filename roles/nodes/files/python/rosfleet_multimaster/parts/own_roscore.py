@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The roscore that a program belongs to: waited for at the start, and watched."""
+
+from typing import Any, Callable, List, Optional, Tuple
+
+from ..edge.clock import monotonic, sleep
+from ..edge.loop import Recurring, Workers
+from ..edge.roscore import Roscore
+from ..edge.rpc_client import Rpc
+from ..edge.systemd import notify
+from . import program
+
+HEALTH, AWAY_HEALTH = 0.5, 0.1  # seconds between two checks whether it is still the same one; while it does not answer
+
+
+def wait_for_roscore(uri: str, timeout: Optional[float] = None) -> str:
+    """The URI that the roscore calls itself, as soon as it answers. Raises program.Fatal after `timeout` seconds."""
+    started, said = monotonic(), False
+    while True:
+        try:
+            answer = Rpc(uri, 2.0).call("getUri", "/rosfleet")
+            if isinstance(answer, list) and len(answer) == 3 and answer[0] == 1 and isinstance(answer[2], str):
+                return answer[2]
+            raise ValueError("no URI")
+        except program.FAILURES as problem:
+            if timeout is not None and monotonic() - started > timeout:
+                raise program.Fatal(f"the roscore at {uri} does not answer after {timeout:g} s: {problem}") from None
+            if not said:
+                program.LOG.warning("waiting for the roscore at %s: %s", uri, problem)
+                said = True
+            notify(f"STATUS=waiting for the roscore at {uri}\nEXTEND_TIMEOUT_USEC=30000000")
+            sleep(0.2)
+
+
+def refuse_second(roscore: Roscore, node: str) -> None:
+    """A second node of this name would end the first one. Raises program.Fatal."""
+    (uri,) = roscore.ask(("lookupNode", node))
+    if not uri:
+        return
+    try:
+        Rpc(uri, 2.0).call("getPid", "/rosfleet")
+    except program.FAILURES:
+        return  # it is dead, and its registration is replaced
+    raise program.Fatal(f"a node named {node} is already running at {uri}: stop it, or do not start this one beside it")
+
+
+class Identity:
+    """Whether the roscore is still the one that this node registered with."""
+
+    def __init__(self) -> None:
+        self._pid: Any = None
+        self.service = ("", "")  # name and URI of a service of this node
+
+    def calls(self) -> List[Tuple[str, ...]]:
+        """What to ask the roscore for `check`."""
+        return [("getPid",), ("lookupService", self.service[0] or "/-")]
+
+    def check(self, service: Tuple[str, str], pid: Any, service_uri: Any) -> None:
+        """The answers, and `service` as it was when they were asked for. Raises program.Fatal where the roscore is another one."""
+        if pid is None:
+            raise OSError("the roscore does not tell its process id")
+        if self._pid is None:
+            self._pid = pid
+        if pid != self._pid:
+            raise program.Fatal("the roscore was restarted and knows nothing of this node: starting again")
+        if service[0] and service_uri != service[1]:
+            raise program.Fatal(f"the roscore knows {service[0]} no longer as a service of this node: starting again")
+
+
+class Health:
+    """The regular check whether the roscore is still there, and still the same one."""
+
+    def __init__(
+        self,
+        roscore: Roscore,
+        identity: Identity,
+        workers: Workers,
+        give_up: Callable[[str], None],
+        again: Callable[[], None],
+    ) -> None:
+        """`give_up(why)` is called where it is another one, `again()` where it answers again."""
+        self._roscore, self._identity, self._give_up, self._again = roscore, identity, give_up, again
+        self._unanswered = 0
+        self._checks = Recurring(workers, lambda: HEALTH, self._check, self._checked)
+
+    def tick(self, now: float) -> Optional[float]:
+        """Check where that is due; the time of the next check."""
+        return self._checks.tick(now)
+
+    def _check(self) -> None:
+        service = self._identity.service
+        self._identity.check(service, *self._roscore.ask(*self._identity.calls()))
+
+    def _checked(self, _result: None, problem: Optional[Exception]) -> None:
+        if isinstance(problem, program.Fatal):
+            self._give_up(str(problem))
+        elif problem is not None:
+            self._unanswered += 1
+            self._checks.due = monotonic() + AWAY_HEALTH  # the next one may be another roscore already
+            if self._unanswered == 2:
+                program.LOG.error("the roscore at %s does not answer: %s", self._roscore.rpc.uri, problem)
+        else:
+            if self._unanswered > 1:
+                program.LOG.info("the roscore answers again")
+                self._again()
+            self._unanswered = 0

@@ -1,0 +1,252 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The round of synchronising: read what the roscore holds, plan, write the difference.
+
+Rounds follow each other when something changed, and regularly. Each one begins from what the roscore holds, so a failed
+one needs no repair: the next one sees what became of it.
+"""
+
+from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
+from urllib.parse import urlsplit
+from xmlrpc.client import Fault
+
+from ..core.message_types import TypeGuard
+from ..core.sync import Claims, Plan, Refusal, Registration, Sync, View, Wanted, calls, plan
+from ..edge.clock import monotonic
+from ..edge.loop import Workers
+from ..edge.roscore import Roscore
+from ..edge.rpc_client import Rpc
+from . import imports, program
+from .lost import Lost
+from .type_questions import TypeQuestions
+
+ROUND = 30.0  # seconds between two rounds, if nothing happens
+AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
+LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
+UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
+LINES = 50  # log lines of one round
+
+
+class Reading:
+    """What the own roscore holds, as far as a round needs it: who has the names of what was wanted when it began."""
+
+    def __init__(self, wanted: Sequence[Wanted], view: View, claims: Claims) -> None:
+        self.wanted, self.view, self.claims = {item.registration for item in wanted}, view, claims
+
+
+class Rounds:
+    """Carries out the rounds of one master_sync."""
+
+    def __init__(
+        self,
+        roscore: Roscore,
+        node: Tuple[str, str],
+        core: Sync,
+        guard: TypeGuard,
+        roscore_calls: Workers,
+        updaters: Workers,
+        limited: program.Limited,
+    ) -> None:
+        """`node`: name and URI of this node. `roscore_calls`: one thread, in which everything is asked of the roscore."""
+        self.claims: Claims = {}
+        self.held: Dict[Registration, str] = {}
+        self.met: Set[str] = set()  # URIs of the masters whose state was had in this life
+        self.working = False
+        self._roscore, self._node, self._core, self._guard = roscore, node, core, guard
+        self._calls, self._updaters, self._limited = roscore_calls, updaters, limited
+        self._due: Optional[float] = None
+        self._failed = 0
+        self._started = monotonic()
+        self._withdrawn: Optional[Callable[[str], None]] = None
+
+    def connect(
+        self,
+        questions: TypeQuestions,
+        lost: Lost,
+        listed: Callable[[], bool],
+        refused: Callable[[List[Refusal]], None],
+        over: Callable[[Optional[Exception]], None],
+    ) -> None:
+        """The other parts. `listed()`: the list of masters was had; `refused` and `over` are called at the end of a round."""
+        self._questions, self._lost, self._listed = questions, lost, listed
+        self._refused, self._over = refused, over
+
+    def take_over(self) -> None:
+        """Read what an earlier life registered, and say from now on who keeps the record."""
+        (text,) = self._roscore.ask(("getParam", imports.IMPORTS))
+        self.claims = imports.claims_of(text)
+        if self.claims:
+            program.LOG.info("%d nodes of other masters are registered here since before this start", len(self.claims))
+        # Also an empty record tells who keeps it: discovery and the verification then ask nobody else.
+        self._roscore.ask(("setParam", imports.IMPORTS, self._record(self.claims)))
+        self._started = monotonic()
+
+    def soon(self, at: float) -> None:
+        """Have a round at this time, or earlier."""
+        self._due = at if self._due is None else min(at, self._due)
+
+    def tick(self, now: float) -> Optional[float]:
+        """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
+        gone = self._core.next_gone(now)
+        if self._due is not None and now >= self._due and not self.working:
+            self._due = None
+            self._begin(self._core.wanted(now))
+        if gone is not None:
+            self.soon(gone)
+        return None if self.working else self._due
+
+    def withdraw(self, done: Callable[[str], None]) -> None:
+        """Take everything back, once. `done(farewell)` is called in the loop."""
+        self._withdrawn = done
+        if not self.working:
+            self._begin([])
+
+    # Read
+
+    def _begin(self, wanted: List[Wanted]) -> None:
+        self.working = True
+        claims = dict(self.claims)
+        self._calls.submit(lambda: self._read(wanted, claims), self._read_done)
+
+    def _read(self, wanted: List[Wanted], claims: Claims) -> Reading:
+        """Ask the roscore; in its thread."""
+        types, system = self._roscore.ask(("getTopicTypes",), ("getSystemState",))
+        if types is None or system is None:
+            raise OSError("the roscore does not tell its state")
+        publishers, subscribers, services = ({name: tuple(nodes) for name, nodes in part} for part in system)
+        claimed = {node for node, _uri in claims}
+        nodes = sorted({item.registration.node for item in wanted} | claimed)
+        asked = {item.registration.name for item in wanted if item.registration.kind == "service"}
+        names = sorted(name for name, users in services.items() if name in asked or claimed.intersection(users))
+        # A node that provides a wanted service here, or has a wanted topic, matters too: is it one of ours?
+        users = {user for name in names for user in services[name]}
+        topics = {item.registration.name for item in wanted if item.registration.kind != "service"}
+        for table in (publishers, subscribers):
+            users.update(user for topic in topics.intersection(table) for user in table[topic])
+        nodes = sorted({*nodes, *users})
+        answers = self._roscore.ask(
+            *[("lookupNode", node) for node in nodes], *[("lookupService", name) for name in names]
+        )
+        node_uris = {node: uri for node, uri in zip(nodes, answers) if isinstance(uri, str)}
+        service_uris = {name: uri for name, uri in zip(names, answers[len(nodes) :]) if isinstance(uri, str)}
+        return Reading(wanted, View(publishers, subscribers, services, dict(types), node_uris, service_uris), claims)
+
+    # Plan
+
+    def _read_done(self, reading: Optional[Reading], problem: Optional[Exception]) -> None:
+        if reading is None:
+            self._end(problem)
+            return
+        todo = self._plan(reading, monotonic())
+        before = reading.view.registrations(reading.claims)
+        # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
+        self.held = {**{item: reading.claims[item.of] for item in before}, **todo.held}
+        self._calls.submit(
+            lambda: self._write(todo, reading.claims),
+            lambda results, why: self._written(todo, reading.claims, results, why),
+        )
+
+    def _plan(self, reading: Reading, now: float) -> Plan:
+        view = reading.view
+        wanted = [] if self._withdrawn else self._core.wanted(now, view.own_nodes(reading.claims))
+        # What came meanwhile is for the next round: nobody has looked whether its name is free.
+        wanted = [item for item in wanted if item.registration in reading.wanted]
+        if not self._withdrawn and (now - self._started < LEFTOVERS or not self._listed()):
+            wanted += self._leftovers(reading)
+        verdict = self._guard.judge(wanted, view, reading.claims, self._core.stamps(), now)
+        for question in verdict.questions:
+            self._questions.ask(question)
+        todo = plan(verdict.wanted, view, reading.claims)
+        todo.refused += verdict.refused
+        self._lost.registered(todo.held, view, reading.claims, now)
+        return todo
+
+    def _leftovers(self, reading: Reading) -> List[Wanted]:
+        """Registrations of an earlier life whose masters have not been found again yet."""
+        keep = {key: uri for key, uri in reading.claims.items() if uri not in self.met}
+        return [Wanted(item, keep[item.of], keep[item.of]) for item in sorted(reading.view.registrations(keep))]
+
+    # Write
+
+    def _write(self, todo: Plan, claims: Claims) -> List[Any]:
+        """Make all calls in one request, the record of imports first; in the thread of the roscore."""
+        record: List[Tuple[Any, ...]] = []
+        if todo.claims != claims:
+            record = [("setParam", imports.IMPORTS, self._record(todo.claims))]
+        results = self._roscore.rpc.multicall([(call[0], self._node[0], *call[1:]) for call in record] + calls(todo))
+        return results[len(record) :]
+
+    def _record(self, claims: Claims) -> str:
+        return imports.write(*self._node, claims)
+
+    def _written(self, todo: Plan, claims: Claims, results: Optional[List[Any]], problem: Optional[Exception]) -> None:
+        self.claims = todo.claims  # also after a failure: perhaps it was carried out, and the next round will see
+        if results is None:
+            self._end(problem)
+            return
+        self.held = dict(todo.held)
+        done = []
+        made = [("unregistered", item, claims[item.of]) for item in todo.unregister]
+        made += [("registered", item, todo.held[item]) for item in todo.register]
+        for (verb, item, master), result in zip(made, results):
+            if isinstance(result, Fault) or result[0] != 1:
+                why = result.faultString if isinstance(result, Fault) else result[1]
+                self.held.pop(item, None)
+                self._limited.say("error", f"call {item}", f"the roscore refuses the {item}: {why}")
+                continue
+            done.append(f"{self._name(master)}: {verb} the {item}")
+            if verb == "registered" and item.kind == "subscriber":
+                self._tell_publishers(item, master, result[2])
+        for line in done[:LINES]:
+            program.LOG.info("%s", line)
+        if len(done) > LINES:
+            program.LOG.info("... and %d more registrations", len(done) - LINES)
+        self._refused(todo.refused)
+        self._end(None)
+
+    def _name(self, master: str) -> str:
+        remote = self._core.remotes.get(master)
+        return remote.announced.name if remote is not None else urlsplit(master).hostname or master
+
+    def _tell_publishers(self, item: Registration, master: str, publishers: List[str]) -> None:
+        """Tell a subscriber who publishes: it is on another robot, and a roscore tells only the caller."""
+        uris = self._core.publishers_for(item, master, publishers)
+        if not uris:
+            return
+
+        def told(_result: Any, problem: Optional[Exception]) -> None:
+            if problem is not None:
+                text = f"{item.node} cannot be told who publishes {item.name}: {problem}"
+                self._limited.say("warning", f"update {item.node_uri}", text)
+
+        self._updaters.submit(
+            lambda: Rpc(item.node_uri, UPDATE_TIMEOUT).call("publisherUpdate", "/master", item.name, uris), told
+        )
+
+    # The end of a round
+
+    def _end(self, problem: Optional[Exception]) -> None:
+        self.working = False
+        now = monotonic()
+        if self._withdrawn is not None:
+            self._end_withdrawal(problem, self._withdrawn)
+            return
+        if problem is not None:
+            self._limited.say("error", "round", f"nothing can be registered at {self._roscore.rpc.uri}: {problem}")
+        self._failed = self._failed + 1 if problem is not None else 0
+        if self._failed:
+            self.soon(now + AGAIN[min(self._failed, len(AGAIN)) - 1])
+        else:
+            left = self.claims.keys() - {item.of for item in self.held}
+            self.soon(now + (AGAIN[-1] if left else ROUND))
+        self._over(problem)
+
+    def _end_withdrawal(self, problem: Optional[Exception], done: Callable[[str], None]) -> None:
+        if self.held and problem is None:  # the round that was under way registered something
+            self._begin([])
+            return
+        farewell = "withdrawn" if problem is None else f"nothing is withdrawn, the roscore does not answer: {problem}"
+        self._calls.submit(
+            lambda: problem is None and self._roscore.ask(("deleteParam", imports.IMPORTS)),
+            lambda *_result: done(farewell),
+        )

@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The XML-RPC methods of master_discovery: who this is, and the state of its master."""
+
+import getpass
+import os
+import threading
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple
+
+from ..core.discovery import Master
+from ..core.filters import InvalidPattern, Pattern, Rules
+from ..core.graph import Policy, State, document, own_types, stamp_text
+from ..edge.clock import sleep, wall_clock
+from ..edge.rpc_server import PerCaller, Refused, RpcServer
+from ..edge.systemd import notify
+from . import program
+
+
+@dataclass
+class OwnMaster:
+    """The master that this node tells the others of."""
+
+    uri: str
+    name: str
+    node: str  # name of this node
+    host: Callable[[], str]  # how this computer is called in URIs
+    rpc_port: int
+    state: Optional[State] = None
+    away: str = "its roscore has not been read yet"  # why there is no state; "" where there is one
+
+    def current(self) -> State:
+        """The state. Raises Refused where there is none."""
+        state = self.state
+        if self.away or state is None:
+            raise Refused(f"{self.name} has no state: {self.away}")
+        return state
+
+    def announced(self, address: str) -> Optional[Master]:
+        """The master as discovery announces it from an address; None where there is no state."""
+        if self.state is None or self.away:
+            return None
+        monitor = f"http://{address}:{self.rpc_port}"
+        return Master(self.name, self.uri, self.state.stamp, self.state.local_stamp, True, self.node, monitor)
+
+
+class Served:
+    """The methods. They are called in threads of the server."""
+
+    def __init__(
+        self,
+        own: OwnMaster,
+        policy: Policy,
+        errors: Dict[str, str],
+        own_addresses: Callable[[], Set[str]],
+        do_not_sync: Callable[[], Any],
+        md5sum: Callable[[str], Optional[str]],
+    ) -> None:
+        """`do_not_sync()`: the parameter of the roscore with this name; `md5sum(type)`: of a message type, None for none."""
+        self._own, self._policy, self._errors, self._own_addresses = own, policy, errors, own_addresses
+        self._do_not_sync, self._md5sum = do_not_sync, md5sum
+        self._filtering = threading.Lock()  # patterns of others take time, of which one may have some at once
+
+    def methods(self) -> Dict[str, Callable[..., Any]]:
+        """The methods by their names."""
+        return {
+            "masterContacts": self._master_contacts,
+            "masterInfo": PerCaller(self._master_info),
+            "masterInfoFiltered": PerCaller(self._master_info_filtered),
+            "masterErrors": lambda: [self._own.uri, list(self._errors.values())],
+            "getCurrentTime": lambda: [self._own.uri, wall_clock()],
+            "getTopicsMd5sum": PerCaller(self._md5sums),
+            "getUser": lambda: [self._own.uri, _user()],
+        }
+
+    def _master_contacts(self) -> List[str]:
+        """Who this is: stamp, master URI, master name, node name, own URI."""
+        own, state = self._own, self._own.current()
+        return [stamp_text(state.stamp), own.uri, own.name, own.node, f"http://{own.host()}:{own.rpc_port}/"]
+
+    def _master_info(self, caller: str) -> List[Any]:
+        """The state of this master, as far as the caller may see it."""
+        return document(*self._view(caller))
+
+    def _master_info_filtered(self, caller: str, filters: Any) -> List[Any]:
+        """The same without what the caller does not want."""
+        state, rules = self._view(caller)
+        try:
+            wanted = Rules.from_wire(filters)
+            with self._filtering:
+                return document(state, [*rules, wanted])
+        except InvalidPattern as problem:
+            raise Refused(f"the filter is not usable: {problem}") from None
+
+    def _md5sums(self, caller: str, types: Any) -> List[List[str]]:
+        """The md5 sums of message types of topics that this master's own nodes have, and the caller may see."""
+        if not isinstance(types, list):
+            raise Refused("getTopicsMd5sum takes a list of types")
+        known = own_types(*self._view(caller))
+        found = ((name, self._md5sum(name)) for name in types if isinstance(name, str) and name in known)
+        return [[name, md5sum] for name, md5sum in found if md5sum]
+
+    def _view(self, caller: str) -> Tuple[State, List[Rules]]:
+        """The state, and the rules by which a caller is told of it."""
+        if caller.startswith("127.") or caller in self._own_addresses():
+            return self._policy.view(self._own.current(), None, [])
+        try:
+            secret = Rules(do_not_sync=Pattern.of(_listed(self._do_not_sync()), "/do_not_sync"))
+        except InvalidPattern as problem:  # what is secret is not known, so everything is
+            raise Refused(str(problem)) from None
+        return self._policy.view(self._own.current(), caller, [secret])
+
+
+def serve(
+    address: str, port: int, methods: Dict[str, Callable[..., Any]], malformed: Callable[[str, str], None]
+) -> RpcServer:
+    """A running server; blocks until the port is free. `malformed(host, why)` is called in threads of the server."""
+    said = False
+    while True:
+        try:
+            return RpcServer(address, port, methods, malformed)
+        except OSError as problem:
+            if not said:
+                program.LOG.error("port %d for other masters is not free: %s; trying again", port, problem)
+                said = True
+            notify(f"STATUS=waiting for TCP port {port}: {problem}\nEXTEND_TIMEOUT_USEC=30000000")
+            sleep(1.0)
+
+
+def _listed(value: Any) -> List[Any]:
+    return value if isinstance(value, list) else [value] if value else []
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return str(os.getuid())

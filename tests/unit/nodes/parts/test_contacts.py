@@ -1,0 +1,22 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is said of names that lead elsewhere."""
+
+from rosfleet_multimaster.core.discovery import Contact
+from rosfleet_multimaster.edge.loop import Loop, Workers
+from rosfleet_multimaster.parts import program
+from rosfleet_multimaster.parts.contacts import Contacts
+
+
+def test_what_is_said_of_a_master_that_is_not_known_is_not_kept():
+    errors, loop = {}, Loop()
+    known = []
+    contacts = Contacts(
+        loop, Workers(loop, 1), program.Limited(), errors, lambda uri: uri in known, lambda *result: None
+    )
+    contact = Contact(1.0, "http://robot2:11311/", "robot2", "/master_discovery")
+    contacts._compare(contact, "192.168.1.2", "", None)
+    assert errors == {}
+    known.append(contact.uri)
+    contacts._compare(contact, "192.168.1.2", "", None)
+    assert list(errors) == [contact.uri]

@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The poller before a roscore that this file plays."""
+
+import types
+
+import pytest
+from rosfleet_multimaster.parts import poller as module
+from rosfleet_multimaster.parts.own_roscore import Identity
+
+URI, R2 = "http://robot1:11311/", "http://robot2:11311/"
+SYNC, FAR = ("/upstream_sync", "http://robot1:1/"), ("/far", "http://robot2:2/")
+
+
+class Roscore:
+    """With a node that another implementation of master_sync registered."""
+
+    rpc = types.SimpleNamespace(uri=URI)
+
+    def ask(self, *calls):
+        nodes = dict([SYNC, FAR])
+        answers = {
+            "getPid": 1,
+            "getTopicTypes": [["/chatter", "std_msgs/String"]],
+            "getSystemState": [[["/chatter", ["/far"]]], [], [["/upstream_sync/get_sync_info", ["/upstream_sync"]]]],
+            "lookupService": "rosrpc://robot1:3",
+        }
+        return [nodes.get(call[1]) if call[0] == "lookupNode" else answers.get(call[0]) for call in calls]
+
+
+def test_the_first_state_waits_too_until_it_is_known_what_is_from_where():
+    answers = []
+    poller = module.Poller(Roscore(), URI, "robot1", Identity(), lambda service: answers[0])
+    with pytest.raises(OSError):
+        poller.poll()
+    answers.append({FAR: R2})
+    assert poller.poll().nodes["/far"].origin == R2
+
+
+def test_the_first_state_does_not_wait_for_ever(monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr(module, "monotonic", lambda: clock[0])
+    poller = module.Poller(Roscore(), URI, "robot1", Identity(), lambda service: 1 / 0)
+    with pytest.raises(OSError):
+        poller.poll()
+    clock[0] += module.POSTPONE + 0.1
+    assert poller.poll().nodes["/far"].origin == URI
