@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
-"""The door from Ansible to the pure renderer of configuration for routers of other makes."""
+"""The filter router_config: configuration of routers and gateways of other makes."""
 
 from __future__ import annotations
 
@@ -73,15 +73,17 @@ from typing import Any
 
 from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import router_config as router_config_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
 
 
 def router_config(plan: Any, dialects: Sequence[str] | None = None, interfaces: Any = None) -> list[dict[str, str]]:
-    """The files for all devices; see DOCUMENTATION."""
+    """Return the files for all devices; see DOCUMENTATION."""
+    dialects = tuple(router_config_module.DIALECTS) if dialects is None else dialects
     if not isinstance(plan, Mapping) or "networks" not in plan:
         raise AnsibleFilterError(
             f"The plan to render is {plan!r}; expected the return of rosfleet.multimaster.fleet_plan: register it first."
         )
-    dialects = tuple(router_config_module.DIALECTS) if dialects is None else dialects
     if isinstance(dialects, str) or not isinstance(dialects, Sequence):
         raise AnsibleFilterError(
             f"router_config_dialects is {dialects!r}; expected a list such as [openwrt]: correct it."
@@ -91,8 +93,8 @@ def router_config(plan: Any, dialects: Sequence[str] | None = None, interfaces: 
             f"router_config_interfaces is {interfaces!r}; expected a mapping such as {{router: {{ios: Vlan1}}}}: correct it."
         )
     try:
-        return router_config_module.files(plan, dialects, interfaces)
-    except router_config_module.RouterConfigProblem as problem:
+        return router_config_module.files(from_plain(FleetPlan, plan), dialects, interfaces)
+    except (Mismatch, router_config_module.RouterConfigProblem) as problem:
         raise AnsibleFilterError(str(problem)) from problem
 
 
@@ -100,5 +102,5 @@ class FilterModule:
     """Ansible's way to find the filter."""
 
     def filters(self) -> dict[str, Any]:
-        """The filters by name."""
+        """Return the filters by name."""
         return {"router_config": router_config}
