@@ -3,8 +3,8 @@
 
 """Files and folders replaced in one step.
 
-A file is replaced by writing a neighbour and renaming it, so whoever reads it, and whatever ends the
-writer, finds the old content or the new one (rename(2)).
+A file is replaced by writing a neighbour and renaming it (rename(2)). So every reader finds the old content or the new
+one, also after a writer that was killed.
 """
 
 import errno
@@ -16,7 +16,7 @@ _NEIGHBOUR = ".rosfleet-new"
 
 
 def read_bytes(path: str) -> typing.Optional[bytes]:
-    """The content of a file, or None where there is none."""
+    """Read the content of a file; None where there is no file."""
     try:
         with open(path, "rb") as stream:
             return stream.read()
@@ -32,7 +32,7 @@ def write_by_rename(
     Raises OSError with the file unchanged; EBUSY means that the path is a mount point.
     """
     remove_leftovers(path)
-    neighbour = "%s%s-%d" % (path, _NEIGHBOUR, os.getpid())
+    neighbour = f"{path}{_NEIGHBOUR}-{os.getpid()}"
     descriptor = os.open(neighbour, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         with os.fdopen(descriptor, "wb") as stream:
@@ -50,18 +50,18 @@ def write_by_rename(
 
 
 def remove_leftovers(path: str) -> None:
-    """Remove the neighbours that an ended writer of this path left behind."""
+    """Remove the neighbours that a killed writer of this path left behind."""
     for leftover in leftovers(path):
         remove(leftover)
 
 
 def leftovers(path: str) -> typing.List[str]:
-    """The neighbours that an ended writer of this path left behind."""
+    """The neighbours that a killed writer of this path left behind."""
     return glob.glob(glob.escape(path + _NEIGHBOUR) + "-*")
 
 
 def remove(path: str) -> None:
-    """Remove a file; that it is already gone is no error."""
+    """Remove a file; one that is gone already is no error."""
     try:
         os.unlink(path)
     except FileNotFoundError:
@@ -69,7 +69,7 @@ def remove(path: str) -> None:
 
 
 def make_folders(path: str) -> typing.List[str]:
-    """Make a folder (mode 0755) and its missing parents; returns those that were made, outermost first."""
+    """Make a folder (mode 0755) and its missing parents; returns the folders that it made, outermost first."""
     missing = []
     while path and not os.path.isdir(path):
         missing.append(path)
@@ -81,7 +81,7 @@ def make_folders(path: str) -> typing.List[str]:
 
 
 def remove_folder_if_empty(path: str) -> bool:
-    """Remove a folder that holds nothing; returns whether it is gone."""
+    """Remove an empty folder; returns True if it is gone then."""
     try:
         os.rmdir(path)
     except FileNotFoundError:
@@ -94,7 +94,7 @@ def remove_folder_if_empty(path: str) -> bool:
 
 
 def sync_folder(path: str) -> None:
-    """Make renames and removals in a folder last over a loss of power (fsync(2) of the folder)."""
+    """Make the renames and removals in a folder survive a loss of power (fsync(2) of the folder)."""
     descriptor = os.open(path or ".", os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

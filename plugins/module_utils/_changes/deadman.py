@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The dead-man's switch: a change at run time that nobody confirms is taken back by the machine itself.
+"""The dead-man's switch: the machine itself rolls back a change at run time that nobody confirms.
 
-Before the change, a timer of systemd is started that runs a script of plain commands: whatever happens to the module,
-the connection or the controller, the former state comes back. Everything lies below /run, and what a reboot reads is
-written only after the confirmation, so a power cycle brings the former state back as well.
+Before the change, a timer of systemd is started. It runs a script of plain commands, so the former state comes back
+whatever happens to the module, the connection or the controller. All its files are below /run, and files that are read
+at boot are written only after the confirmation. So a power cycle brings the former state back, too.
 
-Who acts is decided by renaming one file, which only one can do: the script renames `armed` to `undoing`, the
-confirmation renames it to `confirmed` (rename(2)).
+The script and the confirmation exclude each other by renaming one file (rename(2)): the script renames `armed` to
+`undoing`, the confirmation renames it to `confirmed`. Only one of them can.
 """
 
 import json
@@ -23,16 +23,15 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 FOLDER = "/run/rosfleet-multimaster"
-UNIT = "multimaster-rollback-%s"
 OPTIONS = {
     "confirm_within": {"type": "int", "default": 0},
     "confirmation": {"type": "str", "default": ""},
 }
 
-_LIMIT = 60.0  # seconds for systemd, and for the script; both need a few hundredths
-# What serves one connection: OpenSSH's process of a session has had a name of its own since 9.8; dropbear(8).
+_LIMIT = 60  # seconds for systemd, and for the script; both need a few hundredths
+# The processes that serve one connection: sshd(8), sshd-session since OpenSSH 9.8, dropbear(8).
 _SERVERS = ("sshd", "sshd-session", "dropbear")
-# What the state is called by the file that is there; the last two are ends.
+# The states, each the name of a file; the last two are ends.
 _MARKS = ("armed", "undoing", "rolled_back", "confirmed")
 
 _SCRIPT = """\
@@ -46,25 +45,25 @@ put() {{ cp -p "$1" "$2.rosfleet-new-undo" && mv "$2.rosfleet-new-undo" "$2"; }}
 """
 
 
-class TakenBack(Problem):
+class RolledBack(Problem):
     """Nobody confirmed in time, so the former state has come back."""
 
 
 def connection(proc: str = "/proc") -> str:
-    """Which connection started this process: the nearest ancestor that serves an ssh connection, as PID-START.
+    """Return the connection that started this process: its nearest ancestor that serves ssh, as PID-START.
 
-    Two sessions over one kept connection have the same one, a new TCP connection has another. Empty where there is
-    none, as for a connection into a container. (The environment does not say: sudo(8) takes SSH_CONNECTION away.)
+    Two sessions over one kept connection have the same one; a new TCP connection has another. Empty where there is
+    none, as for a connection into a container. (The environment cannot tell: sudo(8) removes SSH_CONNECTION.)
     """
     pid = os.getppid()
     while pid > 0:
         # proc(5): pid (name) state parent ... start; a name may hold blanks and brackets
-        found = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", commands.text("%s/%d/stat" % (proc, pid)), re.S)
+        found = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", commands.text(f"{proc}/{pid}/stat"), re.S)
         if found is None:
             return ""
         name, parent, start = found.groups()
         if name in _SERVERS:
-            return "%d-%s" % (pid, start)
+            return f"{pid}-{start}"
         pid = int(parent)
     return ""
 
@@ -81,9 +80,9 @@ class Timer:
                 "--quiet",
                 "--no-ask-password",
                 "--collect",
-                "--unit=" + unit,
+                f"--unit={unit}",
                 "--description=Take back what nobody has confirmed",
-                "--on-active=%ds" % seconds,
+                f"--on-active={seconds}s",
                 "--timer-property=AccuracySec=50ms",
                 "--",
             ]
@@ -92,24 +91,24 @@ class Timer:
         )
         if answer.status != 0:
             raise Problem(
-                "confirm_within: found no way to start the timer %s.timer (%s), expected systemd and the right to start "
-                "units: run as root (become: true), or set confirm_within to 0 to go without the dead-man's switch."
-                % (unit, " ".join(answer.error.split()) or "status %d" % answer.status)
+                f"confirm_within: found no way to start the timer {unit}.timer "
+                f"({' '.join(answer.error.split()) or f'status {answer.status}'}), expected systemd and the right to "
+                "start units: run as root (become: true), or set confirm_within to 0 to go without the dead-man's switch."
             )
 
     def stop(self, unit: str) -> None:
-        """End the timer; that there is none is no error."""
-        commands.run(["systemctl", "stop", unit + ".timer"], limit=_LIMIT)
-        commands.run(["systemctl", "reset-failed", unit + ".timer", unit + ".service"], limit=_LIMIT)
+        """End the timer; a timer that is not there is no error."""
+        commands.run(["systemctl", "stop", f"{unit}.timer"], limit=_LIMIT)
+        commands.run(["systemctl", "reset-failed", f"{unit}.timer", f"{unit}.service"], limit=_LIMIT)
 
 
 class Switch:
     """One dead-man's switch of this machine, by its name."""
 
     def __init__(self, name: str, folder: str = FOLDER, timer: typing.Optional[Timer] = None) -> None:
-        self.unit = UNIT % name
+        self.unit = f"multimaster-rollback-{name}"
         self.base = folder
-        self.folder = os.path.join(folder, "rollback-" + name)
+        self.folder = os.path.join(folder, f"rollback-{name}")
         self.timer = timer or Timer()
 
     def arm(
@@ -120,10 +119,10 @@ class Switch:
         files: typing.Iterable[typing.Tuple[str, typing.Optional[bytes]]] = (),
         memory: typing.Any = None,
     ) -> None:
-        """From now on `undo` happens in so many seconds, unless it is released.
+        """Start the timer: `undo` happens in so many seconds, unless the switch is released.
 
-        `undo` are commands, run in their order, each even if an earlier one fails; then `files` get the content given
-        (None: no file). `memory` is what the confirming run has to know of the state before; JSON can hold it.
+        `undo` are commands. They run in their order, each even if an earlier one fails. Then `files` get the content
+        given (None: no file). `memory` is data for JSON: all that the confirming run has to know of the state before.
         Raises Problem where the switch cannot be armed; then there is none.
         """
         try:
@@ -148,46 +147,45 @@ class Switch:
             if isinstance(problem, Problem):
                 raise
             raise Problem(
-                "confirm_within: found %s not to be written (%s), expected a place for the way back: run as root "
-                "(become: true), or set confirm_within to 0 to go without the dead-man's switch."
-                % (self.folder, problem.strerror)
+                f"confirm_within: found {self.folder} not to be written ({problem.strerror}), expected a place for the "
+                "way back: run as root (become: true), or set confirm_within to 0 to go without the dead-man's switch."
             ) from problem
 
     def look(self, token: str) -> str:
-        """What became of the switch.
+        """Return the state of the switch. Raises Problem where its script hangs.
 
-        none         there is none
-        armed        with this token, and it waits
-        rolled_back  with this token, and the former state has come back
-        other        armed with another token: a run that was broken off
-        earlier      taken back, with another token: nobody has heard of it yet
-        confirmed    a confirming run was broken off; what it had yet to do is in memory()
+        none         there is no switch
+        armed        it has this token and waits
+        rolled_back  it has this token, and the former state has come back
+        other        it is armed with another token: an earlier run was broken off
+        earlier      it has another token and has rolled back, and no run has reported that yet
+        confirmed    a confirming run was broken off; state()["memory"] has what it had yet to do
         """
         mark = self._mark()
         deadline = time.time() + _LIMIT
         while mark == "undoing":  # now, by the timer
             if time.time() > deadline:
-                raise Problem("The way back in %s has not ended within %d s: look at its log." % (self.folder, _LIMIT))
+                raise Problem(f"The way back in {self.folder} has not ended within {_LIMIT} s: look at its log.")
             time.sleep(0.1)
             mark = self._mark()
-        ours = self.state().get("token") == token and token != ""
-        return {"armed": "armed" if ours else "other", "rolled_back": "rolled_back" if ours else "earlier"}.get(
+        same = self.state().get("token") == token and token != ""
+        return {"armed": "armed" if same else "other", "rolled_back": "rolled_back" if same else "earlier"}.get(
             mark, mark
         )
 
     def state(self) -> typing.Dict[str, typing.Any]:
-        """What arming remembered: token, seconds, connection, memory. Empty where there is no switch."""
+        """Read the data of arm(): token, seconds, connection, memory. Empty where there is no switch."""
         try:
             return json.loads((atomic.read_bytes(self._path("state.json")) or b"{}").decode("utf-8"))
         except (OSError, ValueError):
             return {}
 
     def failures(self) -> typing.List[str]:
-        """The commands of the way back that failed."""
+        """Read the commands of the rollback that failed."""
         return commands.text(self._path("failures")).splitlines()
 
     def release(self) -> bool:
-        """Keep the change: from now on nothing is taken back. False when the switch was faster, or there is none."""
+        """Keep the change: there will be no rollback. False where the script was faster, or there is no switch."""
         try:
             os.rename(self._path("armed"), self._path("confirmed"))
         except FileNotFoundError:
@@ -196,7 +194,7 @@ class Switch:
         return True
 
     def roll_back_now(self) -> None:
-        """Bring the former state back at once, also after a release. Raises Problem where commands of it failed."""
+        """Roll back at once, also after a release. Raises Problem where the script did not run to its end."""
         try:
             os.rename(self._path("confirmed"), self._path("armed"))
         except FileNotFoundError:
@@ -205,14 +203,14 @@ class Switch:
         self.look("")  # waits, where the timer was faster
         self.timer.stop(self.unit)
         if self._mark() not in ("rolled_back", "none"):
-            raise Problem("The way back could not run: look at %s, and run it by hand." % self._path("undo.sh"))
+            raise Problem(f"The way back could not run: look at {self._path('undo.sh')}, and run it by hand.")
 
     def clear(self) -> None:
-        """Forget the switch: no timer, no script, no folder."""
+        """Remove the switch: timer, script and folder."""
         if not os.path.isdir(self.folder):
             return
         if not (self._mark() == "armed" and self.release()):
-            self.timer.stop(self.unit)  # of a way back that was gone by hand
+            self.timer.stop(self.unit)  # of a rollback that a person started by hand
         for name in os.listdir(self.folder):
             atomic.remove(self._path(name))
         atomic.remove_folder_if_empty(self.folder)
@@ -228,8 +226,8 @@ class Switch:
         atomic.write_by_rename(self._path(name), content, mode=0o600)
 
     def _keep(self, number: int, path: str, content: bytes) -> typing.List[str]:
-        """Store a file as it shall be, with the permissions that it has now; the step that puts it back."""
-        name = "file-%d" % number
+        """Store the content for a file, with the permissions that it has now; returns the step that restores it."""
+        name = f"file-{number}"
         try:
             status = os.stat(path)
         except FileNotFoundError:
@@ -243,14 +241,20 @@ class Switch:
 class Guard:
     """A module's side of the switch: two runs, of which the first changes the run time and the second confirms it.
 
-    The first run has confirm_within and a token as confirmation, the second the token only. The module's own run is an
-    object with: `runtime_changes` (whether the run time changes), `memory` (what the second run has to know, for JSON),
-    `undo_commands()` and `undo_files()` (for Switch.arm), `apply_runtime()` (the run time alone) and `apply()` (whatever
-    is not yet as planned: run time, then boot). Both take back what they did when they fail.
+    The first run has confirm_within and a token as confirmation, the second the token only. The module's own run has
+    these attributes, beside those of module.ModuleRun:
+
+    runtime_changes   True if the run time changes
+    memory            all that the second run has to know, for JSON
+    undo_commands()   for Switch.arm, as undo_files()
+    apply_runtime()   changes the run time alone
+    apply()           changes all that is not yet as planned: the run time, then the boot part
+
+    The last two undo what they did when they fail.
     """
 
     def __init__(self, module: typing.Any, name: str, what: str, switch: typing.Optional[Switch] = None) -> None:
-        """`what` names the concern in a sentence, in the plural: kernel settings, routes."""
+        """Read the module's options; `what` names the concern in a sentence, in the plural: kernel settings, routes."""
         self.module, self.what = module, what
         self.switch = switch or Switch(name)
         self.seconds = module.params["confirm_within"]
@@ -259,19 +263,19 @@ class Guard:
         self.unconfirmed = self.rolled_back = self.changed = False
 
     def begin(self) -> typing.Any:
-        """Deal with what an earlier run left; the memory of that run, None where there is none.
+        """Finish or roll back an earlier run; returns the memory of the run that is to be confirmed, or None.
 
         Ends the module where the connection is still the one from before the change. Raises Problem.
         """
         if self.seconds < 0 or (self.seconds and not self.token):
             raise Problem(
-                "confirm_within is %d and confirmation %r, expected 0 s, or more and a word that the second run repeats."
-                % (self.seconds, self.token)
+                f"confirm_within is {self.seconds} and confirmation {self.token!r}, expected 0 s, or more and a word that "
+                "the second run repeats."
             )
         self.found = self.switch.look(self.token)
         state = self.switch.state()
         if self.found == "rolled_back":
-            self._was_taken_back(state)
+            self._was_rolled_back(state)
         if self.found in ("other", "earlier"):
             self._leftover(state)
             self.found = "none"
@@ -281,7 +285,7 @@ class Guard:
                 changed=False,
                 unconfirmed=True,
                 same_connection=True,
-                msg="The %s are not confirmed: this is the connection from before the change." % self.what,
+                msg=f"The {self.what} are not confirmed: this is the connection from before the change.",
             )
         self.changed = self.found in ("armed", "confirmed")
         return state.get("memory") if self.changed else None
@@ -291,13 +295,13 @@ class Guard:
         if self.found == "armed":
             if not self.switch.release():
                 self.switch.look(self.token)
-                self._was_taken_back(self.switch.state())
+                self._was_rolled_back(self.switch.state())
         elif run.runtime_changes and self.seconds:
             return self._try_out(run)
         elif run.runtime_changes and self.token and self.found == "none":
             raise Problem(
-                "The change of the %s can no longer be confirmed: the machine has been restarted meanwhile, or the first run "
-                "never got as far. It is as it was before: run the play again." % self.what
+                f"The change of the {self.what} can no longer be confirmed: the machine has been restarted meanwhile, or "
+                "the first run never got as far. It is as it was before: run the play again."
             )
         run.apply()
         if self.found != "none":
@@ -309,12 +313,12 @@ class Guard:
         try:
             run.apply_runtime()
         except Problem:
-            self._take_back()  # as the run has done; its sentence says what it could not
+            self._roll_back()  # as the run has done already; its sentence has the failures
             raise
         self.unconfirmed = True
 
-    def _take_back(self) -> typing.List[str]:
-        """The former state at once, and no switch any more; what failed of it."""
+    def _roll_back(self) -> typing.List[str]:
+        """Roll back at once and remove the switch; returns the failures."""
         try:
             self.switch.roll_back_now()
         except Problem as problem:
@@ -323,24 +327,24 @@ class Guard:
         self.switch.clear()
         return failures
 
-    def _was_taken_back(self, state: typing.Mapping[str, typing.Any]) -> typing.NoReturn:
+    def _was_rolled_back(self, state: typing.Mapping[str, typing.Any]) -> typing.NoReturn:
         failures = self.switch.failures()
         self.rolled_back, self.changed = True, False
         if not self.module.check_mode:
             self.switch.clear()
-        raise TakenBack(
-            "The %s were not confirmed over a new connection within %d s, so the machine has taken them back%s"
-            % (
-                self.what,
-                state.get("seconds", 0),
-                ", but these commands of it failed: %s: correct them by hand." % ", ".join(failures)
-                if failures
-                else " and is as it was before: correct what is planned for this host, or reach it by a way that does not depend on it.",
-            )
+        end = (
+            f", but these commands of it failed: {', '.join(failures)}: correct them by hand."
+            if failures
+            else " and is as it was before: correct what is planned for this host, or reach it by a way that does not "
+            "depend on it."
+        )
+        raise RolledBack(
+            f"The {self.what} were not confirmed over a new connection within {int(state.get('seconds', 0))} s, so the machine "
+            f"has taken them back{end}"
         )
 
     def _leftover(self, state: typing.Mapping[str, typing.Any]) -> None:
-        """An earlier play that was broken off."""
+        """Roll back an earlier play that was broken off, and warn."""
         waits = self.found == "other"
         if not self.module.check_mode:
             if waits:
@@ -349,30 +353,26 @@ class Guard:
             self.switch.clear()
             if failures:
                 raise Problem(
-                    "The %s of an earlier run, which nobody confirmed, could not be taken back; these commands failed: %s: "
-                    "correct them by hand." % (self.what, ", ".join(failures))
+                    f"The {self.what} of an earlier run, which nobody confirmed, could not be taken back; these commands "
+                    f"failed: {', '.join(failures)}: correct them by hand."
                 )
         self.changed = waits
+        were = "would be" if waits and self.module.check_mode else "were"
         self.module.warn(
-            "The %s of an earlier run, which nobody confirmed within %d s, %s taken back%s."
-            % (
-                self.what,
-                state.get("seconds", 0),
-                "would be" if waits and self.module.check_mode else "were",
-                " first" if waits else "",
-            )
+            f"The {self.what} of an earlier run, which nobody confirmed within {int(state.get('seconds', 0))} s, {were} taken "
+            f"back{' first' if waits else ''}."
         )
 
     def fail(self, problem: Problem, **result: typing.Any) -> None:
-        """End the module with a sentence; a change that was to be confirmed is taken back."""
+        """End the module with a sentence; a change that was to be confirmed is rolled back."""
         sentence = str(problem)
         if not self.module.check_mode and self.found == "armed" and not self.rolled_back:
-            failures = self._take_back()
+            failures = self._roll_back()
             self.rolled_back = not failures
             sentence += (
-                " Taking the %s back failed, too: %s" % (self.what, ", ".join(failures))
+                f" Taking the {self.what} back failed, too: {', '.join(failures)}"
                 if failures
-                else " So the %s were taken back, and the machine is as it was before." % self.what
+                else f" So the {self.what} were taken back, and the machine is as it was before."
             )
         self.module.fail_json(msg=sentence, unconfirmed=False, rolled_back=self.rolled_back, **result)
 

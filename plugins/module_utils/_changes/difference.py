@@ -7,14 +7,14 @@ import typing
 
 
 def difference(path: str, before: typing.Optional[bytes], after: typing.Optional[bytes]) -> typing.Dict[str, str]:
-    """One entry of a module's `diff`: a file's text before and after; None is a file that is not there."""
+    """One entry of a module's `diff`: the text of a file before and after; None stands for no file."""
 
     def text(content: typing.Optional[bytes]) -> str:
         return "" if content is None else content.decode("utf-8", "replace")
 
     return {
-        "before_header": path if before is not None else path + " (absent)",
-        "after_header": path if after is not None else path + " (absent)",
+        "before_header": path if before is not None else f"{path} (absent)",
+        "after_header": path if after is not None else f"{path} (absent)",
         "before": text(before),
         "after": text(after),
     }

@@ -236,32 +236,52 @@ def owned_files(remembered: Data, machine: Machine) -> typing.Dict[str, str]:
 def plan(wanted: typing.List[Wanted], remembered: Data, machine: Machine) -> Plan:
     """Plan the changes; pure. Raises Problem, with a sentence per path, where something not owned is in the way."""
     owned = owned_files(remembered, machine)
-    states = [_state(file, machine.found[file.path], owned.get(file.path), machine.owner) for file in wanted]
-    kept = {file.path: file for file, state in zip(wanted, states) if state != "foreign"}
+    items = [_listed(file, machine, owned.get(file.path)) for file in wanted]
+    kept = {file.path: file for file, item in zip(wanted, items) if item.state != "foreign"}
     removals = [path for path in sorted(owned) if path not in kept and machine.found[path] is not None]
-    edited = [path for path in removals if _fingerprint_of_found(machine.found[path]) != owned[path]]
-    _refuse(wanted, states, machine, removals)
+    _refuse(wanted, items, machine, removals)
 
     before = set(remembered.get("folders", []))
     folders = _plan_folders(kept, removals, before, machine)
-    writes = [file for file, state in zip(wanted, states) if state in ("written", "edited")]
-    intent: typing.Dict[str, typing.Dict[str, str]] = {path: {"written": owned[path]} for path in owned}
-    for file in writes:
-        intent.setdefault(file.path, {})["writing"] = _fingerprint(file)
-    notes = [_NOTES[state].format(path=file.path) for file, state in zip(wanted, states) if state in _NOTES]
-    notes += [f"{path}, which goes, had been changed by hand since we wrote it." for path in edited]
-    notes += [f"{folder} stays, because it holds files that are not ours." for folder in folders.kept]
+    writes = [kept[item.path] for item in items if item.state in ("written", "edited")]
     return Plan(
-        items=[Item(file.path, state, file.mode) for file, state in zip(wanted, states)],
+        items=items,
         writes=writes,
         removals=removals,
         rubbish=folders.rubbish,
         folders_made=folders.made,
         folders_removed=folders.removed,
-        notes=notes,
-        intent={"files": intent, "folders": sorted(before | set(folders.owned))},
+        notes=_notes(items, removals, folders, owned, machine),
+        intent={"files": _intended(owned, writes), "folders": sorted(before | set(folders.owned))},
         after={"files": {path: {"written": _fingerprint(kept[path])} for path in kept}, "folders": folders.owned},
     )
+
+
+def _listed(file: Wanted, machine: Machine, owned: typing.Optional[str]) -> Item:
+    """One planned file; `owned` is the fingerprint of what was written last, None for a file that is not owned."""
+    return Item(file.path, _state(file, machine.found[file.path], owned, machine.owner), file.mode)
+
+
+def _intended(owned: typing.Dict[str, str], writes: typing.Iterable[Wanted]) -> typing.Dict[str, typing.Dict[str, str]]:
+    """The files in the record while the run is at work."""
+    files = {path: {"written": owned[path]} for path in owned}
+    for file in writes:
+        files.setdefault(file.path, {})["writing"] = _fingerprint(file)
+    return files
+
+
+def _notes(
+    items: typing.List[Item],
+    removals: typing.List[str],
+    folders: "_Folders",
+    owned: typing.Dict[str, str],
+    machine: Machine,
+) -> typing.List[str]:
+    """The notes on drift, on files that are right but not owned, and on folders that stay."""
+    notes = [_NOTES[item.state].format(path=item.path) for item in items if item.state in _NOTES]
+    edited = [path for path in removals if _fingerprint_of_found(machine.found[path]) != owned[path]]
+    notes += [f"{path}, which goes, had been changed by hand since we wrote it." for path in edited]
+    return notes + [f"{folder} stays, because it holds files that are not ours." for folder in folders.kept]
 
 
 def _state(
@@ -283,11 +303,11 @@ def _state(
 
 
 def _refuse(
-    wanted: typing.List[Wanted], states: typing.List[str], machine: Machine, removals: typing.List[str]
+    wanted: typing.List[Wanted], items: typing.List[Item], machine: Machine, removals: typing.List[str]
 ) -> None:
     """Raise Problem with a sentence for everything that is in the way of the plan."""
     problems = [
-        _in_the_way(file, machine.found[file.path]) for file, state in zip(wanted, states) if state == "conflict"
+        _in_the_way(file, machine.found[file.path]) for file, item in zip(wanted, items) if item.state == "conflict"
     ]
     problems += [
         f"{folder} is {kind}, expected a folder for planned files: move it away."
