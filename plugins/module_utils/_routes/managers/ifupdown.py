@@ -14,11 +14,11 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.manag
 
 # run-parts(8) passes over names with a dot, so the name has none.
 HOOK = "/etc/network/if-up.d/" + contract.NAME
-# ifupdown of Debian; ifupdown-ng and ifupdown2, which run the same hooks.
+# The lists of interfaces that are up: of Debian's ifupdown, and of ifupdown-ng and ifupdown2, which run the same hooks.
 STATES = ("run/network/ifstate", "run/ifstate")
 
-# ifup runs the hook once for every stanza of an interface, so a route of IPv6 may come too early in the first of them:
-# `replace` may be repeated, and what fails is silent, since ifup takes a failing hook for a failing interface.
+# ifup runs the hook once for every stanza of an interface, so the first time may be too early for a route of IPv6.
+# `replace` may be repeated. A failure is silent, because for ifup a failing hook is a failing interface.
 _BEGIN = (
     "#!/bin/sh\n"
     + contract.HEADER
@@ -34,7 +34,7 @@ replace() {
 
 
 class BackEnd(contract.BackEnd):
-    """ifupdown, and what is compatible with it."""
+    """ifupdown, and the programs that are compatible with it (ifupdown-ng, ifupdown2)."""
 
     name = "ifupdown"
     mode = 0o755
@@ -53,27 +53,28 @@ class BackEnd(contract.BackEnd):
     def place(self, interface: str) -> str:
         if not os.path.isdir(self.path("/etc/network")):
             raise Problem(
-                "routes: %s shall have its routes by ifupdown, and there is no /etc/network, expected ifupdown installed: "
-                "install it, or choose another backend." % interface
+                f"routes: {interface} shall have its routes by ifupdown, and there is no /etc/network, expected ifupdown "
+                "installed: install it, or choose another backend."
             )
         return HOOK
 
-    def render(self, routes: typing.Dict[str, typing.List[Route]]) -> contract.Wanted:
+    def render(self, routes: contract.RoutesOf) -> contract.Wanted:
         if not any(routes.values()):
             return {HOOK: None}
-        # A route without a device belongs to no interface: whichever comes up first makes it.
+        # A route without a device belongs to no interface: the first interface that comes up makes it.
         everywhere = [route for name in sorted(routes) for route in routes[name] if not route.device]
-        text = _BEGIN + "".join("\n" + _line(route) for route in everywhere) + ("\n" if everywhere else "")
-        cases = {name: [route for route in routes[name] if route.device] for name in sorted(routes)}
-        if any(cases.values()):
-            text += '\ncase "$IFACE" in\n'
-            for name, listed in cases.items():
-                if listed:
-                    lines = "".join("    %s\n" % _line(route) for route in listed)
-                    text += "%s)\n%s    ;;\n" % (shlex.quote(name), lines)
-            text += "esac\n"
+        text = _BEGIN + "".join(f"\n{_line(route)}" for route in everywhere) + ("\n" if everywhere else "")
+        cases = [_case(name, [route for route in routes[name] if route.device]) for name in sorted(routes)]
+        if any(cases):
+            text += f'\ncase "$IFACE" in\n{"".join(cases)}esac\n'
         return {HOOK: text}
 
 
+def _case(interface: str, routes: typing.List[Route]) -> str:
+    """The lines for one interface, "" without routes."""
+    lines = "".join(f"    {_line(route)}\n" for route in routes)
+    return f"{shlex.quote(interface)})\n{lines}    ;;\n" if routes else ""
+
+
 def _line(route: Route) -> str:
-    return " ".join(["replace", "-%d" % route.version] + [shlex.quote(word) for word in words_of(route)])
+    return " ".join(["replace", f"-{route.version}", *(shlex.quote(word) for word in words_of(route))])

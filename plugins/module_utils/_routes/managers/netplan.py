@@ -3,8 +3,8 @@
 
 """Routes at boot by netplan: a file of ours that adds routes to the definitions of other files (netplan(5)).
 
-netplan merges the lists of routes of all files. Which definition an interface has is read from what netplan has generated
-for the manager that configures it, so that no YAML has to be understood here.
+netplan merges the lists of routes of all files. The definition of an interface is read from the file that netplan has
+generated for the manager behind it, so no YAML has to be read here.
 """
 
 import glob
@@ -18,11 +18,14 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract, networkmanager
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkd as routes_networkd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import (
+    contract,
+    networkd,
+    networkmanager,
+)
 
-FILE = "/etc/netplan/90-%s.yaml" % contract.NAME
-FOLDERS = ("etc/netplan", "run/netplan", "lib/netplan")  # what netplan reads
+FILE = f"/etc/netplan/90-{contract.NAME}.yaml"
+FOLDERS = ("etc/netplan", "run/netplan", "lib/netplan")  # those that netplan reads
 _GENERATED = "/run/systemd/network/10-netplan-"
 _LIMIT = 60.0  # seconds; netplan generate takes a few tenths
 
@@ -51,16 +54,16 @@ class Definition(typing.NamedTuple):
 
 
 class BackEnd(contract.BackEnd):
-    """netplan, with either of its renderers."""
+    """netplan, with networkd or NetworkManager behind it."""
 
     name = "netplan"
     mode = 0o600
 
-    def __init__(self, machine: contract.Machine, root: str, recorded: typing.Dict[str, typing.List[str]]) -> None:
+    def __init__(self, machine: contract.Machine, root: str, recorded: contract.Recorded) -> None:
         super().__init__(machine, root, recorded)
         self._known: typing.Optional[typing.Dict[str, Definition]] = None
 
-    # Who
+    # The definition of an interface
 
     def _definitions(self) -> typing.Dict[str, Definition]:
         """The definitions by the interface on which they are in effect."""
@@ -70,13 +73,13 @@ class BackEnd(contract.BackEnd):
         return self._known
 
     def _of_networkd(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
-        networkd = routes_networkd.BackEnd(self.machine, self.root, {})
+        manager = networkd.BackEnd(self.machine, self.root, {})
         for interface in self.machine.interfaces:
-            file = networkd.network_file(interface)
+            file = manager.network_file(interface)
             if file.startswith(_GENERATED):
                 name = file[len(_GENERATED) : -len(".network")]
-                kind = _setting(commands.text(self.path("%s%s.netdev" % (_GENERATED, name))), "Kind")
-                wifi = os.path.exists(self.path("/run/netplan/wpa-%s.conf" % name))
+                kind = _setting(commands.text(self.path(f"{_GENERATED}{name}.netdev")), "Kind")
+                wifi = os.path.exists(self.path(f"/run/netplan/wpa-{name}.conf"))
                 yield interface, Definition(_section("wifi" if wifi else kind), name, file)
 
     def _of_networkmanager(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
@@ -92,7 +95,7 @@ class BackEnd(contract.BackEnd):
                 yield interface, Definition(_section(kind), name, active.file)
 
     def owns(self) -> typing.Set[str]:
-        """The interfaces that are configured by what netplan has generated."""
+        """The interfaces that netplan configures, by what it has generated for the manager behind it."""
         return set(self._definitions())
 
     def read(self) -> contract.Places:
@@ -101,25 +104,25 @@ class BackEnd(contract.BackEnd):
 
     def place(self, interface: str) -> str:
         definition = self._definitions().get(interface)
-        where = "routes: %s shall have its routes by netplan, and" % interface
+        where = f"routes: {interface} shall have its routes by netplan, and"
         if definition is None:
             raise Problem(
-                "%s nothing that netplan has generated configures it, expected a definition of it in effect: write one and "
-                "apply it, or choose another backend." % where
+                f"{where} nothing that netplan has generated configures it, expected a definition of it in effect: write one "
+                "and apply it, or choose another backend."
             )
         others = [
             name for name, other in sorted(self._definitions().items()) if other == definition and name != interface
         ]
         if others:
             raise Problem(
-                "%s its definition %s is that of %s too, which would get the same routes: give %s a definition of its own."
-                % (where, definition.name, ", ".join(others), interface)
+                f"{where} its definition {definition.name} is that of {', '.join(others)} too, which would get the same routes: "
+                f"give {interface} a definition of its own."
             )
         return FILE
 
-    # What
+    # Our file
 
-    def render(self, routes: typing.Dict[str, typing.List[Route]]) -> contract.Wanted:
+    def render(self, routes: contract.RoutesOf) -> contract.Wanted:
         sections: typing.Dict[str, typing.Dict[str, typing.List[str]]] = {}
         for interface, listed in sorted(routes.items()):
             if listed:
@@ -131,14 +134,14 @@ class BackEnd(contract.BackEnd):
             return {FILE: None}
         lines = ["network:", "  version: 2"]
         for section, definitions in sorted(sections.items()):
-            lines.append("  %s:" % section)
+            lines.append(f"  {section}:")
             for name, entries in sorted(definitions.items()):
-                lines += ["    %s:" % _quoted(name), "      routes:"] + entries
-        return {FILE: contract.HEADER + "".join(line + "\n" for line in lines)}
+                lines += [f"    {_quoted(name)}:", "      routes:", *entries]
+        return {FILE: contract.HEADER + "".join(f"{line}\n" for line in lines)}
 
     def check(self, wanted: contract.Wanted) -> None:
-        """Have netplan generate from a copy of its folders with our file as it shall be."""
-        copy = tempfile.mkdtemp(prefix="%s-netplan-" % contract.NAME)
+        """Run `netplan generate` on a copy of its folders with our file as wanted. Raises Problem where it refuses."""
+        copy = tempfile.mkdtemp(prefix=f"{contract.NAME}-netplan-")
         try:
             for folder in FOLDERS:
                 if os.path.isdir(self.path(folder)):
@@ -153,25 +156,26 @@ class BackEnd(contract.BackEnd):
             answer = commands.run(["netplan", "generate", "--root-dir", copy], limit=_LIMIT)
             if answer.status != 0:
                 raise Problem(
-                    "routes: netplan refuses %s as it would be (%s): correct the routes, or set backend to none for those that "
-                    "its renderer cannot make." % (FILE, _said(answer).replace(copy, ""))
+                    f"routes: netplan refuses {FILE} as it would be ({_said(answer).replace(copy, '')}): correct the routes, or "
+                    "set backend to none for those that its renderer cannot make."
                 )
         finally:
             shutil.rmtree(copy, ignore_errors=True)
 
-    # How
+    # Telling netplan
 
     def activate(self, places: typing.List[str]) -> None:
-        """Generate, and let the manager behind it read what was generated; never `netplan apply`, which takes links down.
+        """Run `netplan generate`, and let the manager behind netplan read the result.
 
-        Measured with netplan 0.106: `netplan generate` touches no interface. networkd then gets to know the routes by a
-        restart (see _routes_networkd), NetworkManager by loading the profile, which it uses when it next activates it.
+        Never `netplan apply`, which takes links down. Measured with netplan 0.106: `netplan generate` touches no interface.
+        networkd reads the routes when it is restarted (see networkd.py). NetworkManager loads the profile, and uses it when
+        it next activates it.
         """
         if not self.machine.booted:
             return
         answer = commands.run(["netplan", "generate"], limit=_LIMIT)
         if answer.status != 0:
-            raise Problem("routes: 'netplan generate' failed (%s), expected it to work." % _said(answer))
+            raise Problem(f"routes: 'netplan generate' failed ({_said(answer)}), expected it to work.")
         files = [definition.file for definition in self._definitions().values()]
         if any(file.startswith(networkmanager.NETPLANS) for file in files):
             # A definition of a wifi has one profile per access point.
@@ -179,11 +183,10 @@ class BackEnd(contract.BackEnd):
             answer = networkmanager.nmcli("connection", "load", *profiles)
             if answer.status != 0:
                 raise Problem(
-                    "routes: NetworkManager cannot load what netplan has generated (%s), expected it running."
-                    % _said(answer)
+                    f"routes: NetworkManager cannot load what netplan has generated ({_said(answer)}), expected it running."
                 )
         if any(file.startswith(_GENERATED) for file in files):
-            routes_networkd.BackEnd(self.machine, self.root, {}).activate(places)
+            networkd.BackEnd(self.machine, self.root, {}).activate(places)
 
 
 def _section(kind: str) -> str:
@@ -192,7 +195,7 @@ def _section(kind: str) -> str:
 
 def _setting(text: str, key: str) -> str:
     """The first value of a key in a file of networkd or NetworkManager."""
-    found = re.search(r"^%s=(.*)$" % re.escape(key), text, re.MULTILINE)
+    found = re.search(rf"^{re.escape(key)}=(.*)$", text, re.MULTILINE)
     return found.group(1).strip() if found else ""
 
 
@@ -202,11 +205,11 @@ def _said(answer: commands.Answer) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A text as a scalar of YAML; none of these texts has anything to be escaped."""
-    return '"%s"' % text
+    """A text as a scalar of YAML. These texts have no characters that need an escape."""
+    return f'"{text}"'
 
 
-# What netplan(5) calls the fields of a route; a text that is empty has no line.
+# The names of the fields of a route in netplan(5). An empty text has no line.
 _KEYS = (
     ("to", "destination"),
     ("via", "gateway"),
@@ -216,7 +219,7 @@ _KEYS = (
     ("on-link", "on_link"),
     ("type", "type"),
 )
-_PLAIN = {"table": 254, "on_link": False, "type": "unicast"}  # what needs no line
+_PLAIN = {"table": 254, "on_link": False, "type": "unicast"}  # the values that need no line
 
 
 def _entry(route: Route) -> typing.List[str]:
@@ -225,7 +228,13 @@ def _entry(route: Route) -> typing.List[str]:
         value = getattr(route, field)
         if value == "" or (field in _PLAIN and value == _PLAIN[field]):
             continue
-        lines.append("%s: %s" % (key, "true" if value is True else _quoted(value) if ":" in str(value) else value))
+        lines.append(f"{key}: {_scalar(value)}")
     if route.type == "unicast" and not route.gateway:
         lines.append("scope: link")  # else netplan asks for a gateway
-    return ["%s%s" % ("        - " if line is lines[0] else "          ", line) for line in lines]
+    return [f"        - {lines[0]}", *(f"          {line}" for line in lines[1:])]
+
+
+def _scalar(value: typing.Any) -> typing.Any:
+    if value is True:
+        return "true"
+    return _quoted(value) if ":" in str(value) else value

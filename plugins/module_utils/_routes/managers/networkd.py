@@ -12,11 +12,11 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 
 FOLDER = "/etc/systemd/network"
-DROP_IN = "90-%s.conf" % contract.NAME
+DROP_IN = f"90-{contract.NAME}.conf"
 _UNIT = "systemd-networkd.service"
 _LIMIT = 60.0  # seconds; a restart takes a few tenths
 _NETPLAN = "10-netplan-"
-_FREE = ("unmanaged", "linger", "initialized", "pending", "")  # states in which networkd does nothing with a link
+_FREE = ("unmanaged", "linger", "initialized", "pending", "")  # states of a link that networkd does not configure
 
 
 class BackEnd(contract.BackEnd):
@@ -29,9 +29,9 @@ class BackEnd(contract.BackEnd):
         return {name for name in self.machine.interfaces if self.network_file(name)}
 
     def network_file(self, interface: str) -> str:
-        """The .network file that networkd has chosen for an interface, "" for none."""
-        # The command networkctl says the same in words for people only; these names are unchanged since systemd 209.
-        text = commands.text(self.path("/run/systemd/netif/links/%d" % self.machine.interfaces[interface].index))
+        """The .network file with which networkd configures an interface, "" for none."""
+        # networkctl prints the same for people only. The names in this file are unchanged since systemd 209.
+        text = commands.text(self.path(f"/run/systemd/netif/links/{self.machine.interfaces[interface].index}"))
         state = dict(line.partition("=")[::2] for line in text.splitlines())
         return "" if state.get("ADMIN_STATE", "") in _FREE else state.get("NETWORK_FILE", "")
 
@@ -40,33 +40,33 @@ class BackEnd(contract.BackEnd):
             names = sorted(os.listdir(self.path(FOLDER)))
         except OSError:
             return {}
-        places = ["%s/%s/%s" % (FOLDER, name, DROP_IN) for name in names if name.endswith(".network.d")]
+        places = [f"{FOLDER}/{name}/{DROP_IN}" for name in names if name.endswith(".network.d")]
         texts = {place: self.own_text(place) for place in places}
         return {place: text for place, text in texts.items() if text is not None}
 
     def place(self, interface: str) -> str:
         file = self.network_file(interface)
+        where = f"routes: {interface} shall have its routes by networkd, and"
         if not file:
             raise Problem(
-                "routes: %s shall have its routes by networkd, and networkd configures it by no .network file, expected one: "
-                "write one that matches it, or choose another backend." % interface
+                f"{where} networkd configures it by no .network file, expected one: write one that matches it, or choose "
+                "another backend."
             )
         if os.path.basename(file).startswith(_NETPLAN):
             raise Problem(
-                "routes: %s shall have its routes by networkd, and %s is written by netplan, which may give it another name: "
-                "choose the backend netplan." % (interface, file)
+                f"{where} {file} is written by netplan, which may give it another name: choose the backend netplan."
             )
         others = sorted(
             name for name in self.machine.interfaces if name != interface and self.network_file(name) == file
         )
         if others:
             raise Problem(
-                "routes: %s is configured by %s, and so is %s, which would get the same routes: give %s a .network file of its "
-                "own." % (interface, file, ", ".join(others), interface)
+                f"routes: {interface} is configured by {file}, and so is {', '.join(others)}, which would get the same routes: "
+                f"give {interface} a .network file of its own."
             )
-        return "%s/%s.d/%s" % (FOLDER, os.path.basename(file), DROP_IN)
+        return f"{FOLDER}/{os.path.basename(file)}.d/{DROP_IN}"
 
-    def render(self, routes: typing.Dict[str, typing.List[Route]]) -> contract.Wanted:
+    def render(self, routes: contract.RoutesOf) -> contract.Wanted:
         wanted: contract.Wanted = dict.fromkeys(self.read())
         for interface, listed in sorted(routes.items()):
             if listed:
@@ -74,23 +74,23 @@ class BackEnd(contract.BackEnd):
         return wanted
 
     def activate(self, places: typing.List[str]) -> None:
-        """Restart networkd, so that it has the routes too when the link comes back after an interruption.
+        """Restart networkd, so that it knows the routes when the link comes back after an interruption.
 
-        Measured with systemd 252 and `ip monitor`: `networkctl reload` takes the addresses, and with them every route, away
-        and then brings back what it knows. A restart finds everything as planned and deletes nothing: no address, none of
-        our routes and none of others; leases of DHCP are kept as well (RestartKillSignal= of the unit, since systemd 244).
+        Measured with systemd 252 and `ip monitor`: `networkctl reload` removes the addresses, and with them every route,
+        and then restores what it knows. A restart finds everything as planned and deletes nothing: no address, no route
+        of ours or of others. It keeps leases of DHCP as well (RestartKillSignal= of the unit, since systemd 244).
         """
         if not self.machine.booted or commands.run(["systemctl", "is-active", "--quiet", _UNIT]).status != 0:
             return
         answer = commands.run(["systemctl", "restart", _UNIT], limit=_LIMIT)
         if answer.status != 0:
             raise Problem(
-                "routes: systemd-networkd could not be restarted with %s (%s), expected it running: see journalctl -u %s."
-                % (", ".join(places), answer.error or "without a word", _UNIT)
+                f"routes: systemd-networkd could not be restarted with {', '.join(places)} "
+                f"({answer.error or 'without a word'}), expected it running: see journalctl -u {_UNIT}."
             )
 
 
-# What systemd.network(5) calls the fields of a route, and the value that needs no line.
+# The names of the fields of a route in systemd.network(5), and the value that needs no line.
 _KEYS = (
     ("Destination", "destination", ""),
     ("Gateway", "gateway", ""),
@@ -104,5 +104,5 @@ _KEYS = (
 
 def _section(route: Route) -> str:
     values = [(key, getattr(route, field), usual) for key, field, usual in _KEYS]
-    lines = ["%s=%s" % (key, "yes" if value is True else value) for key, value, usual in values if value != usual]
+    lines = [f"{key}={'yes' if value is True else value}" for key, value, usual in values if value != usual]
     return "\n[Route]\n" + "\n".join(lines) + "\n"

@@ -3,8 +3,8 @@
 
 """Routes at boot by NetworkManager: more routes in the profile that is active on the interface (nm-settings-nmcli(5)).
 
-A profile is somebody else's, so a place is no file but `nmcli:<uuid>`, and its text is one line per route of ours, as
-`nmcli connection modify` takes it: "ipv4.routes 192.168.11.0/24 192.168.1.201 0".
+A profile belongs to somebody else, so a place is no file but `nmcli:<uuid>`. Its text has one line per route of ours, in
+the form of `nmcli connection modify`: "ipv4.routes 192.168.11.0/24 192.168.1.201 0".
 """
 
 import ipaddress
@@ -17,10 +17,10 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 
 PREFIX = "nmcli:"
-NETPLANS = "/run/NetworkManager/system-connections/netplan-"  # how the profiles begin that netplan writes
+NETPLANS = "/run/NetworkManager/system-connections/netplan-"  # the beginning of the profiles that netplan writes
 _LIMIT = 30.0  # seconds; a change takes some hundredths
 _NOT_THERE = 10  # exit status of nmcli(1): no such connection, device or access point
-_EXTERNAL = "(externally)"  # NetworkManager shows what somebody else has configured, and does nothing with it
+_EXTERNAL = "(externally)"  # somebody else has configured the interface, and NetworkManager only shows it
 _WITHOUT = ("disabled", "ignore")  # methods with which a profile's routes are not made
 
 
@@ -33,21 +33,21 @@ class Active(typing.NamedTuple):
 
     @property
     def netplan(self) -> bool:
-        """Whether netplan has written it."""
+        """True where netplan has written the profile."""
         return self.file.startswith(NETPLANS)
 
 
 class Profile(typing.NamedTuple):
-    """What a profile says about routes: the tables and methods by IP version, and its routes as lines."""
+    """The settings of a profile for routes."""
 
     autoconnect: bool
-    methods: typing.Dict[int, str]
-    tables: typing.Dict[int, int]
-    lines: typing.List[str]
+    methods: typing.Dict[int, str]  # by version of IP
+    tables: typing.Dict[int, int]  # by version of IP
+    lines: typing.List[str]  # its routes
 
 
 def nmcli(*words: str) -> commands.Answer:
-    """Ask or tell NetworkManager, in the form for programs."""
+    """Run nmcli with its output for programs."""
     return commands.run(("nmcli", "--terse", "--escape", "no") + words, limit=_LIMIT)
 
 
@@ -74,13 +74,13 @@ class BackEnd(contract.BackEnd):
 
     name = "networkmanager"
 
-    def __init__(self, machine: contract.Machine, root: str, recorded: typing.Dict[str, typing.List[str]]) -> None:
+    def __init__(self, machine: contract.Machine, root: str, recorded: contract.Recorded) -> None:
         super().__init__(machine, root, recorded)
         self._known: typing.Optional[typing.Dict[str, Active]] = None
         self._profiles: typing.Dict[str, typing.Optional[Profile]] = {}
         self._ours = {place: set(_lines("".join(texts))) for place, texts in recorded.items()}
 
-    # Who
+    # The profile of an interface
 
     def _active(self) -> typing.Dict[str, Active]:
         if self._known is None:
@@ -93,37 +93,36 @@ class BackEnd(contract.BackEnd):
 
     def place(self, interface: str) -> str:
         active = self._active().get(interface)
-        where = "routes: %s shall have its routes by NetworkManager, and" % interface
+        where = f"routes: {interface} shall have its routes by NetworkManager, and"
         if active is None:
             raise Problem(
-                "%s no profile is active there, expected one: activate a profile (nmcli device), or choose another backend."
-                % where
+                f"{where} no profile is active there, expected one: activate a profile (nmcli device), or choose another backend."
             )
         if active.external:
             raise Problem(
-                "%s it is 'connected (externally)': somebody else has configured it and NetworkManager looks on, expected an "
-                "active profile in /etc/NetworkManager/system-connections: add one (nmcli connection add), or choose the "
-                "backend that configures it." % where
+                f"{where} it is 'connected (externally)': somebody else has configured it and NetworkManager looks on, expected "
+                "an active profile in /etc/NetworkManager/system-connections: add one (nmcli connection add), or choose the "
+                "backend that configures it."
             )
         if active.netplan:
-            raise Problem("%s its profile %s is written by netplan: choose the backend netplan." % (where, active.file))
+            raise Problem(f"{where} its profile {active.file} is written by netplan: choose the backend netplan.")
         if active.file.startswith("/run/"):
             raise Problem(
-                "%s its profile %s is only in memory and gone after a reboot, expected one in "
-                "/etc/NetworkManager/system-connections: save it (nmcli connection modify %s connection.autoconnect yes)."
-                % (where, active.file, active.uuid)
+                f"{where} its profile {active.file} is only in memory and gone after a reboot, expected one in "
+                f"/etc/NetworkManager/system-connections: save it (nmcli connection modify {active.uuid} "
+                "connection.autoconnect yes)."
             )
         others = sorted(
             name for name, other in self._active().items() if name != interface and other.uuid == active.uuid
         )
         if others:
             raise Problem(
-                "%s its profile %s is active on %s too, which would get the same routes: give %s a profile of its own."
-                % (where, active.uuid, ", ".join(others), interface)
+                f"{where} its profile {active.uuid} is active on {', '.join(others)} too, which would get the same routes: "
+                f"give {interface} a profile of its own."
             )
         return PREFIX + active.uuid
 
-    # What
+    # Our routes in a profile
 
     def _profile(self, place: str) -> typing.Optional[Profile]:
         """A profile as it was when this run first looked, None where it is gone."""
@@ -140,69 +139,64 @@ class BackEnd(contract.BackEnd):
                 found[place] = text
         return found
 
-    def render(self, routes: typing.Dict[str, typing.List[Route]]) -> contract.Wanted:
+    def render(self, routes: contract.RoutesOf) -> contract.Wanted:
         wanted: contract.Wanted = dict.fromkeys(self.read())
         for interface, listed in routes.items():
             place = self.place(interface)
             profile = self._profile(place)
             if profile is None:
-                raise Problem("routes: the profile %s of %s is gone: run again." % (place, interface))
-            # What the profile has by itself is not ours, so it is never taken from it.
+                raise Problem(f"routes: the profile {place} of {interface} is gone: run again.")
+            # Routes that the profile has by itself are not ours, so they are never removed from it.
             others = set(profile.lines) - self._ours.get(place, set())
             lines = {line_of(route, profile.tables[route.version]) for route in listed}
             wanted[place] = _text(lines - others)
         return wanted
 
     def check(self, wanted: contract.Wanted) -> None:
-        """A profile's routes are made at boot only with these settings of it; nmcli itself refuses a whole change or none."""
+        """Raises Problem where other settings of a profile prevent its routes at boot. (nmcli checks the routes in `write`.)"""
         for place, text in wanted.items():
             profile = self._profile(place)
             if text is None or profile is None:
                 continue
             if not profile.autoconnect:
                 raise Problem(
-                    "routes: the profile %s has connection.autoconnect no, so it brings no routes back at boot, expected yes: "
-                    "nmcli connection modify %s connection.autoconnect yes." % (_uuid(place), _uuid(place))
+                    f"routes: the profile {_uuid(place)} has connection.autoconnect no, so it brings no routes back at boot, "
+                    f"expected yes: nmcli connection modify {_uuid(place)} connection.autoconnect yes."
                 )
             for version in sorted({_version(line) for line in _lines(text)}):
                 if profile.methods[version] in _WITHOUT:
                     raise Problem(
-                        "routes: the profile %s has ipv%d.method %s, with which it makes no route of IPv%d, expected one of "
-                        "manual, auto: configure IPv%d in it, or set backend to none for these routes."
-                        % (_uuid(place), version, profile.methods[version], version, version)
+                        f"routes: the profile {_uuid(place)} has ipv{version}.method {profile.methods[version]}, with which it "
+                        f"makes no route of IPv{version}, expected one of manual, auto: configure IPv{version} in it, or set "
+                        "backend to none for these routes."
                     )
 
-    # How
+    # The change of a profile
 
     def write(self, place: str, content: typing.Optional[str]) -> None:
-        """Add what is missing in the profile and take out what was ours, in one step of NetworkManager: all or nothing."""
+        """Add the missing lines to the profile and remove our other ones, in one step of NetworkManager: all or nothing."""
         profile, wanted = _ask(place), _lines(content or "")
         if profile is None:
             if content is None:
                 return
-            raise Problem("routes: the profile %s is gone, expected it there: run again." % _uuid(place))
+            raise Problem(f"routes: the profile {_uuid(place)} is gone, expected it there: run again.")
         ours = self._ours.setdefault(place, set())
-        goes = [line for line in profile.lines if line in ours and line not in wanted]
-        comes = [line for line in wanted if line not in profile.lines]
+        words = _words("-", [line for line in profile.lines if line in ours and line not in wanted])
+        words += _words("+", [line for line in wanted if line not in profile.lines])
         ours.update(wanted)
-        words = []
-        for sign, lines in (("-", goes), ("+", comes)):
-            for line in lines:
-                setting, _space, route = line.partition(" ")
-                words += [sign + setting, route]
         if words:
             answer = nmcli("connection", "modify", "uuid", _uuid(place), *words)
             if answer.status != 0:
                 raise Problem(
-                    "routes: NetworkManager refuses the change of the profile %s (%s)." % (_uuid(place), _said(answer))
+                    f"routes: NetworkManager refuses the change of the profile {_uuid(place)} ({_said(answer)})."
                 )
 
     def activate(self, places: typing.List[str]) -> None:
-        """Nothing to be done: the kernel has the routes, and the profile brings them back.
+        """Do nothing: the kernel has the routes, and NetworkManager reads the profile when it next activates it.
 
-        Measured with NetworkManager 1.42 and `ip monitor`: `nmcli device reapply` deletes the addresses of IPv6, routes and
-        addresses of others, and with the flag that is to keep those it loses the addresses of IPv6 for good. Without it the
-        routes stay over a short loss of carrier; after a longer one, as at boot, NetworkManager reads the profile anew.
+        Measured with NetworkManager 1.42 and `ip monitor`: `nmcli device reapply` deletes the addresses of IPv6, and routes
+        and addresses of others. With its flag that keeps those, the addresses of IPv6 are lost for good. Without `reapply`,
+        the routes stay over a short loss of carrier; after a longer one, as at boot, the profile is read again.
         """
 
 
@@ -213,6 +207,15 @@ def _uuid(place: str) -> str:
     return place[len(PREFIX) :]
 
 
+def _words(sign: str, lines: typing.Iterable[str]) -> typing.List[str]:
+    """The words of `nmcli connection modify` that add (+) or remove (-) lines."""
+    words = []
+    for line in lines:
+        setting, _space, route = line.partition(" ")
+        words += [sign + setting, route]
+    return words
+
+
 def _said(answer: commands.Answer) -> str:
     return " ".join(answer.error.split()).replace("Error: ", "").rstrip(".") or "without a word"
 
@@ -220,24 +223,24 @@ def _said(answer: commands.Answer) -> str:
 def _ask(place: str) -> typing.Optional[Profile]:
     """A profile, None where it is gone, or NetworkManager with it. Raises Problem where it cannot be read."""
     names = ["connection.autoconnect"]
-    names += ["ipv%d.%s" % (version, name) for version in (4, 6) for name in ("method", "route-table", "routes")]
+    names += [f"ipv{version}.{name}" for version in (4, 6) for name in ("method", "route-table", "routes")]
     answer = nmcli("--fields", ",".join(names), "connection", "show", "uuid", _uuid(place))
     if answer.status == _NOT_THERE or not shutil.which("nmcli", path=commands.BASE_PATH):
         return None
     if answer.status != 0:
         raise Problem(
-            "routes: the profile %s of NetworkManager cannot be read (%s), expected NetworkManager running: start it."
-            % (_uuid(place), _said(answer))
+            f"routes: the profile {_uuid(place)} of NetworkManager cannot be read ({_said(answer)}), expected NetworkManager "
+            "running: start it."
         )
     values = dict(_fields(answer, 2))
     return Profile(
         autoconnect=values.get("connection.autoconnect") != "no",
-        methods={version: values.get("ipv%d.method" % version, "") for version in (4, 6)},
-        tables={version: int(values.get("ipv%d.route-table" % version) or 0) for version in (4, 6)},
+        methods={version: values.get(f"ipv{version}.method", "") for version in (4, 6)},
+        tables={version: int(values.get(f"ipv{version}.route-table") or 0) for version in (4, 6)},
         lines=[
             line
             for version in (4, 6)
-            for line in lines_of(version, values.get("ipv%d.routes" % version, ""), _uuid(place))
+            for line in lines_of(version, values.get(f"ipv{version}.routes", ""), _uuid(place))
         ],
     )
 
@@ -248,8 +251,8 @@ def lines_of(version: int, value: str, uuid: str) -> typing.List[str]:
         return [_normal(version, route.split()) for route in value.split(",") if route.strip()]
     except (ValueError, IndexError) as problem:
         raise Problem(
-            "routes: the profile %s has ipv%d.routes '%s', which is not in the form of nmcli since 1.8 (%s): set backend to "
-            "none for its routes." % (uuid, version, value, problem)
+            f"routes: the profile {uuid} has ipv{version}.routes '{value}', which is not in the form of nmcli since 1.8 "
+            f"({problem}): set backend to none for its routes."
         ) from problem
 
 
@@ -262,8 +265,8 @@ def _normal(version: int, words: typing.List[str]) -> str:
     if rest and "=" not in rest[0]:
         line.append(str(int(rest.pop(0))))
     if not all("=" in word for word in rest):
-        raise ValueError("'%s' is no attribute" % " ".join(rest))
-    return " ".join(["ipv%d.routes" % version] + line + sorted(rest))
+        raise ValueError(f"'{' '.join(rest)}' is no attribute")
+    return " ".join([f"ipv{version}.routes", *line, *sorted(rest)])
 
 
 def line_of(route: Route, profile_table: int) -> str:
@@ -276,8 +279,8 @@ def line_of(route: Route, profile_table: int) -> str:
         ("table", "" if route.table == (profile_table or MAIN) else str(route.table)),
         ("type", "" if route.type == "unicast" else route.type),
     ]
-    words += ["%s=%s" % (name, value) for name, value in attributes if value]
-    return "ipv%d.routes %s" % (route.version, " ".join(words))
+    words += [f"{name}={value}" for name, value in attributes if value]
+    return f"ipv{route.version}.routes {' '.join(words)}"
 
 
 def _version(line: str) -> int:
@@ -290,4 +293,4 @@ def _lines(text: str) -> typing.List[str]:
 
 def _text(lines: typing.Iterable[str]) -> typing.Optional[str]:
     """Lines as the text of a place, None for none."""
-    return "".join(line + "\n" for line in sorted(set(lines))) or None
+    return "".join(f"{line}\n" for line in sorted(set(lines))) or None
