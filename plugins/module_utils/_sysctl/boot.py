@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Which file decides a kernel setting at boot: every place that sets it, in the order in which they run.
+"""The file that decides a kernel setting at boot, from all programs that set it, in the order in which they run.
 
-Reads only. A key is written here as its path below /proc/sys (net/ipv4/ip_forward), which is its identity;
-people and drop-ins see its name (net.ipv4.ip_forward).
+This file only reads. A key is its path below /proc/sys (net/ipv4/ip_forward). Users and drop-ins see its name
+(net.ipv4.ip_forward).
 """
 
 import collections
@@ -19,7 +19,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.atomic import read_bytes
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
-# In the order of precedence: a file hides those of the same name in later folders (sysctl.d(5)).
+# In order of precedence: a file hides the files with the same name in later folders (sysctl.d(5)).
 SYSCTL_FOLDERS = ("/etc/sysctl.d", "/run/sysctl.d", "/usr/local/lib/sysctl.d", "/usr/lib/sysctl.d", "/lib/sysctl.d")
 _SYSTEMD_FOLDERS = ("/etc/systemd", "/run/systemd", "/usr/local/lib/systemd", "/usr/lib/systemd", "/lib/systemd")
 _NETWORK_FOLDERS = tuple(folder + "/network" for folder in _SYSTEMD_FOLDERS)
@@ -41,20 +41,23 @@ _NO = ("0", "no", "n", "false", "f", "off")
 
 
 class Assignment(typing.NamedTuple):
-    """A place that sets a key, or (value None) that keeps patterns from setting it."""
+    """A line of a file that sets a key."""
 
     key: str
-    value: typing.Optional[str]
+    value: typing.Optional[str]  # None for a line that keeps patterns from setting the key
     file: str
-    line: int
+    line: int  # 0 where the whole file decides
 
 
 # Names and values
 
 
 def key_of(name: str) -> str:
-    """The identity of a setting. The first separator decides what `/` and `.` mean (sysctl.d(5)):
-    `net.ipv4.conf.eth0/100.rp_filter` and `net/ipv4/conf/eth0.100/rp_filter` are one key."""
+    """The key of a setting.
+
+    The first separator decides the meaning of `/` and `.` (sysctl.d(5)): `net.ipv4.conf.eth0/100.rp_filter` and
+    `net/ipv4/conf/eth0.100/rp_filter` are one key.
+    """
     separator = re.search(r"[/.]", name)
     if separator and separator.group() == ".":
         name = name.translate({ord("."): "/", ord("/"): "."})
@@ -62,28 +65,28 @@ def key_of(name: str) -> str:
 
 
 def name_of(key: str) -> str:
-    """The name of a key as people write it: `net.ipv4.ip_forward`."""
+    """The name of a key as users write it: `net.ipv4.ip_forward`."""
     return key.translate({ord("."): "/", ord("/"): "."})
 
 
 def variable_of(key: str) -> str:
-    """The key under which the kernel's variable is known here, where it has two names."""
+    """The key of the kernel's variable: one key for a variable that has two names."""
     return _OTHER_NAME.get(key, key)
 
 
 def normal(value: str) -> str:
-    """A value as it is compared: the kernel separates several numbers by tabs, people by spaces."""
+    """A value in normal form: the kernel separates several numbers by tabs, users by spaces."""
     return " ".join(value.split())
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Whether a pattern of a file means a key; `*` stays within one level (glob(7))."""
+    """True where a pattern of a file matches a key; `*` stays within one level (glob(7))."""
     patterns, parts = pattern.split("/"), key.split("/")
     return len(patterns) == len(parts) and all(map(fnmatch.fnmatchcase, parts, patterns))
 
 
 def parse(text: str, file: str) -> typing.List[Assignment]:
-    """The assignments of a file in the format of sysctl.d(5); lines that are none are left out, as at boot."""
+    """The assignments of a file in the format of sysctl.d(5). Other lines are left out, as at boot."""
     found = []
     for number, line in enumerate(text.split("\n"), 1):
         line = line.strip()
@@ -98,11 +101,11 @@ def parse(text: str, file: str) -> typing.List[Assignment]:
 
 
 def last_write(assignments: typing.Iterable[Assignment], names: typing.Collection[str]) -> typing.Optional[Assignment]:
-    """Which of the assignments that are read together decides a variable with these names. Where nothing sets it, but
-    a line keeps patterns (and earlier lines) from doing so, it is that line.
+    """The assignment that decides a variable with these names, of all that are read together.
 
-    As systemd-sysctl does it: a later assignment replaces an earlier one of the same key and is then applied later,
-    unless it says the same; patterns leave out every key that is named itself.
+    Where nothing sets the variable, it is the line that keeps patterns (and earlier lines) from setting it. The rules
+    are those of systemd-sysctl: a later assignment replaces an earlier one of the same key and is then applied later,
+    unless both have the same value. A pattern does not apply to a key that is listed itself.
     """
     options: typing.Dict[str, Assignment] = collections.OrderedDict()
     for assignment in assignments:
@@ -123,7 +126,7 @@ def last_write(assignments: typing.Iterable[Assignment], names: typing.Collectio
 
 
 class Tree:
-    """The configuration files below a root folder, as they will be: with the planned files in place."""
+    """The configuration files below a root folder, with the planned files in place."""
 
     def __init__(
         self, root: str = "/", planned: typing.Optional[typing.Mapping[str, typing.Optional[str]]] = None
@@ -132,7 +135,7 @@ class Tree:
         self.planned = planned or {}
 
     def real(self, path: str) -> str:
-        """Where a path lies on this machine; links lead to where they will lead when the root is `/`."""
+        """The path on this machine. Links lead to where they will lead when the root is `/`."""
         here, parts, links = self.root, path.split("/"), 0
         while parts:
             part = parts.pop(0)
@@ -151,7 +154,7 @@ class Tree:
         return here
 
     def read(self, path: str) -> str:
-        """The text of a file; nothing where there is none, as for a link to /dev/null. Raises Problem."""
+        """The text of a file, "" where there is none, as for a link to /dev/null. Raises Problem."""
         if path in self.planned:
             return self.planned[path] or ""
         try:
@@ -160,8 +163,8 @@ class Tree:
             if problem.errno in (errno.EISDIR, errno.ELOOP):
                 return ""
             raise Problem(
-                "The file %s cannot be read (%s); expected to see everything that sets kernel settings at boot: "
-                "run as root (become: true)." % (path, problem.strerror)
+                f"The file {path} cannot be read ({problem.strerror}); expected to see everything that sets kernel settings at "
+                "boot: run as root (become: true)."
             ) from problem
 
     def names(self, folder: str) -> typing.Set[str]:
@@ -176,36 +179,34 @@ class Tree:
         return found
 
     def exists(self, path: str) -> bool:
-        """Whether there is a file or folder."""
+        """True where there is a file or folder."""
         return os.path.exists(self.real(path))
 
     def is_masked(self, unit: str) -> bool:
-        """Whether systemd never starts a unit: an empty file or a link to /dev/null takes its place."""
-        return any(
-            unit in self.names(folder) and not self.read("%s/%s" % (folder, unit)) for folder in _UNIT_FOLDERS[:2]
-        )
+        """True where systemd never starts a unit: an empty file or a link to /dev/null takes its place."""
+        return any(unit in self.names(folder) and not self.read(f"{folder}/{unit}") for folder in _UNIT_FOLDERS[:2])
 
     def enabled_by(self, unit: str) -> typing.Optional[str]:
         """The link by which a unit starts at boot, or None."""
         for folder in _UNIT_FOLDERS:
             for wants in sorted(name for name in self.names(folder) if name.endswith((".wants", ".requires"))):
-                if unit in self.names("%s/%s" % (folder, wants)) and not self.is_masked(unit):
-                    return "%s/%s/%s" % (folder, wants, unit)
+                if unit in self.names(f"{folder}/{wants}") and not self.is_masked(unit):
+                    return f"{folder}/{wants}/{unit}"
         return None
 
 
 def configuration_files(tree: Tree, folders: typing.Iterable[str], suffix: str = ".conf") -> typing.List[str]:
-    """The files that are read from a list of folders: per name the one of the first folder, sorted by name."""
+    """The files that are read from a list of folders: for each name the first file, sorted by name."""
     chosen: typing.Dict[str, str] = {}
     for folder in folders:
         for name in tree.names(folder):
             if name.endswith(suffix) and not name.startswith("."):
-                chosen.setdefault(name, "%s/%s" % (folder, name))
+                chosen.setdefault(name, f"{folder}/{name}")
     return [chosen[name] for name in sorted(chosen, key=os.fsencode)]
 
 
 def hidden_by(tree: Tree, drop_in: str) -> typing.Optional[str]:
-    """What keeps the drop-in from being read at all: a file of its name in an earlier folder, or the masked service."""
+    """The file that keeps the drop-in from being read: one of its name in an earlier folder, or the masked service."""
     if boots_with_systemd(tree) and tree.is_masked("systemd-sysctl.service"):
         return "/etc/systemd/system/systemd-sysctl.service"
     name = os.path.basename(drop_in)
@@ -215,18 +216,18 @@ def hidden_by(tree: Tree, drop_in: str) -> typing.Optional[str]:
     return None
 
 
-# Who sets kernel settings at boot
+# The programs that set kernel settings at boot
 
 
 def boots_with_systemd(tree: Tree) -> bool:
-    """Whether systemd-sysctl applies the settings: systemd runs (sd_booted(3)), or it is what the image will start."""
+    """True where systemd-sysctl applies the settings: systemd runs (sd_booted(3)), or the image will start it."""
     if tree.exists("/run/systemd/system"):
         return True
     return os.path.basename(tree.real("/sbin/init")) == "systemd"
 
 
 def sysctl_d(tree: Tree) -> typing.List[Assignment]:
-    """systemd-sysctl.service(8), or `sysctl --system` of procps, which alone reads /etc/sysctl.conf by itself."""
+    """systemd-sysctl.service(8), or `sysctl --system` of procps. Only procps reads /etc/sysctl.conf itself."""
     files = configuration_files(tree, SYSCTL_FOLDERS)
     if not boots_with_systemd(tree):
         files.append("/etc/sysctl.conf")
@@ -236,7 +237,7 @@ def sysctl_d(tree: Tree) -> typing.List[Assignment]:
 
 
 def ufw(tree: Tree) -> typing.List[Assignment]:
-    """ufw's own file: ufw-init runs `sysctl -e -q -p $IPT_SYSCTL` when it starts (ufw-init-functions)."""
+    """The file of ufw: ufw-init runs `sysctl -e -q -p $IPT_SYSCTL` when it starts (ufw-init-functions)."""
     if _shell_variable(tree.read("/etc/ufw/ufw.conf"), "ENABLED").lower() != "yes":
         return []
     path = _shell_variable(tree.read("/etc/default/ufw"), "IPT_SYSCTL")
@@ -244,22 +245,34 @@ def ufw(tree: Tree) -> typing.List[Assignment]:
 
 
 def networkd(tree: Tree) -> typing.List[Assignment]:
-    """systemd-networkd: IPForward= of a *.network file turns forwarding on and never off (systemd.network(5), up to
-    systemd 255); IPv4Forwarding= and IPv6Forwarding= of networkd.conf set it both ways (networkd.conf(5), from 256)."""
+    """systemd-networkd.
+
+    Up to systemd 255, IPForward= of a .network file turns forwarding on and never off (systemd.network(5)). From 256,
+    IPv4Forwarding= and IPv6Forwarding= of networkd.conf turn it on or off (networkd.conf(5)).
+    """
     if not tree.enabled_by("systemd-networkd.service"):
         return []
+    return _of_networks(tree) + _of_networkd_conf(tree)
+
+
+def _of_networks(tree: Tree) -> typing.List[Assignment]:
     found = []
     for file in configuration_files(tree, _NETWORK_FOLDERS, ".network"):
         value, path, line = _ini(tree, _with_drop_ins(tree, file), "IPForward")
         for family, key in (("ipv4", "net/ipv4/ip_forward"), ("ipv6", "net/ipv6/conf/all/forwarding")):
             if value in _YES or value == family:
                 found.append(Assignment(key, "1", path, line))
-    mains = [path for path in (folder + "/networkd.conf" for folder in _SYSTEMD_FOLDERS) if tree.exists(path)]
+    return found
+
+
+def _of_networkd_conf(tree: Tree) -> typing.List[Assignment]:
+    found = []
+    mains = [path for path in (f"{folder}/networkd.conf" for folder in _SYSTEMD_FOLDERS) if tree.exists(path)]
     for option, family in (("IPv4Forwarding", "ipv4"), ("IPv6Forwarding", "ipv6")):
         value, path, line = _ini(tree, mains[:1] + configuration_files(tree, _NETWORKD_FOLDERS), option)
         if value in _YES + _NO:
             for which in ("default", "all"):
-                key = "net/%s/conf/%s/forwarding" % (family, which)
+                key = f"net/{family}/conf/{which}/forwarding"
                 found.append(Assignment(key, "1" if value in _YES else "0", path, line))
     return found
 
@@ -279,12 +292,12 @@ def docker(tree: Tree) -> typing.List[Assignment]:
     return [Assignment("net/ipv4/ip_forward", "1", "/etc/docker/daemon.json" if text else unit, 0)]
 
 
-# In the order in which they run; each reads its files together.
+# In the order in which they run. Each reads all its files together.
 READERS = (sysctl_d, ufw, networkd, docker)
 
 
 def at_boot(tree: Tree, keys: typing.Iterable[str]) -> typing.Dict[str, typing.Optional[Assignment]]:
-    """Per key the assignment that decides it at boot (its value is None where it excludes the key), or None."""
+    """The assignment that decides each key at boot, or None. (Its value is None where a line excludes the key.)"""
     keys = list(keys)
     decides: typing.Dict[str, typing.Optional[Assignment]] = dict.fromkeys(keys)
     for reader in READERS:
@@ -298,9 +311,9 @@ def at_boot(tree: Tree, keys: typing.Iterable[str]) -> typing.Dict[str, typing.O
 
 
 def _shell_variable(text: str, name: str) -> str:
-    """The value of a variable in a file that a shell reads, empty where it is not set."""
+    """The value of a variable in a file for a shell, "" where it is not set."""
     value = ""
-    for found in re.finditer(r"(?m)^[ \t]*(?:export[ \t]+)?%s=(.*)$" % re.escape(name), text):
+    for found in re.finditer(rf"(?m)^[ \t]*(?:export[ \t]+)?{re.escape(name)}=(.*)$", text):
         try:
             value = (shlex.split(found.group(1), comments=True) or [""])[0]
         except ValueError:
@@ -310,12 +323,12 @@ def _shell_variable(text: str, name: str) -> str:
 
 def _with_drop_ins(tree: Tree, file: str) -> typing.List[str]:
     """A file of networkd and the drop-ins in its NAME.network.d folders, which are read after it."""
-    folders = ["%s/%s.d" % (folder, os.path.basename(file)) for folder in _NETWORK_FOLDERS]
+    folders = [f"{folder}/{os.path.basename(file)}.d" for folder in _NETWORK_FOLDERS]
     return [file] + configuration_files(tree, folders)
 
 
 def _ini(tree: Tree, files: typing.Iterable[str], option: str) -> typing.Tuple[str, str, int]:
-    """The last value of an option of the section [Network] (in small letters), its file and its line."""
+    """The last value of an option of the section [Network], in lower case, with its file and its line."""
     decides = ("", "", 0)
     for path in files:
         section = ""
