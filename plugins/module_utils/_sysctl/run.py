@@ -261,6 +261,7 @@ class Run(ModuleRun):
                     self.record.path,
                     do=lambda: self.record.save(interim),
                     undo=lambda: self.record.save(self.stored),
+                    only_if_all_undone=True,  # else the next run needs the record of the change to repair it
                 ),
                 self._kernel_step(),
                 Step(self.drop_in, do=self._write_files, undo=self._restore_files),

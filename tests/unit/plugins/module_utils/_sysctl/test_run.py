@@ -408,6 +408,25 @@ def test_a_run_time_that_is_refused_half_way_is_as_before(machine, monkeypatch):
     assert machine.state() == untouched
 
 
+def test_a_value_that_cannot_be_put_back_stays_in_the_record(machine, monkeypatch):
+    """Else the next run takes our value for somebody else's, and the value from before is lost."""
+    run = sysctl.Run(machine.options(REPORT))
+    real, broken = run.kernel.write, iter([False])
+
+    def write(key, value):
+        if next(broken, True):
+            raise OSError(errno.EIO, "Input/output error")
+        real(key, value)
+
+    monkeypatch.setattr(run.kernel, "write", write)
+    with pytest.raises(Problem, match=r"Not put back: the values in .*\(Input/output error\)\.$"):
+        run.apply()
+    assert machine.value("ip_forward") == "1"
+    assert sysctl.Run(machine.options([])).taken_back[1]["state"] == "restored"
+    sysctl.Run(machine.options([])).apply()
+    assert (machine.value("ip_forward"), machine.records.exists()) == ("0", False)
+
+
 def test_the_switch_cannot_be_armed_and_nothing_changes(machine):
     if os.path.isdir("/run/systemd/system"):
         pytest.skip("systemd runs here")
