@@ -1,36 +1,63 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Write the table of variables into README.md from where the variables are specified; `--check` only compares."""
+"""Write the generated tables into the documents: variables into README.md, checks into docs/verification.md.
+
+With `--check` nothing is written; a table that is not the generated one is an error.
+"""
+
+from __future__ import annotations
 
 import pathlib
 import sys
+from collections.abc import Callable
+from typing import NamedTuple
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import variables
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import checks
 
-README = pathlib.Path(__file__).parent.parent / "README.md"
-BEGIN = "<!-- variables: generated from plugins/plugin_utils/_fleet/variables.py by `make readme` -->\n"
-END = "<!-- end of variables -->\n"
+ROOT = pathlib.Path(__file__).parent.parent
 
 
-def with_table(text: str) -> str:
-    """The README with the current table between its two marks."""
-    head, _begin, rest = text.partition(BEGIN)
-    _old, _end, tail = rest.partition(END)
-    return f"{head}{BEGIN}\n{variables.markdown_table()}\n{END}{tail}"
+class Table(NamedTuple):
+    """A generated table: its document, its name in the marks around it, and its source."""
+
+    document: str
+    name: str
+    source: str
+    make: Callable[[], str]
+
+    def put_into(self, text: str) -> str:
+        """Return a document with the current table between its two marks."""
+        begin = f"<!-- {self.name}: generated from {self.source} by `make readme` -->\n"
+        end = f"<!-- end of {self.name} -->\n"
+        head, mark, rest = text.partition(begin)
+        _old, end_mark, tail = rest.partition(end)
+        if not mark or not end_mark:
+            raise SystemExit(f"{self.document} has no pair of lines {begin.strip()} and {end.strip()}; restore them.")
+        return f"{head}{begin}\n{self.make()}\n{end}{tail}"
+
+
+TABLES = (
+    Table("README.md", "variables", "plugins/plugin_utils/_fleet/variables.py", variables.markdown_table),
+    Table("docs/verification.md", "checks", "plugins/plugin_utils/_verify/checks", checks.markdown_table),
+)
 
 
 def main() -> int:
-    before = README.read_text(encoding="utf-8")
-    after = with_table(before)
-    if "--check" in sys.argv[1:]:
-        if before != after:
-            print(
-                "README.md: the table of variables is not the one of plugins/plugin_utils/_fleet/variables.py; run `make readme`."
-            )
-        return int(before != after)
-    README.write_text(after, encoding="utf-8")
-    return 0
+    different = 0
+    for table in TABLES:
+        path = ROOT / table.document
+        before = path.read_text(encoding="utf-8")
+        after = table.put_into(before)
+        if before == after:
+            continue
+        different += 1
+        if "--check" in sys.argv[1:]:
+            print(f"{table.document}: the table of {table.name} is not the one of {table.source}; run `make readme`.")
+        else:
+            path.write_text(after, encoding="utf-8")
+    return int("--check" in sys.argv[1:] and different > 0)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,32 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The door to the judgement of what all computers have seen: registered results in, table, file and findings out."""
+"""The action fleet_report: the registered results of all computers in, table, file and findings out."""
 
 from __future__ import annotations
 
 import json
 import os
 import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import checks, report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, Finding, evaluate
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    Multicast,
+    Observation,
+    Probe,
+)
 
 OPTIONS = ("fleet", "multicast", "probe", "earlier", "path")
+
+T = TypeVar("T")
 
 
 class ActionModule(ActionBase):
@@ -22,24 +35,27 @@ class ActionModule(ActionBase):
     _VALID_ARGS = frozenset(OPTIONS)
     _requires_connection = False
 
-    def run(self, tmp=None, task_vars=None):
-        result = super().run(tmp, task_vars)
+    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
+        result: dict[str, Any] = super().run(tmp, task_vars)
         task_vars = task_vars or {}
-        fleet, multicast, probe, earlier, path = (self._task.args.get(option) for option in OPTIONS)
-        observations = {
-            host: observation(task_vars["hostvars"][host], multicast, probe, earlier or [])
-            for host in task_vars["ansible_play_hosts_all"]
-            if host in fleet["computers"]
-        }
-        findings = checks.evaluate(fleet, observations)
-        if path:
-            findings = list(findings)  # all of them, not only those that are not ok
-        summary = report.summarise(
-            findings, [host for host in fleet["computers"] if host in observations], len(fleet["computers"])
-        )
+        plain_fleet, multicast, probe, earlier, path = (self._task.args.get(option) for option in OPTIONS)
+        try:
+            fleet = from_plain(FleetPlan, plain_fleet)
+            observations = {
+                host: observation(task_vars["hostvars"][host], multicast, probe, earlier or [])
+                for host in task_vars["ansible_play_hosts_all"]
+                if host in fleet.computers
+            }
+        except Mismatch as problem:
+            result.update(failed=True, msg=f"The results cannot be read: {problem}")
+            return result
+        findings: Iterable[Finding] = evaluate(CHECKS, fleet, observations)
+        everything = list(findings) if path else []  # otherwise only what is not ok is kept
+        computers = [host for host in fleet.computers if host in observations]
+        summary = report.summarise(everything or findings, computers, len(fleet.computers))
         if path:
             try:
-                write(path, report.document(summary, findings))
+                write(path, report.document(summary, everything))
             except OSError as problem:
                 result.update(
                     failed=True, msg=f"The report cannot be written to {path}: {problem.strerror}; name another file."
@@ -48,7 +64,7 @@ class ActionModule(ActionBase):
         Display().display("\n" + report.render(summary) + "\n")
         result.update(
             changed=False,
-            passed=not summary.number(checks.FAILED),
+            passed=not summary.number(FAILED),
             msg=report.verdict_line(summary),
             checks=report.counts(summary),
             findings=[vars(finding) for finding in summary.notable],
@@ -56,26 +72,26 @@ class ActionModule(ActionBase):
         return result
 
 
-def observation(variables, multicast, probe, earlier):
-    """What one computer gave, out of its registered results; one that has failed is named by its message."""
+def observation(variables: Mapping[str, Any], multicast: str, probe: str, earlier: Sequence[str]) -> Observation:
+    """Read the registered results of one computer; the message of the first one that failed is its problem."""
     results = [variables[name] for name in (*earlier, multicast, probe) if name in variables]
     bad = [entry for entry in results if entry.get("unreachable") or entry.get("failed")]
-    return checks.Observation(
-        multicast=complete(variables, multicast, "udp"),
-        probe=complete(variables, probe, "members"),
+    return Observation(
+        multicast=complete(Multicast, variables, multicast, "udp"),
+        probe=complete(Probe, variables, probe, "members"),
         unreachable=any(entry.get("unreachable") for entry in bad),
         problem=" ".join(str(bad[0].get("msg", "")).split()) if bad else "",
     )
 
 
-def complete(variables, name, part):
-    """A registered result, or None where the task gave none."""
+def complete(kind: type[T], variables: Mapping[str, Any], name: str, part: str) -> T | None:
+    """Read a registered result; None where the task gave none, or not this part. Raises Mismatch."""
     registered = variables[name] if name in variables else {}
-    return registered if part in registered else None
+    return from_plain(kind, registered) if part in registered else None
 
 
-def write(path, document):
-    """Write by rename, so that a reader never sees half of a report."""
+def write(path: str, document: Mapping[str, Any]) -> None:
+    """Write a JSON file by rename, so that a reader never sees half of a report. Raises OSError."""
     path = os.path.abspath(os.path.expanduser(path))
     descriptor, temporary = tempfile.mkstemp(dir=os.path.dirname(path), prefix=".report-")
     try:

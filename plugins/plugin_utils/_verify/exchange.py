@@ -1,22 +1,29 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What robots are to get of each other, and what they have: the declared flows and the filters over what roscores hold.
+"""The exchange between robots: what each is to get of another one (Flows), compared with what its roscore holds (Exchanges).
 
-Pure: the plan of `fleet_plan` and the parts `exchange` of `multimaster_verify` in, facts out. Each robot's registrations
-are read once; pairs are looked at by their sets, and only names that two robots have are compared.
+Pure: the plan of the fleet and the observed contents of roscores in, facts out. Each robot's registrations are read
+once. Pairs are compared by their sets, and names only where two robots have the same one.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import filters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    Connection,
+    Exchange,
+    Import,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import plain
 
-TEST_NODES = "/multimaster_verify_"  # how the verification's own nodes begin
+TEST_NODES = "/multimaster_verify_"  # the beginning of the names of the verification's own nodes
 
 
 class Item(NamedTuple):
@@ -47,16 +54,17 @@ class Conflict(NamedTuple):
 
 
 class Rules(filters.Rules):
-    """What passes from one robot to another: the filters of the receiving one, and the declared flow where there is one."""
+    """The rules for a pair of robots: the filters of the receiving one, and the declared flow where there is one."""
 
     @classmethod
     def of(cls, patterns: Mapping[str, Iterable[str]]) -> Rules:
-        """Rules out of patterns as people write them. `hide_subscribers` is a parameter of the giving robot."""
+        """Make rules of patterns as people write them. `hide_subscribers` is a parameter of the giving robot."""
         texts = {**patterns, "ignore_subscribers": _subscribers(patterns)}
-        return cls(**{name: filters.usable(texts.get(name, ())) for name in filters.NAMES}).closed()
+        rules = cls(**{name: filters.usable(texts.get(name, ())) for name in filters.NAMES})
+        return cast(Rules, rules.closed())  # closed() keeps the class
 
     def passes(self, item: Item, type_name: str) -> bool:
-        """True where a registration is to be known to the receiving robot."""
+        """Say if a registration is to be known to the receiving robot."""
         if item.kind == "service":
             return self.service(item.node, item.name)
         return self.topic(item.node, item.name, type_name, item.kind == "publisher")
@@ -70,65 +78,65 @@ NOTHING = Rules.of({"ignore_nodes": ("*",)})
 
 
 class Flows:
-    """What is to pass between the robots of a fleet, out of its plan."""
+    """The planned flows between the robots of a fleet."""
 
-    def __init__(self, fleet: Mapping[str, Any]) -> None:
-        self._masters = {entry["robot"]: entry for entry in fleet["masters"]}
-        self._plans = {robot: fleet["computers"][entry["computer"]] for robot, entry in self._masters.items()}
+    def __init__(self, fleet: FleetPlan) -> None:
+        self._masters = fleet.master_of
+        self._plans = {robot: fleet.computers[master.computer] for robot, master in self._masters.items()}
         self._given: dict[tuple[str, str], tuple[list[str], list[str]]] = defaultdict(lambda: ([], []))
-        for flow in fleet.get("flows", ()):
-            for source in flow["from"]:
-                for target in flow["to"]:
+        for flow in fleet.flows:
+            for source in flow.givers:
+                for target in flow.to:
                     if source != target:
                         topics, services = self._given[source, target]
-                        topics += flow["topics"]
-                        services += flow["services"]
+                        topics += flow.topics
+                        services += flow.services
         self._rules: dict[tuple[str, str], Rules] = {}
 
     def rules(self, source: str, target: str) -> Rules:
-        """What passes from one robot to another."""
+        """Return the rules by which registrations pass from one robot to another."""
         key = source, target
         if key not in self._rules:
             self._rules[key] = self._made(source, target)
         return self._rules[key]
 
     def declared_away(self, source: str, target: str) -> bool:
-        """Whether a robot that declares what it gives gives another one nothing."""
-        return bool(self._masters[source].get("declared")) and self.rules(source, target) == NOTHING
+        """Say if a robot with a declaration (multimaster_exports) gives another one nothing."""
+        return self._masters[source].declared and self.rules(source, target) == NOTHING
 
     def _made(self, source: str, target: str) -> Rules:
-        """A declared flow stands in the place of the white lists that the plan makes of it: it is what they are to do."""
-        parameters, name = filters.Filters(self._plans[target]["sync"], lenient=True), self._masters[source]["name"]
+        """Make the rules of a pair. The declared flow itself is used, not the white lists that the plan makes of it."""
+        parameters, name = filters.Filters(self._plans[target].sync, lenient=True), self._masters[source].name
         if not parameters.wants_host(name):
             return NOTHING
         values: dict[str, Iterable[str]] = {rule: parameters.patterns(rule, name) for rule in filters.NAMES}
-        if self._masters[source].get("declared"):
+        if self._masters[source].declared:
             topics, services = self._given.get((source, target), ((), ()))
             if not topics and not services:
                 return NOTHING
             values.update(sync_nodes=(), sync_topics=(*topics, VERIFICATION_TOPICS), sync_services=tuple(services))
-        hidden = self._plans[source]["discovery"].get("hide_subscribers", ())
+        hidden = self._plans[source].discovery.get("hide_subscribers", ())
         return Rules.of({**values, "hide_subscribers": hidden})
 
 
 class Has(NamedTuple):
-    """What a robot's roscore holds, indexed."""
+    """The content of a robot's roscore, indexed."""
 
     own: Mapping[Item, str]  # registration of an own node -> type
     sums: Mapping[str, tuple[str, str]]  # topic of own nodes -> type, md5 sum
     imported: Mapping[str, Mapping[Item, str]]  # URI of the other master -> item -> type
 
     @classmethod
-    def of(cls, exchange: Mapping[str, Any]) -> Has:
+    def of(cls, exchange: Exchange) -> Has:
         """Index an observation."""
         return cls(
             own=dict(_items(exchange)),
-            sums={topic["name"]: (topic["type"], topic["md5sum"]) for topic in exchange["topics"]},
-            imported={_plain(part["master"]): dict(_items(part)) for part in exchange["imports"]},
+            sums={topic.name: (topic.type, topic.md5sum) for topic in exchange.topics},
+            imported={plain(part.master): dict(_items(part)) for part in exchange.imports},
         )
 
     def names(self) -> dict[tuple[str, str], list[Item]]:
-        """(kind, name) of own nodes and services, without those that every robot has."""
+        """List the registrations by (kind, name) of own nodes and services, without those that every robot has."""
         found: dict[tuple[str, str], list[Item]] = defaultdict(list)
         for item in self.own:
             if filters.matches(filters.BUILT_IN["ignore_nodes"], item.node) or item.node.startswith(TEST_NODES):
@@ -139,29 +147,30 @@ class Has(NamedTuple):
         return found
 
 
-def _items(part: Mapping[str, Any]) -> Iterator[tuple[Item, str]]:
-    for topic in part["topics"]:
-        for kind in ("publisher", "subscriber"):
-            for node in topic[kind + "s"]:
-                yield Item(kind, topic["name"], node), topic["type"]
-    for service in part["services"]:
-        yield Item("service", service["name"], service["node"]), ""
+def _items(part: Exchange | Import) -> Iterator[tuple[Item, str]]:
+    """Yield each registration with its type."""
+    for topic in part.topics:
+        for kind, nodes in (("publisher", topic.publishers), ("subscriber", topic.subscribers)):
+            for node in nodes:
+                yield Item(kind, topic.name, node), topic.type
+    for service in part.services:
+        yield Item("service", service.name, service.node), ""
 
 
 class Exchanges:
-    """What all robots of a run have, beside what they are to have."""
+    """The contents of all roscores of a run, beside the planned flows."""
 
-    def __init__(self, fleet: Mapping[str, Any], seen: Mapping[str, Mapping[str, Any]]) -> None:
-        """`seen` is the part `exchange` of each robot that gave one."""
+    def __init__(self, fleet: FleetPlan, seen: Mapping[str, Exchange]) -> None:
+        """Index the contents of the roscores, by robot; robots that gave none are left out."""
         self.flows = Flows(fleet)
         self.robots = {robot: Has.of(exchange) for robot, exchange in seen.items()}
-        self._uris = {entry["robot"]: _plain(entry["uri"]) for entry in fleet["masters"]}
+        self._uris = {master.robot: plain(master.uri) for master in fleet.masters}
         self._wanted: dict[tuple[str, Rules], frozenset[Item]] = {}
         self._holders, self._shared = _held_twice({robot: has.names() for robot, has in self.robots.items()})
         self._unlike = _unlike({robot: has.sums for robot, has in self.robots.items()})
 
     def wanted(self, source: str, target: str) -> frozenset[Item]:
-        """What a robot is to get of another one that was looked at."""
+        """Return what a robot is to get of another one that was looked at."""
         rules = self.flows.rules(source, target)
         if (source, rules) not in self._wanted:
             self._wanted[source, rules] = frozenset(
@@ -174,7 +183,7 @@ class Exchanges:
         return self._wanted[source, rules]
 
     def missing(self, source: str, target: str) -> list[Item]:
-        """What a robot is to get and has not, without what it refuses for a reason that another check tells."""
+        """List what a robot is to get and has not, without what it refuses for a reason that another check tells."""
         if source not in self.robots:
             return []
         absent = self.wanted(source, target) - self.imported(source, target).keys()
@@ -190,18 +199,18 @@ class Exchanges:
         )
 
     def superfluous(self, source: str, target: str) -> list[Item]:
-        """What a robot has of another one and is not to get."""
+        """List what a robot has of another one and is not to get."""
         has = self.imported(source, target)
         known = self.wanted(source, target) if source in self.robots else frozenset()
         rules = self.flows.rules(source, target)
         return sorted(item for item in has.keys() - known if not rules.passes(item, has[item]))
 
     def imported(self, source: str, target: str) -> Mapping[Item, str]:
-        """What a robot that was looked at has of another one."""
+        """Return what a robot that was looked at has of another one, with the types."""
         return self.robots[target].imported.get(self._uris[source], {})
 
     def clashes(self, source: str, target: str) -> list[Clash]:
-        """The names that pass from `source` and that `target` has itself, or gets of a third robot."""
+        """List the names that pass from `source` and that `target` has itself, or gets of a third robot."""
         found: dict[tuple[str, str], Clash] = {}
         for key in self._shared.get(source, ()):  # nodes come first
             if key[0] == "service" and ("node", self._holders[key][source][0].node) in found:
@@ -221,7 +230,7 @@ class Exchanges:
         return not self.wanted(source, target).isdisjoint(self._holders[key][source])
 
     def conflicts(self, source: str, target: str) -> list[Conflict]:
-        """The topics that pass from `source` and that own nodes of `target` have with another type or md5 sum."""
+        """List the topics that pass from `source` and that own nodes of `target` have with another type or md5 sum."""
         mine, theirs = self.robots[target].sums, self.robots[source].sums
         topics = [
             name for name in self._unlike if name in mine and name in theirs and _differ(mine[name], theirs[name])
@@ -231,27 +240,23 @@ class Exchanges:
         passing = {item.name for item in self.wanted(source, target) if item.kind != "service"}
         return [Conflict(name, (source, *theirs[name]), (target, *mine[name])) for name in topics if name in passing]
 
-    def crossing(self, links: Iterable[Mapping[str, str]], own: str, other: str) -> list[Mapping[str, str]]:
-        """The connections of a robot's nodes with another one's that nothing explains: their topic does not pass."""
+    def crossing(self, links: Iterable[Connection], own: str, other: str) -> list[Connection]:
+        """List the connections between nodes of two robots on topics that do not pass."""
         types = self.robots[own].sums
         found = []
         for link in links:
-            inward = link["direction"] == "in"
+            inward = link.direction == "in"
             rules = self.flows.rules(*((other, own) if inward else (own, other)))
-            item = Item("publisher", link["topic"], link["peer"] if inward else link["node"])
-            if link["robot"] == other and not rules.passes(item, types.get(item.name, ("", ""))[0]):
+            item = Item("publisher", link.topic, link.peer if inward else link.node)
+            if link.robot == other and not rules.passes(item, types.get(item.name, ("", ""))[0]):
                 found.append(link)
         return found
-
-
-def _plain(uri: str) -> str:
-    return uri.rstrip("/").lower()
 
 
 def _held_twice(
     names: Mapping[str, Mapping[tuple[str, str], Sequence[Item]]],
 ) -> tuple[dict[tuple[str, str], dict[str, Sequence[Item]]], dict[str, list[tuple[str, str]]]]:
-    """(kind, name) that several robots have -> robot -> its registrations; and each robot's such names."""
+    """Find the (kind, name) that several robots have: robot and registrations of each, and the list of each robot."""
     holders: dict[tuple[str, str], dict[str, Sequence[Item]]] = defaultdict(dict)
     for robot, held in names.items():
         for key, items in held.items():
@@ -265,7 +270,7 @@ def _held_twice(
 
 
 def _unlike(sums: Mapping[str, Mapping[str, tuple[str, str]]]) -> list[str]:
-    """The topics that are not the same on all robots that have them."""
+    """List the topics that are not the same on all robots that have them."""
     kinds: dict[str, set[tuple[str, str]]] = defaultdict(set)
     for topics in sums.values():
         for name, kind in topics.items():
@@ -274,7 +279,7 @@ def _unlike(sums: Mapping[str, Mapping[str, tuple[str, str]]]) -> list[str]:
 
 
 def _differ(one: tuple[str, str], other: tuple[str, str]) -> bool:
-    """Whether two of (type, md5 sum) are known to be different."""
+    """Say if two of (type, md5 sum) are known to be different."""
     if one[0] in filters.UNKNOWN_TYPES or other[0] in filters.UNKNOWN_TYPES:
         return False
     return one[0] != other[0] or bool(one[1] and other[1] and one[1] != other[1])

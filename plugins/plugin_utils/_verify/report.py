@@ -15,11 +15,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import (
-    CHECKS,
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS, TITLES
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     FAILED,
     OK,
-    TITLES,
     UNKNOWN,
     VERDICTS,
     WARNING,

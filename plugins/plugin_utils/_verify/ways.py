@@ -1,79 +1,91 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which way packets are to take between two computers of a fleet: source address, next hop, gateways on the way.
+"""Ways of packets between two computers of a fleet: source address, next hop, gateways on the way.
 
-Pure: the plan of `fleet_plan` in, facts out; everything is looked up, nothing is searched.
+Pure: the plan of the fleet in, facts out. Everything is looked up, nothing is searched.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from ipaddress import IPv4Address
+from typing import NamedTuple
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
+    ComputerPlan,
+    FleetPlan,
+    Master,
+    Member,
+)
 
 
-class Gateway(NamedTuple):
-    """The gateway of a robot network: its computer (empty for a device that is none) and its two addresses."""
+class Hop(NamedTuple):
+    """A gateway on a way: its computer (empty for a device outside the inventory) and its two addresses."""
 
     name: str
-    address: str
-    common_address: str
+    address: IPv4Address  # in the robot's network
+    common_address: IPv4Address
 
     @property
     def title(self) -> str:
-        """How a person finds it."""
-        return self.name or self.address
+        """The name by which a person finds it."""
+        return self.name or str(self.address)
 
 
 class Way(NamedTuple):
-    """From `source` by `hop` (empty on the same network), through the gateways `own` and `its`, None if not crossed."""
+    """A way from an observer to a target; a gateway is None where the way does not cross it."""
 
-    source: str
-    hop: str
-    own: Gateway | None
-    its: Gateway | None
+    source: IPv4Address
+    next_hop: IPv4Address | None  # None on the same network
+    own: Hop | None  # of the observer's network
+    its: Hop | None  # of the target's network
 
     @property
     def crosses(self) -> bool:
-        """Whether it leaves the observer's network."""
-        return bool(self.hop)
+        """True if the way leaves the observer's network."""
+        return self.next_hop is not None
 
 
-class Layout:
-    """A fleet, indexed for questions about ways and masters."""
+class Ways:
+    """The plan of a fleet, indexed for questions about ways and masters."""
 
-    def __init__(self, fleet: Mapping[str, Any]) -> None:
-        self.members: dict[str, Mapping[str, Any]] = {member["name"]: member for member in fleet["members"]}
-        computers = {plan["robot"]: name for name, plan in fleet["computers"].items() if plan["is_gateway"]}
-        self.gateways = {
-            entry["robot"]: Gateway(computers.get(entry["robot"], ""), entry["gateway"], entry["common_address"])
-            for entry in fleet["networks"]
+    def __init__(self, fleet: FleetPlan) -> None:
+        self.members: Mapping[str, Member] = {member.name: member for member in fleet.members}
+        computers = {plan.robot: name for name, plan in fleet.computers.items() if plan.is_gateway}
+        self.gateways: Mapping[str, Hop] = {  # robot -> gateway
+            entry.robot: Hop(computers.get(entry.robot, ""), entry.gateway, entry.common_address)
+            for entry in fleet.networks
         }
-        self.masters: dict[str, Mapping[str, Any]] = {entry["robot"]: entry for entry in fleet["masters"]}
-        self.names: dict[str, frozenset[str]] = {
-            entry["address"]: frozenset(name.lower() for name in entry["names"]) for entry in fleet["hosts_entries"]
+        self.masters: Mapping[str, Master] = fleet.master_of
+        self.names: Mapping[IPv4Address, frozenset[str]] = {
+            entry.address: frozenset(name.lower() for name in entry.names) for entry in fleet.hosts_entries
         }
-        self.robots: dict[str, list[str]] = {}
+        self.robots: dict[str, list[str]] = {}  # robot -> its members
         for name, member in self.members.items():
-            self.robots.setdefault(member["robot"], []).append(name)
+            self.robots.setdefault(member.robot, []).append(name)
         first = [gateway.name for gateway in self.gateways.values() if gateway.name]
         self._gateways_first = first + [name for name in self.members if name not in set(first)]
+        # robot -> its members without the gateway
         self.inner = {robot: [name for name in names if name not in first] for robot, names in self.robots.items()}
         self._orders: dict[str, Sequence[str]] = {}
 
-    def way(self, plan: Mapping[str, Any], target: str) -> Way:
-        """The way from the computer of a plan to a member."""
+    def way(self, plan: ComputerPlan, target: str) -> Way:
+        """Find the way from the computer of a plan to a member."""
         member = self.members[target]
-        if plan["robot"] == member["robot"]:
-            return Way(plan["address"], "", None, None)
-        own = None if plan["common_address"] else self.gateways.get(plan["robot"])
-        its = self.gateways.get(member["robot"])
+        if plan.robot == member.robot:
+            return Way(plan.address, None, None, None)
+        own = None if plan.common_address else self.gateways.get(plan.robot)
+        its = self.gateways.get(member.robot)
         if own:
-            return Way(plan["address"], own.address, own, its)
-        return Way(plan["common_address"] or plan["address"], its.common_address if its else "", None, its)
+            return Way(plan.address, own.address, own, its)
+        return Way(plan.common_address or plan.address, its.common_address if its else None, None, its)
 
     def order(self, robot: str) -> Sequence[str]:
-        """The members, as a computer of a robot looks at them: what others depend on first, its own gateway before all."""
+        """Sort the members for a computer of a robot: its own gateway first, then other gateways, then the rest.
+
+        So whatever others depend on is looked at before them.
+        """
         if robot not in self._orders:
             own = self.gateways[robot].name if robot in self.gateways else ""
             rest = [name for name in self._gateways_first if name != own]
@@ -81,5 +93,5 @@ class Layout:
         return self._orders[robot]
 
     def master(self, robot: str) -> str:
-        """The computer with the roscore of a robot; empty for the router, which has none."""
-        return self.masters[robot]["computer"] if robot in self.masters else ""
+        """Name the computer with the roscore of a robot; empty for the router, which has none."""
+        return self.masters[robot].computer if robot in self.masters else ""

@@ -3,11 +3,20 @@
 
 """What is to pass between robots, and what is found where their roscores hold something else."""
 
+import dataclasses
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import filters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Exchanges, Flows, Item, Rules
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    Connection,
+    Exchange,
+    Import,
+    RegisteredService,
+    RegisteredTopic,
+)
 
 STRING, IMAGE = ("std_msgs/String", "992c"), ("sensor_msgs/Image", "060021")
 
@@ -24,7 +33,7 @@ def plan(robots="abc", exports=None, **filters):
         }
         for number, robot in enumerate(robots, 1)
     }
-    return plan_module.plan(
+    return plan_module.fleet_plan(
         fleet_module.read_fleet(
             fleet_module.Inventory(robots={robot: [f"{robot}1"] for robot in robots}, variables=values)
         )
@@ -33,24 +42,19 @@ def plan(robots="abc", exports=None, **filters):
 
 def part(topics=(), services=()):
     """Registrations out of (topic, (type, sum), publishers, subscribers) and (service, node)."""
-    return {
-        "topics": [
-            {
-                "name": name,
-                "type": kind,
-                "md5sum": md5sum,
-                "publishers": publishers.split(),
-                "subscribers": subscribers.split(),
-            }
+    return Exchange(
+        topics=tuple(
+            RegisteredTopic(name, kind, tuple(publishers.split()), tuple(subscribers.split()), md5sum)
             for name, (kind, md5sum), publishers, subscribers in topics
-        ],
-        "services": [{"name": name, "node": node} for name, node in services],
-    }
+        ),
+        services=tuple(RegisteredService(name, node) for name, node in services),
+    )
 
 
 def holds(own, **imports):
     """What a roscore holds: own registrations, and those of other robots by their letters."""
-    return {**own, "imports": [{"master": f"http://{robot}1:11311/", **it} for robot, it in imports.items()]}
+    found = tuple(Import(f"http://{robot}1:11311/", it.topics, it.services) for robot, it in imports.items())
+    return dataclasses.replace(own, imports=found)
 
 
 def texts(found):
@@ -264,7 +268,7 @@ def test_a_conflict_counts_only_where_the_topic_passes():
 
 
 def link(direction, topic, node, peer, robot):
-    return {"direction": direction, "topic": topic, "node": node, "peer": peer, "robot": robot, "host": f"{robot}1"}
+    return Connection(node, topic, direction, peer, f"{robot}1", robot)
 
 
 def test_connections_that_nothing_explains():

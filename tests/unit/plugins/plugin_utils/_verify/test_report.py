@@ -6,13 +6,18 @@
 import json
 
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import checks, report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     FAILED,
     OK,
     UNKNOWN,
     WARNING,
     Finding,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    Multicast,
+    Observation,
+    Probe,
 )
 
 ONE, TWO = "kobuki1computer", "kobuki2computer"
@@ -162,19 +167,19 @@ def test_document_has_every_finding_as_plain_data():
 def test_registered_results_become_an_observation():
     good = {"verify_multicast": {"udp": []}, "verify_probe": {"members": []}, "multimaster_info": {"changed": False}}
     seen = fleet_report.observation(good, "verify_multicast", "verify_probe", ["multimaster_info"])
-    assert seen == checks.Observation({"udp": []}, {"members": []})
+    assert seen == Observation(Multicast(), Probe())
     down = {"multimaster_info": {"unreachable": True, "msg": "no route\n to host"}}
-    assert fleet_report.observation(
-        down, "verify_multicast", "verify_probe", ["multimaster_info"]
-    ) == checks.Observation(unreachable=True, problem="no route to host")
+    assert fleet_report.observation(down, "verify_multicast", "verify_probe", ["multimaster_info"]) == Observation(
+        unreachable=True, problem="no route to host"
+    )
     broken = {
         **good,
         "verify_talker": {"failed": True, "msg": "Cannot start."},
         "verify_probe": {"failed": True, "msg": "x"},
     }
-    assert fleet_report.observation(
-        broken, "verify_multicast", "verify_probe", ["verify_talker"]
-    ) == checks.Observation({"udp": []}, problem="Cannot start.")
+    assert fleet_report.observation(broken, "verify_multicast", "verify_probe", ["verify_talker"]) == Observation(
+        Multicast(), problem="Cannot start."
+    )
 
 
 def test_report_is_written_whole_or_not_at_all(tmp_path):

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The checks of the verification, one table: the rows of each file of this package, in the order of CHECKS.
+
+In each file a row stands below its judge and its predicates. The order counts: a check may be explained by checks that
+stand before it, and by itself at a gateway.
+"""
+
+from __future__ import annotations
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import (
+    computer,
+    discovery,
+    exchange,
+    network,
+    ros,
+    strangers,
+)
+
+CHECKS = (
+    *computer.CHECKS,
+    *network.CHECKS,
+    *discovery.CHECKS,
+    *ros.CHECKS,
+    *exchange.CHECKS,
+    *strangers.CHECKS,
+)
+TITLES = {check.id: check.title for check in CHECKS}
+
+
+def markdown_table() -> str:
+    """Return the table of checks for docs/verification.md."""
+    lines = ["| check | for | expected | report |", "|---|---|---|---|"]
+    for check in CHECKS:
+        scope, expected, report = check.documented
+        lines.append(f"| `{check.id}` | {scope} | {expected} | {report + ' ' if report else ''}|")
+    return "\n".join(lines) + "\n"

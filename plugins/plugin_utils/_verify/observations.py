@@ -1,0 +1,326 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Observations: what the modules multimaster_verify and multicast_verify return, as types.
+
+`_plan.plain.from_plain` reads them, once, in the action fleet_report. A field here is a key of the result there, with the
+same meaning; the documentation of the two modules describes each.
+
+Addresses are texts here, and compared as texts. They are what a machine said, and a machine may say something else:
+`ip route` prints "via inet6 fe80::1" for a route of IPv4 with a next hop of IPv6 (RFC 5549).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+# multimaster_verify: the network
+
+
+@dataclass(frozen=True)
+class Ping:
+    """The answer to an ICMP echo request."""
+
+    ok: bool = False
+    rtt_ms: float | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Route:
+    """The route that the kernel takes to an address."""
+
+    device: str | None = None
+    source: str | None = None
+    gateway: str | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class DefaultRoute:
+    """A default route of the computer."""
+
+    device: str | None = None
+    source: str | None = None
+    gateway: str | None = None
+    metric: str | None = None
+
+
+@dataclass(frozen=True)
+class SeenMember:
+    """A computer of the fleet, seen from another one. Of itself a computer looks up its name only."""
+
+    name: str
+    address: str = ""
+    addresses: tuple[str, ...] = ()
+    resolve_error: str = ""
+    route: Route | None = None
+    ping_address: Ping | None = None
+    ping_name: Ping | None = None
+
+
+@dataclass(frozen=True)
+class ForwardingInterface:
+    """The kernel's settings of one interface; None for what cannot be read."""
+
+    interface: str
+    addresses: tuple[str, ...] = ()
+    forwarding: int | None = None
+    rp_filter: int | None = None
+    send_redirects: int | None = None
+
+
+@dataclass(frozen=True)
+class Forwarding:
+    """The settings that decide whether the computer passes packets on."""
+
+    ip_forward: int | None = None
+    interfaces: tuple[ForwardingInterface, ...] = ()
+
+
+@dataclass(frozen=True)
+class SeenMaster:
+    """The discovery node of a master: its TCP port and its clock, seen from another computer."""
+
+    computer: str
+    address: str = ""
+    port: int = 0
+    open: bool = False
+    connect_ms: float | None = None
+    error: str = ""
+    clock_offset_s: float | None = None
+    clock_uncertainty_s: float | None = None
+    clock_error: str = ""
+
+
+# multimaster_verify: ROS
+
+
+@dataclass(frozen=True)
+class Roscore:
+    """The answer of the roscore that ROS_MASTER_URI names."""
+
+    uri: str = ""
+    answer: str = ""
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class ListedMaster:
+    """A master in the answer of `rosservice call /master_discovery/list_masters`."""
+
+    name: str
+    uri: str = ""
+    online: bool = False
+    monitoruri: str = ""
+
+
+@dataclass(frozen=True)
+class ListMasters:
+    """The answer of `rosservice call /master_discovery/list_masters`."""
+
+    masters: tuple[ListedMaster, ...] = ()
+    seconds: float = 0.0
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Publisher:
+    """A registered publisher of a topic."""
+
+    node: str
+    uri: str = ""
+
+
+@dataclass(frozen=True)
+class HeardTopic:
+    """The topic of another computer's talker, and what was heard on it."""
+
+    computer: str
+    topic: str
+    publishers: tuple[Publisher, ...] = ()
+    heard: bool = False
+    text: str = ""
+    seconds: float | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Service:
+    """A systemd service of the collection; `differing` is None where its process cannot be looked at."""
+
+    name: str
+    unit: str
+    load_state: str = ""
+    active_state: str = ""
+    sub_state: str = ""
+    restarts: int = 0
+    differing: tuple[str, ...] | None = ()
+
+
+@dataclass(frozen=True)
+class Talker:
+    """The talker of the computer itself."""
+
+    running: bool = True
+    error: str = ""
+
+
+# multimaster_verify: the content of a roscore
+
+
+@dataclass(frozen=True)
+class RegisteredTopic:
+    """A topic with the nodes that registered it."""
+
+    name: str
+    type: str = ""
+    publishers: tuple[str, ...] = ()
+    subscribers: tuple[str, ...] = ()
+    md5sum: str = ""
+
+
+@dataclass(frozen=True)
+class RegisteredService:
+    """A service with the node that provides it."""
+
+    name: str
+    node: str
+
+
+@dataclass(frozen=True)
+class Import:
+    """The registrations that a roscore holds for another master."""
+
+    master: str  # its URI
+    topics: tuple[RegisteredTopic, ...] = ()
+    services: tuple[RegisteredService, ...] = ()
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A connection of an own node with a node of another robot."""
+
+    node: str
+    topic: str
+    direction: str  # in or out
+    peer: str
+    host: str
+    robot: str
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """The content of a roscore: own registrations, those for other masters, and connections with other robots."""
+
+    error: str = ""
+    types_error: str = ""
+    topics: tuple[RegisteredTopic, ...] = ()
+    services: tuple[RegisteredService, ...] = ()
+    imports: tuple[Import, ...] = ()
+    silent: tuple[str, ...] = ()
+    connections: tuple[Connection, ...] = ()
+
+
+@dataclass(frozen=True)
+class Probe:
+    """The result of multimaster_verify with `state: collected`."""
+
+    members: tuple[SeenMember, ...] = ()
+    default_routes: tuple[DefaultRoute, ...] = ()
+    forwarding: Forwarding = Forwarding()
+    masters: tuple[SeenMaster, ...] = ()
+    roscore: Roscore = Roscore()
+    list_masters: ListMasters = ListMasters()
+    topics: tuple[HeardTopic, ...] = ()
+    exchange: Exchange = Exchange()
+    services: tuple[Service, ...] = ()
+    talker: Talker | None = None
+    ros_missing: str = ""
+    problems: tuple[str, ...] = ()
+
+
+# multicast_verify
+
+
+@dataclass(frozen=True)
+class Datagrams:
+    """The datagrams between the computer and another one; None where no count came back."""
+
+    name: str
+    address: str = ""
+    multicast: bool = False
+    heard_from: bool = False
+    heard: int = 0
+    source_address: str | None = None
+    other_interfaces: tuple[str, ...] = ()
+    heard_by: bool | None = None
+    loss: float | None = None  # the share of this computer's datagrams that the other one did not hear, 0 to 1
+    own_source_address: str | None = None
+    unicast: bool | None = None
+
+
+@dataclass(frozen=True)
+class Caller:
+    """An address from which empty datagrams came to the computer itself."""
+
+    address: str
+    datagrams: int = 0
+
+
+@dataclass(frozen=True)
+class Stranger:
+    """An address outside the fleet from which datagrams came on the group."""
+
+    address: str
+    interface: str
+    datagrams: int = 0
+
+
+@dataclass(frozen=True)
+class IcmpRound:
+    """One ping of a multicast group: the names of the computers that answered."""
+
+    round: int
+    answered: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Icmp:
+    """The pings of a multicast group."""
+
+    group: str
+    error: str | None = None
+    rounds: tuple[IcmpRound, ...] = ()
+
+
+@dataclass(frozen=True)
+class SendErrors:
+    """The datagrams that the kernel refused to send."""
+
+    count: int = 0
+    last: str | None = None
+
+
+@dataclass(frozen=True)
+class Multicast:
+    """The result of multicast_verify with `state: collected`."""
+
+    udp: tuple[Datagrams, ...] = ()
+    unexpected: tuple[Stranger, ...] = ()
+    callers: tuple[Caller, ...] = ()
+    icmp: Icmp | None = None
+    send_errors: SendErrors = SendErrors()
+
+
+# Both
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The results of one computer of the run; None where a module gave none, and `problem` says why."""
+
+    multicast: Multicast | None = None
+    probe: Probe | None = None
+    unreachable: bool = False
+    problem: str = ""

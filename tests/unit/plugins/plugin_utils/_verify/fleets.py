@@ -1,0 +1,431 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Fleets for the tests of the verification: plans by the planner itself, and what computers see where everything works.
+
+A test changes some observations with `update` and looks at the findings that are not ok.
+"""
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import engine
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import exchange as exchange_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import ways as ways_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import OK
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    Caller,
+    Connection,
+    Datagrams,
+    DefaultRoute,
+    Exchange,
+    Forwarding,
+    ForwardingInterface,
+    HeardTopic,
+    Icmp,
+    IcmpRound,
+    Import,
+    ListedMaster,
+    ListMasters,
+    Multicast,
+    Observation,
+    Ping,
+    Probe,
+    Publisher,
+    RegisteredService,
+    RegisteredTopic,
+    Roscore,
+    Route,
+    SeenMaster,
+    SeenMember,
+    SendErrors,
+    Service,
+    Talker,
+)
+
+ONE, TWO = "kobuki1computer", "kobuki2computer"
+
+
+def plan(robots=2, computers=1, exports=None, **variables):
+    """The plan of a fleet of robots kobuki1, kobuki2, ... with addresses from 192.168.1.1 on; `exports` by robot."""
+    hosts = {
+        f"kobuki{n}": [f"kobuki{n}computer" + (f"-{c}" if c else "") for c in range(computers)]
+        for n in range(1, robots + 1)
+    }
+    names = [host for of_robot in hosts.values() for host in of_robot]
+    shared = {"multimaster_common_network": "192.168.0.0/16", "multimaster_multicast_group": "226.0.0.0", **variables}
+    values = {
+        host: {
+            **shared,
+            "multimaster_address": f"192.168.{1 + n // 200}.{1 + n % 200}",
+            "multimaster_master": f"{host.partition('computer')[0]}computer",
+            **({} if exports is None else {"multimaster_exports": exports.get(host.partition("computer")[0], [])}),
+        }
+        for n, host in enumerate(names)
+    }
+    return plan_module.fleet_plan(fleet_module.read_fleet(fleet_module.Inventory(robots=hosts, variables=values)))
+
+
+# Section 4 of the report: Fig. 10 and 12, with a router that is a computer.
+ROBOTS = {
+    "tibi": (11, 201, "tibi-visio", {"tibi-nav": 100, "tibi-visio": 101, "tibi-monitor": 202}),
+    "dabo": (10, 202, "dabo-nav", {"dabo-nav": 100, "dabo-visio": 101, "dabo-monitor": 202}),
+    "car": (12, 203, "car-visio", {"car-nav": 100, "car-visio": 101, "car-ext": 102}),
+}
+INNER_TIBI, INNER_CAR = ["tibi-nav", "tibi-monitor"], ["car-nav", "car-ext"]
+
+
+def fig12(**variables):
+    """The plan of the three robots; one robot may have only some of its computers in the tests' interest."""
+    values = {
+        host: {
+            "multimaster_common_network": "192.168.1.0/24",
+            "multimaster_multicast_group": "239.255.0.1",
+            "multimaster_network": f"192.168.{network}.0/24",
+            "multimaster_gateway": f"{robot}-visio",
+            "multimaster_common_address": f"192.168.1.{common}",
+            "multimaster_master": master,
+            "multimaster_address": f"192.168.{network}.{address}",
+            **variables,
+        }
+        for robot, (network, common, master, hosts) in ROBOTS.items()
+        for host, address in hosts.items()
+    }
+    return plan_module.fleet_plan(
+        fleet_module.read_fleet(
+            fleet_module.Inventory(
+                robots={robot: list(hosts) for robot, (*_numbers, hosts) in ROBOTS.items()},
+                variables={**values, "router": {"multimaster_address": "192.168.1.1"}},
+                routers=["router"],
+            )
+        )
+    )
+
+
+def outside(robot):
+    return [host for name, (*_numbers, hosts) in ROBOTS.items() if name != robot for host in hosts]
+
+
+# Good observations
+
+
+def good(fleet, name):
+    """What a computer sees of a fleet in which everything works."""
+    own = fleet.computers[name]
+    me = next((member for member in fleet.members if member.name == name), None)
+    return Observation(
+        multicast=good_multicast(fleet, me, own) if me and me.discovery else None,
+        probe=router_probe(fleet, own) if own.is_router else good_probe(fleet, me, own),
+    )
+
+
+def others_of(fleet, name):
+    return [member for member in fleet.members if member.name != name]
+
+
+def network_part(fleet, own):
+    """The parts of multimaster_verify that the router has, too."""
+    layout = ways_module.Ways(fleet)
+    members = []
+    for other in others_of(fleet, own.computer):
+        way = layout.way(own, other.name)
+        members.append(
+            SeenMember(
+                other.name,
+                str(other.address),
+                addresses=(str(other.address),),
+                route=Route("eth0", source=str(way.source), gateway=str(way.next_hop) if way.next_hop else None),
+                ping_address=Ping(True, 0.4),
+                ping_name=Ping(True, 0.4),
+            )
+        )
+    interfaces = [
+        ForwardingInterface(
+            f"eth{number}", (str(entry.address),), forwarding=1, rp_filter=2, send_redirects=int(not own.is_router)
+        )
+        for number, entry in enumerate(own.networks)
+    ]
+    return {
+        "members": (SeenMember(own.computer, str(own.address), addresses=(str(own.address),)), *members),
+        "default_routes": (DefaultRoute("eth0", gateway="192.168.1.254"),),
+        "forwarding": Forwarding(int(own.is_gateway or own.is_router), tuple(interfaces)),
+    }
+
+
+def router_probe(fleet, own):
+    return Probe(
+        **network_part(fleet, own),
+        roscore=Roscore(error="not looked at"),
+        ros_missing="not looked at",
+        exchange=Exchange(error="not looked at"),
+    )
+
+
+def good_probe(fleet, me, own):
+    flows = exchange_module.Flows(fleet)
+    uri = own.environment["ROS_MASTER_URI"]
+    return Probe(
+        **network_part(fleet, own),
+        masters=tuple(
+            SeenMaster(
+                master.computer,
+                str(master.address),
+                master.rpc_port,
+                open=True,
+                connect_ms=0.3,
+                clock_offset_s=0.001,
+                clock_uncertainty_s=0.001,
+            )
+            for master in fleet.masters
+        ),
+        roscore=Roscore(uri, uri + "/"),
+        list_masters=ListMasters(
+            tuple(ListedMaster(master.name, master.uri, True, master.monitor_uri) for master in fleet.masters), 0.7
+        ),
+        topics=tuple(
+            HeardTopic(
+                other.name,
+                "/multimaster_verify/" + other.name,
+                publishers=(Publisher("/talker", f"http://{other.name}:41233/"),),
+                heard=True,
+                text="run " + other.name,
+                seconds=0.1,
+            )
+            for other in others_of(fleet, own.computer)
+            if not (other.robot != me.robot and flows.declared_away(other.robot, me.robot))
+        ),
+        services=tuple(
+            Service(service, f"multimaster-{service}.service", "loaded", "active", "running")
+            for service in own.services
+        ),
+        exchange=exchange(fleet, own.robot) if own.is_master else Exchange(error="not looked at"),
+        talker=Talker(),
+    )
+
+
+def good_multicast(fleet, me, own):
+    layout = ways_module.Ways(fleet)
+    others = others_of(fleet, me.name)
+    return Multicast(
+        udp=tuple(
+            Datagrams(
+                other.name,
+                str(other.discovery_address),
+                multicast=other.multicast and me.multicast,
+                heard_from=other.multicast and me.multicast,
+                heard=30,
+                source_address=str(other.discovery_address),
+                own_source_address=str(me.discovery_address),
+                loss=0.0,
+                unicast=True,
+            )
+            for other in others
+            if other.discovery
+        ),
+        callers=tuple(
+            Caller(str(layout.way(plan, me.name).source), 3)
+            for caller, plan in fleet.computers.items()
+            if caller != me.name
+        ),
+        icmp=Icmp("224.0.0.1", rounds=(IcmpRound(1, tuple(other.name for other in others)),)),
+        send_errors=SendErrors(),
+    )
+
+
+SUMS = {"std_msgs/String": "992ce8a1687cec8c8bd883ec73ca41d1", "nav_msgs/Odometry": "cd5e73d190d741a2f92e81eda573aca7"}
+
+
+def topic(name, kind, publishers=(), subscribers=()):
+    return RegisteredTopic(name, kind, tuple(publishers), tuple(subscribers))
+
+
+def registered(robot):
+    """What the nodes of a robot have registered: a base with a service, a talker on a topic that all have, and rosout."""
+    base, talker = f"/{robot}/base", f"/{robot}/talker"
+    topics = (
+        topic(f"/{robot}/odom", "nav_msgs/Odometry", [base]),
+        topic("/chatter", "std_msgs/String", [talker], [base]),
+        topic("/rosout", "rosgraph_msgs/Log", [base, talker], ["/rosout"]),
+        topic(f"/multimaster_verify/{robot}", "std_msgs/String", [f"/multimaster_verify_talker_{robot}"]),
+    )
+    return topics, (RegisteredService(f"/{robot}/reset", base), RegisteredService(f"{base}/get_loggers", base))
+
+
+def imported(flows, master, robot):
+    """What a robot gets of another one, given by its master."""
+    its_topics, its_services = registered(master.robot)
+    rules = flows.rules(master.robot, robot)
+
+    def passing(kind, entry, nodes):
+        return [node for node in nodes if rules.passes(exchange_module.Item(kind, entry.name, node), entry.type)]
+
+    topics = [
+        topic(
+            entry.name,
+            entry.type,
+            passing("publisher", entry, entry.publishers),
+            passing("subscriber", entry, entry.subscribers),
+        )
+        for entry in its_topics
+    ]
+    services = [
+        entry for entry in its_services if rules.passes(exchange_module.Item("service", entry.name, entry.node), "")
+    ]
+    return Import(
+        master.uri, tuple(entry for entry in topics if entry.publishers or entry.subscribers), tuple(services)
+    )
+
+
+def exchange(fleet, robot):
+    """What the roscore of a robot holds where everything works: what the plan lets pass, and one connection with each."""
+    flows = exchange_module.Flows(fleet)
+    topics, services = registered(robot)
+    imports, connections = [], []
+    for master in fleet.masters:
+        if master.robot == robot:
+            continue
+        part = imported(flows, master, robot)
+        if part.topics or part.services:
+            imports.append(part)
+        if any(entry.name == "/chatter" and entry.publishers for entry in part.topics):
+            talker = f"/{master.robot}/talker"
+            connections.append(Connection(f"/{robot}/base", "/chatter", "in", talker, master.computer, master.robot))
+    for entry in topics:
+        update(entry, md5sum=SUMS.get(entry.type, ""))
+    return Exchange(topics=topics, services=services, imports=tuple(imports), connections=tuple(connections))
+
+
+# Changes, and what is found
+
+
+def update(record, **values):
+    """Change the fields of a frozen record in place; lists become tuples."""
+    for name, value in values.items():
+        getattr(record, name)  # an unknown name is an AttributeError
+        object.__setattr__(record, name, tuple(value) if isinstance(value, list) else value)
+
+
+def of(entries, name, key="name"):
+    return next(entry for entry in entries if getattr(entry, key) == name)
+
+
+def without(entries, name, key="name"):
+    return tuple(entry for entry in entries if getattr(entry, key) != name)
+
+
+def observed(fleet):
+    """A good observation of every computer."""
+    return {name: good(fleet, name) for name in fleet.computers}
+
+
+def judged(fleet, seen):
+    """The findings on these observations."""
+    return list(engine.evaluate(CHECKS, fleet, seen))
+
+
+def evaluate(change=None, fleet=None):
+    """The findings on two good robots, or another fleet, after a change of the observations {computer: observation}."""
+    fleet = fleet or plan()
+    seen = observed(fleet)
+    if change:
+        change(seen)
+    return judged(fleet, seen)
+
+
+def notable(findings):
+    return {(finding.check, finding.observer, finding.target): finding for finding in findings if finding.verdict != OK}
+
+
+def no_answer(error="no answer to 3 requests"):
+    return Ping(error=error)
+
+
+def silent(seen, observers, targets):
+    """No observer hears any of the targets, by ping and by what depends on it."""
+    for observer in observers:
+        probe = seen[observer].probe
+        for target in targets:
+            if target != observer:
+                update(of(probe.members, target), ping_address=no_answer(), ping_name=no_answer())
+                for entry in probe.topics:
+                    if entry.computer == target:
+                        update(entry, heard=False, publishers=(), error="not registered")
+
+
+def causes(check):
+    return next(entry.causes for entry in CHECKS if entry.id == check)
+
+
+def untold(checks, rows, between=(), elsewhere=()):
+    """The causes of some checks that no row of a test tells.
+
+    `rows` are (change, check, verdict, part of the texts), `between` are (change, check, verdict, predicate, ...), and
+    `elsewhere` are (check, predicate) of causes that another test tells.
+    """
+    parts = [(row[1], row[3]) for row in rows]
+    predicates = {(row[1], row[3]) for row in between} | set(elsewhere)
+    return [
+        (check.id, cause.cause)
+        for check in checks
+        for cause in check.causes
+        if not any(name == check.id and part in cause.cause + cause.remedy for name, part in parts)
+        and (check.id, cause.when) not in predicates
+    ]
+
+
+def assert_told(change, check, verdict, part):
+    """Between two robots: the only failures that nothing explains are of this check, and all tell this cause."""
+    found = [finding for finding in notable(evaluate(change)).values() if not finding.because]
+    assert {(finding.check, finding.verdict) for finding in found} == {(check, verdict)}
+    for finding in found:
+        assert part in finding.cause + finding.remedy
+        assert finding.expected and finding.found and finding.remedy
+        assert "{" not in finding.cause + finding.remedy + finding.expected + finding.found
+
+
+def assert_told_between_networks(change, check, verdict, when, observers, part):
+    """Between three robot networks: the same, and some of them tell the cause with this predicate."""
+    found = [finding for finding in notable(evaluate(change, fig12())).values() if not finding.because]
+    assert {(finding.check, finding.verdict) for finding in found} == {(check, verdict)}
+    if observers is not None:
+        assert {finding.observer for finding in found} == observers
+    assert any(part in finding.cause + finding.remedy for finding in found)
+    starts = [cause.cause.partition("{")[0] for cause in causes(check) if cause.when is when]
+    assert any(finding.cause.startswith(start) for finding in found for start in starts)
+    assert all(finding.remedy and "{" not in finding.cause + finding.remedy for finding in found)
+
+
+# Faults that several tests bring about
+
+
+def lost_route(seen):
+    """tibi-nav has lost its default route."""
+    for target in outside("tibi"):
+        update(
+            of(seen["tibi-nav"].probe.members, target).route,
+            device=None,
+            source=None,
+            gateway=None,
+            error="Network is unreachable",
+        )
+    silent(seen, ["tibi-nav"], outside("tibi"))
+    silent(seen, outside("tibi"), ["tibi-nav"])
+
+
+def wall(seen):
+    """A firewall on tibi-visio drops what is forwarded."""
+    silent(seen, INNER_TIBI, outside("tibi"))
+    silent(seen, [*outside("tibi"), "router"], INNER_TIBI)
+
+
+def second_default_route(seen):
+    """A second default route of car-ext, as DHCP brings it, comes first."""
+    probe = seen["car-ext"].probe
+    for target in outside("car"):
+        update(of(probe.members, target).route, gateway="192.168.12.1")
+    update(probe, default_routes=[*probe.default_routes, DefaultRoute("eth0", gateway="192.168.12.1", metric="100")])
+
+
+def unheard(seen, **values):
+    """The first robot does not hear the talker of the second one."""
+    update(of(seen[ONE].probe.topics, TWO, "computer"), heard=False, publishers=(), **values)

@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The engine over the whole table of checks: good fleets, failures that explain each other, parts of a fleet, cost."""
+
+import copy
+import time
+from collections import Counter
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import SIDES
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    ListMasters,
+    Roscore,
+    Talker,
+)
+from fleets import (
+    ONE,
+    ROBOTS,
+    TWO,
+    evaluate,
+    fig12,
+    good,
+    judged,
+    notable,
+    observed,
+    of,
+    plan,
+    unheard,
+    update,
+    without,
+)
+
+
+def test_everything_is_checked_and_good():
+    findings = evaluate()
+    between_networks = {"forwarding", "reverse_path", "redirects", "source"}
+    assert {finding.check for finding in findings} == {check.id for check in CHECKS} - between_networks
+    assert not notable(findings)
+    pairs = {(finding.observer, finding.target) for finding in findings}
+    assert pairs == {(ONE, ONE), (ONE, TWO), (TWO, ONE), (TWO, TWO)}
+
+
+def test_every_check_is_explained_by_an_earlier_one():
+    earlier = set()
+    for check in CHECKS:
+        for reference in check.explained_by:
+            side, _colon, other = reference.rpartition(":")
+            assert side in SIDES
+            # Gateways are looked at first, so they may explain others in the same check.
+            assert other in earlier or (other == check.id and "gateway" in side), (check.id, reference)
+        earlier.add(check.id)
+
+
+def test_everything_is_good_between_three_robot_networks():
+    findings = evaluate(fleet=fig12())
+    assert not notable(findings)
+    numbers = Counter(finding.check for finding in findings)
+    assert numbers["topic_heard"] == numbers["direct_connection"] == 9 * 8
+    assert (numbers["forwarding"], numbers["reverse_path"], numbers["redirects"]) == (4, 4, 1)
+    assert (numbers["udp_multicast"], numbers["udp_unicast"]) == (3 * 2, 4 * 3)  # the gateways, and dabo-nav by unicast
+    router = {finding.check for finding in findings if finding.observer == "router"}
+    assert router == {"forwarding", "reachable", "measured", "reverse_path", "redirects"} | {
+        "default_routes",
+        "route",
+        "ping_address",
+        "source",
+    }
+
+
+def test_with_multicast_routing_inner_masters_hear_the_group_too():
+    findings = evaluate(fleet=fig12(multimaster_multicast_routing="smcroute"))
+    assert not notable(findings)
+    assert Counter(finding.check for finding in findings)["udp_multicast"] == 4 * 3
+
+
+@pytest.mark.parametrize("names", [["tibi-nav"], ["router"], list(ROBOTS["dabo"][3]), ["car-visio", "router"]])
+def test_with_limit_any_part_of_the_fleet_is_judged(names):
+    fleet = fig12()
+    findings = judged(fleet, {name: good(fleet, name) for name in names})
+    assert not notable(findings)
+    assert {finding.observer for finding in findings} == set(names)
+
+
+def test_with_limit_only_the_computers_of_the_run_are_judged():
+    fleet = plan()
+    seen = copy.deepcopy(good(fleet, ONE))
+    update(seen.probe, topics=())  # nobody talks there, and nobody listens
+    update(of(seen.multicast.udp, TWO), heard_from=False, unicast=None)
+    findings = judged(fleet, {ONE: seen})
+    assert not notable(findings)
+    assert {finding.observer for finding in findings} == {ONE}
+    assert {"name", "ping_name", "list_masters"} <= {finding.check for finding in findings if finding.target == TWO}
+
+
+def test_a_second_computer_without_ros_keeps_nobody_waiting():
+    fleet = fig12()
+
+    def change(seen):
+        for name, one in seen.items():
+            update(one.probe, topics=without(one.probe.topics, "tibi-nav", "computer"))
+            if name == "tibi-nav":
+                update(
+                    one.probe,
+                    ros_missing="there is no command rostopic",
+                    topics=(),
+                    list_masters=ListMasters(error="there is no command rosservice"),
+                    talker=Talker(running=False, error="there is no command rostopic"),
+                )
+
+    findings = evaluate(change, fleet)
+    assert not notable(findings)
+    assert Counter(finding.check for finding in findings)["topic_heard"] == 8 * 7
+
+
+def test_a_second_computer_may_be_without_ros():
+    fleet = plan(computers=2)
+    second = ONE + "-1"
+
+    def change(seen):
+        for one in seen.values():
+            update(one.probe, topics=without(one.probe.topics, second, "computer"))
+        update(
+            seen[second].probe,
+            roscore=Roscore(error="no file"),
+            ros_missing="no file",
+            talker=Talker(running=False, error="no file"),
+            list_masters=ListMasters(error="no file"),
+            topics=(),
+        )
+
+    findings = evaluate(change, fleet)
+    assert not notable(findings)
+    assert not {"list_masters", "topic_heard"} & {finding.check for finding in findings if finding.observer == second}
+
+
+def test_a_failure_that_follows_names_its_reason_and_no_cause_of_its_own():
+    def change(seen):
+        probe, multicast = seen[ONE].probe, seen[ONE].multicast
+        update(of(probe.members, TWO).ping_address, ok=False, error="no answer")
+        update(of(probe.members, TWO).ping_name, ok=False, error="no answer")
+        update(of(probe.masters, TWO, "computer"), open=False, error="no answer", clock_offset_s=None)
+        update(probe.list_masters, masters=without(probe.list_masters.masters, TWO))
+        unheard(seen, error="not registered")
+        update(of(multicast.udp, TWO), unicast=None, heard_from=False, source_address=None)
+
+    found = notable(evaluate(change))
+    assert {check: finding.because for (check, _one, _two), finding in found.items()} == {
+        "ping_address": "",
+        "ping_name": "ping_address",
+        "udp_multicast": "ping_address",
+        "udp_unicast": "ping_address",
+        "rpc_port": "ping_address",
+        "clock": "rpc_port",
+        "list_masters": "rpc_port",
+        "topic_heard": "list_masters",
+    }
+    assert all(not finding.cause for finding in found.values() if finding.because)
+
+
+def test_the_cost_grows_with_the_observations():
+    fleet = plan(robots=60)
+    seen = observed(fleet)
+    began = time.process_time()
+    findings = judged(fleet, seen)
+    assert len(findings) > 60 * 59 * 10
+    assert time.process_time() - began < 0.0005 * len(findings)  # some 10 microseconds each on a PC
