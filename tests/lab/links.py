@@ -64,7 +64,7 @@ class Watch:
     def __init__(self, lab, host: str, looks: int = 20) -> None:
         self.lab, self.host, self.unit = lab, host, f"watch-{looks}"
         lab.start(host, self.unit, f"python3 {{script}} {looks}", "watch.py")
-        until(self.events, 10, f"a look at the roscore of {host}")
+        until(self.events, 60, f"a look at the roscore of {host}")
 
     def events(self, since: float = 0.0) -> list[tuple[float, str]]:
         """(time, what happened)."""

@@ -27,7 +27,7 @@ def lab():
         for here, there in PAIRS:
             chat(found, here, there)
         for here, _there in PAIRS:
-            until(lambda here=here: all(heard(found, here).values()), 30, f"{here} hears")
+            until(lambda here=here: all(heard(found, here).values()), 60, f"{here} hears")
         yield found
 
 

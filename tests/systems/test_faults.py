@@ -19,7 +19,7 @@ def masters(lab, host):
     return re.findall(r"name: \"?([\w-]+)", listed)
 
 
-def eventually(look, wanted, seconds=20):
+def eventually(look, wanted, seconds=60):
     """Look until it is as wanted, for some seconds at most; returns what was last seen."""
     deadline = time.monotonic() + seconds
     while True:

@@ -60,7 +60,7 @@ def masters(lab, host):
     return sorted(re.findall(r"name: \"?([\w-]+)", listed))
 
 
-def eventually(look, wanted, seconds=20):
+def eventually(look, wanted, seconds=60):
     """Look until it is as wanted, for some seconds at most; returns what was last seen."""
     deadline = time.monotonic() + seconds
     while (seen := look()) != wanted and time.monotonic() < deadline:

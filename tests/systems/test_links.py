@@ -44,7 +44,7 @@ def start_nodes(lab):
 def flows(lab, here):
     """Wait until messages come, by both libraries."""
     since = time.monotonic()
-    until(lambda: all(heard(lab, here, since).values()), 30, f"{here} hears")
+    until(lambda: all(heard(lab, here, since).values()), 60, f"{here} hears")
 
 
 def of(host, items):
@@ -59,7 +59,7 @@ def gone_from(watches, lost, since, to=None):
     for host, watch in watches.items():
         if host != lost:
             if to is None:
-                until(lambda watch=watch: not of(lost, watch.held()), 20, f"{host} holds nothing of {lost}")
+                until(lambda watch=watch: not of(lost, watch.held()), 60, f"{host} holds nothing of {lost}")
             # Newcomers come and go.
             removed = [
                 (at, item) for at, item in watch.removed(since) if at < (to or at + 1) and "newcomer" not in item
@@ -102,7 +102,7 @@ def loss(lab, watches):
         lab.start(
             "bob-pc", f"busy{number}", f"rosrun topic_tools relay {BUSY} /bob/out{number} __name:=bob_busy{number}"
         )
-    until(lambda: all(f"subscriber {BUSY} /bob_busy2" in watches[host].held() for host in COMPUTERS), 10, "the three")
+    until(lambda: all(f"subscriber {BUSY} /bob_busy2" in watches[host].held() for host in COMPUTERS), 60, "the three")
     for host in ("ana-pc", "cid-pc"):
         # As behind a gateway: whoever asks for the way gets an answer, so nothing but time ends an attempt to connect.
         lab.run(
@@ -112,7 +112,7 @@ def loss(lab, watches):
         # Nobody else knows of them, or another robot's roscore would tell the subscriber.
         lab.run(host, f"rosparam set /do_not_sync '[/{host[:3]}_newcomer/new]'; sleep 5")
         lab.start(host, "newcomer", f"python3 {{script}} {host[:3]}_newcomer {BUSY}", "newcomer.py")
-        until(lambda host=host: blocked(lab, host), 10, f"a newcomer on {host}")
+        until(lambda host=host: blocked(lab, host), 60, f"a newcomer on {host}")
     since = cut(lab, "bob-pc")
     gone = gone_from(watches, "bob-pc", since)
     time.sleep(max(0.0, since + 25 - time.monotonic()))
@@ -185,7 +185,7 @@ def test_both_nodes_are_registered_again_after_a_restart_of_the_roscore(lab, hos
     for restart in ("systemctl kill --signal=KILL", "systemctl restart", "systemctl restart"):
         since = time.monotonic()
         lab.run(host, f"{restart} {unit}")
-        until(lambda since=since: services(watch, since), 15, f"{unit} and both nodes are back")
+        until(lambda since=since: services(watch, since), 60, f"{unit} and both nodes are back")
         seconds.append(services(watch, since) - answers(watch, since))
         time.sleep(2)
     print(

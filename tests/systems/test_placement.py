@@ -76,7 +76,7 @@ def online(lab):
 def expect_online(lab):
     """Each master lists both."""
     both = {robot: sorted(MASTERS.values()) for robot in MASTERS}
-    ok, seen = wait_for(lambda: json.dumps(online(lab)), lambda text: json.loads(text) == both, 30)
+    ok, seen = wait_for(lambda: json.dumps(online(lab)), lambda text: json.loads(text) == both, 60)
     assert ok, seen
 
 
@@ -165,7 +165,7 @@ def test_discovery_is_pinned_to_the_common_interface(lab):
     ok, seen = wait_for(
         lambda: lab.run("ana-gate", f"journalctl --unit multimaster-discovery --output cat --since @{since}"),
         lambda text: "a datagram from" in text,
-        5,
+        30,
     )
     assert re.findall(r"a datagram from ([\d.]+):", seen) == ["192.168.20.22"], seen
 
@@ -193,7 +193,7 @@ def test_the_gateways_pass_the_group_on(lab):
 
 def test_a_restarted_gateway_passes_the_group_on_again(lab):
     lab.podman("stop", "--time=5", "bob-gate")
-    ok, seen = wait_for(lambda: " ".join(online(lab)["ana"]), lambda text: text == "ana-gate", 30)
+    ok, seen = wait_for(lambda: " ".join(online(lab)["ana"]), lambda text: text == "ana-gate", 60)
     assert ok, seen
     lab.podman("start", "bob-gate")
     lab.wait_until_up("bob-gate")
