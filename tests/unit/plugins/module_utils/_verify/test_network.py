@@ -80,9 +80,9 @@ def test_resolve():
 
 def test_concurrently_keeps_the_order_and_leaves_the_late_behind():
     began = time.monotonic()
-    results = network.concurrently(lambda item: time.sleep(item) or item, [0.2, 0, 5, 0.1], 0.6, lambda item: "late")
+    results = network.concurrently(lambda item: time.sleep(item) or item, [0.2, 0, 60, 0.1], 2.0, lambda item: "late")
     assert results == [0.2, 0, "late", 0.1]
-    assert time.monotonic() - began < 3
+    assert time.monotonic() - began < 30
 
 
 def test_concurrently_does_not_hide_a_mistake():
@@ -301,8 +301,8 @@ def test_the_listener_waits_for_what_this_run_says(monkeypatch, capsys):
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(probe_listener.os, "_exit", lambda status: None)
     began = time.monotonic()
-    probe_listener.main("listener", time.time() + 5, {"/a": "run a"})
-    assert time.monotonic() - began < 4
+    probe_listener.main("listener", time.time() + 60, {"/a": "run a"})
+    assert time.monotonic() - began < 50
     probe_listener.main("listener", time.time() + 0.3, {"/b": "run b"})
     first, second = map(json.loads, capsys.readouterr().out.splitlines())
     assert subscribed == ["/a", "/b"]
