@@ -9,23 +9,23 @@ version_added: "0.1.0"
 description:
   - Gives C(/etc/hosts) all bindings of the fleet in one run, as sections 3.2 and 4.2 of the report IRI-TR-15-1 ask for
     (its Fig. 6 and Fig. 12), and returns what libc then answers.
-  - A line of ours ends with C(# rosfleet.multimaster). It is put right or taken back as a whole, wherever it stands;
-    who wants to own such a line takes this mark away. All other lines are kept byte for byte.
-  - A binding that another line already gives is left to that line.
+  - A line of this module ends with the mark C(# rosfleet.multimaster). The module repairs or removes it as a whole,
+    wherever it stands. To own such a line yourself, remove the mark. All other lines are kept byte for byte.
+  - If a line of yours has a binding already, no line is added for it.
   - A managed name on a loopback line, such as the C(127.0.1.1) line that installers write and the report keeps
-    (erratum E5), would resolve to the computer itself. The name is taken out of that line; the other names stay, and
-    C(localhost) always does. The old line stands behind the mark, and is put back when we are taken back.
-  - Names that are no longer listed are taken back, so O(entries=[]) gives the file its old content.
+    (erratum E5), would resolve to the computer itself. So the name is removed from that line; the other names stay, and
+    C(localhost) always does. The old line is kept behind the mark and restored on a rollback.
+  - Names that are no longer listed are removed. So O(entries=[]) is the rollback; it restores the old content.
   - The file is written by rename, so there is the old or the new one at any moment. Where it is a mount point, as in
-    containers, it is written in place, from a copy; when such a run is ended half way, the next one repairs the file.
+    containers, it is written in place, from a copy. If such a run is killed half way, the next one repairs the file.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
 options:
   entries:
     description:
       - >-
-        All bindings of the fleet, for example V([{address: 192.168.1.229, names: [kobuki1computer]}]). With V([])
-        everything of ours is taken back.
+        All bindings of the fleet, for example V([{address: 192.168.1.229, names: [kobuki1computer]}]). V([]) is the
+        rollback.
       - A name may have one IPv4 and one IPv6 address; an address has one entry.
     type: list
     elements: dict
@@ -51,12 +51,12 @@ options:
   own_name:
     description:
       - The name of this computer, for example V(kobuki1computer). By default its host name.
-      - It only serves to say what becomes of the own name.
+      - It is only used in RV(msg).
     type: str
   on_conflict:
     description:
-      - What to do when another line gives a name of O(entries) another address of the same family, for example
-        V(report).
+      - The reaction to a conflict, which is a line of yours that gives a name of O(entries) another address of the same
+        family, for example V(report).
       - With V(fail), the module fails before it changes anything. With V(report), it warns and goes on.
     type: str
     choices: [fail, report]
@@ -78,14 +78,14 @@ EXAMPLES = r"""
       - {address: 192.168.1.229, names: [kobuki1computer]}
       - {address: 192.168.1.239, names: [kobuki2computer]}
 
-- name: Go on when a line of somebody else's gives another address, with a warning
+- name: Only warn when a line of somebody else gives another address
   rosfleet.multimaster.hosts_entries:
     entries:
       - {address: 192.168.11.202, names: [tibi-monitor, tibi]}
       - {address: "fd00:11::202", names: [tibi-monitor]}
     on_conflict: report
 
-- name: Take all our bindings back
+- name: Remove all bindings of this module
   rosfleet.multimaster.hosts_entries:
     entries: []
 """
@@ -121,7 +121,7 @@ entries:
       type: str
       sample: added
     ours:
-      description: Whether the line is ours. If not, somebody else's line already gives the address all these names.
+      description: V(true) if this module owns the line; V(false) if a line of somebody else has the binding already.
       returned: always
       type: bool
       sample: true
@@ -162,7 +162,7 @@ unresolved:
       type: str
       sample: 192.168.1.229
 removed:
-  description: The lines of ours that were taken back, as no entry needs them any more.
+  description: The lines of this module that were removed, because no entry needs them any more.
   returned: when the options are right
   type: list
   elements: dict
@@ -179,19 +179,19 @@ removed:
       type: str
       sample: "192.168.1.230\tkobuki3computer # rosfleet.multimaster"
 replaced:
-  description: The loopback lines that are not ours, out of which managed names are taken, or which were put back.
+  description: The loopback lines of somebody else from which managed names were removed, or which were restored.
   returned: when the options are right
   type: list
   elements: dict
   sample: [{before: 127.0.1.1 kobuki1computer, after: "", line: 2, state: replaced}]
   contains:
     before:
-      description: The line without us.
+      description: The line without this module.
       returned: always
       type: str
       sample: 127.0.1.1 kobuki1computer
     after:
-      description: What the line says now; empty where no name is left.
+      description: The line without the managed names; empty where no name is left.
       returned: always
       type: str
       sample: ""
@@ -206,7 +206,7 @@ replaced:
       type: str
       sample: replaced
 conflicts:
-  description: The names to which a line of somebody else's gives another address.
+  description: The names that have another address in a line of somebody else.
   returned: when the options are right
   type: list
   elements: dict
@@ -250,14 +250,14 @@ conflicts:
       sample: shadows
 written:
   description:
-    - How the file was written, V(rename), V(in_place) where it is a mount point, or V(removed) where the file was
-      ours alone. Empty when it was not.
+    - The way in which the file was written, V(rename), V(in_place) where it is a mount point, or V(removed) where this
+      module had made the file. Empty when it was not written.
   returned: when the options are right
   type: str
   sample: rename
 repaired:
   description:
-    - Whether the file was found torn by a run that was ended while it wrote in place, and repaired (not in check mode).
+    - V(true) if the file was torn by a run that was killed while it wrote in place, and was repaired (not in check mode).
   returned: when the options are right
   type: bool
   sample: false
@@ -276,7 +276,7 @@ diff:
     before: "127.0.0.1 localhost\n"
     after: "127.0.0.1 localhost\n192.168.1.229\tkobuki1computer # rosfleet.multimaster\n"
 msg:
-  description: What was found and done, in sentences.
+  description: A report in sentences of all that was found and done.
   returned: always
   type: str
   sample: >-

@@ -7,13 +7,13 @@ module: managed_files
 short_description: Own a set of files whole
 version_added: "0.1.0"
 description:
-  - Writes a set of files, the bundle, and takes those of them back that are no longer listed. An empty list takes
-    everything of the bundle back, with the folders that were made for it.
+  - Writes a set of files, the bundle, and removes its files that are no longer listed. An empty list removes the whole
+    bundle, with the folders that were made for it.
   - A file that is there already and was not written by this module is never changed. If its content and mode are as
     planned, it stays as it is and stays foreign; otherwise the module fails before it changes anything.
-  - A file of ours that was changed by hand is put back, and the result says so.
-  - All files are written or none. Each is replaced by renaming, and if one cannot be written, those that were written
-    before are put back. A run that is killed is mended by the next one.
+  - A file of the bundle that was changed by hand (drift) is restored, and the result says so.
+  - All files are written or none. Each is replaced by renaming. If one cannot be written, those that were written
+    before are rolled back. After a run that was killed, the next one repairs everything.
   - Files belong to the user and group that the module runs as, so to root with C(become). Missing folders are made
     with mode C(0755). Only folders that were made for files of this collection are removed again, when they are empty;
     byte code that Python cached in such a folder goes with its source.
@@ -23,7 +23,7 @@ options:
   bundle:
     description:
       - The label of the set, for example V(nodes), of 1 to 64 letters, digits, dots, hyphens and underscores. Each
-        label is a set of its own, remembered in C(files-<bundle>.json) in O(records).
+        label is a set of its own, with the record C(files-<bundle>.json) in O(records).
     type: str
     required: true
   files:
@@ -55,14 +55,14 @@ options:
         default: []
   brief:
     description:
-      - Folders whose files the difference names with size and digest, instead of showing their content, for example
+      - The difference shows files below these folders with size and digest, instead of their content, for example
         V([/usr/local/lib/example]) where the content is code.
     type: list
     elements: str
     default: []
   records:
     description:
-      - The folder of this collection's memory on the computer, for example V(/var/lib/rosfleet-multimaster).
+      - The folder of this collection's records on the computer, for example V(/var/lib/rosfleet-multimaster).
     type: str
     default: /var/lib/rosfleet-multimaster
 author:
@@ -82,7 +82,7 @@ EXAMPLES = r"""
          + [{'path': '/etc/example/parameters.json', 'content': parameters | to_nice_json}] }}
   register: nodes_result
 
-- name: Take them back
+- name: Remove them
   rosfleet.multimaster.managed_files:
     bundle: nodes
     files: []
@@ -104,8 +104,8 @@ files:
     state:
       description:
         - V(unchanged), V(written) (new, or with another content or mode than before), V(edited) (it had been changed or
-          removed by hand, and was put back) or V(foreign) (not ours, but as planned, so it was left alone). In check
-          mode, what it would be.
+          removed by hand, and was restored) or V(foreign) (not written by this module, but as planned, so it stays). In
+          check mode, the state that it would have.
       returned: always
       type: str
       sample: written
@@ -115,7 +115,7 @@ files:
       type: str
       sample: "0644"
 removed:
-  description: The files of ours that were no longer listed and went.
+  description: The files of the bundle that were no longer listed and were removed.
   returned: success
   type: list
   elements: str
@@ -144,7 +144,7 @@ digest:
   type: str
   sample: 5891b5b522d5df086d0ff0b110fbd9d21bb4fc7163af34d08286a2e846f6be03
 msg:
-  description: What was done, in one sentence; with a failure, what was found, what was expected and what to do.
+  description: A sentence on all that was done; after a failure, on what was found, what was expected and what to do.
   returned: always
   type: str
   sample: 2 files of the bundle nodes were written, 1 was removed and 31 were right.

@@ -7,29 +7,29 @@ module: managed_services
 short_description: Own systemd units whole, running with their current inputs
 version_added: "0.1.0"
 description:
-  - Writes a list of systemd units, the bundle, enables and starts them in the order of the list, and takes those of
-    them back that are no longer listed. An empty list takes everything of the bundle back, with the state, cache,
-    log and configuration folders that systemd made for these units.
+  - Writes a list of systemd units, the bundle, enables and starts them in the order of the list, and removes its
+    units that are no longer listed. An empty list removes the whole bundle, with the state, cache, log and
+    configuration folders that systemd made for these units.
   - A unit is restarted when its text changes, and when its process runs with other inputs than planned. The planned
-    inputs are the value of a line C(Environment=ROSFLEET_INPUTS=<digest>) in its content, where the digest is one of
-    everything that the service reads when it starts; the others are those in the environment of the running process.
+    inputs are the value of a line C(Environment=ROSFLEET_INPUTS=<digest>) in its content, for example a digest of all
+    files that the service reads when it starts. The present inputs are those in the environment of the running process.
     So a service is restarted exactly when it has to be, also after a run that was interrupted before the restart.
   - A unit that systemd restarts together with another one (C(PartOf=), C(BindsTo=), C(Requires=)) is not restarted
     twice.
   - A unit counts as started when systemd says so, hence C(Type=notify) proves most. All units are looked at once more
-    a second after the last start, so a service that ends at once is found; C(Type=oneshot) needs
+    a second after the last start, so a service that ends at once is found. C(Type=oneshot) needs
     C(RemainAfterExit=yes).
-  - If a unit does not start, the module fails with its state and the end of its journal, after it has brought back the
-    texts, links and running units of before.
-  - A unit of the same name that is not ours is never changed; the module fails before it changes anything. A unit text
-    of ours that was changed by hand is put back.
+  - If a unit does not start, the module rolls back the texts, links and running units. Then it fails with the state of
+    the unit and the end of its journal.
+  - A unit of the same name that this module did not write is never changed; the module fails before it changes
+    anything. A unit text of the bundle that was changed by hand (drift) is restored.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
 options:
   bundle:
     description:
       - The label of the set, for example V(multimaster), of 1 to 64 letters, digits, dots, hyphens and underscores.
-        Each label is a set of its own, remembered in C(services-<bundle>.json) in O(records).
+        Each label is a set of its own, with the record C(services-<bundle>.json) in O(records).
     type: str
     required: true
   units:
@@ -53,15 +53,15 @@ options:
         required: true
       enabled:
         description:
-          - Whether the unit starts at boot, for example V(true). The content then needs C(WantedBy=) or the like.
+          - V(true) starts the unit at boot. The content then needs C(WantedBy=) or the like.
         type: bool
         default: true
       started:
-        description: Whether the unit runs, for example V(true).
+        description: V(true) runs the unit now, V(false) stops it.
         type: bool
         default: true
   timeout:
-    description: How many seconds each unit may take to start, for example V(90).
+    description: The number of seconds that each unit may take to start, for example V(90).
     type: float
     default: 90
   unit_folder:
@@ -70,7 +70,7 @@ options:
     default: /etc/systemd/system
   records:
     description:
-      - The folder of this collection's memory on the computer, for example V(/var/lib/rosfleet-multimaster).
+      - The folder of this collection's records on the computer, for example V(/var/lib/rosfleet-multimaster).
     type: str
     default: /var/lib/rosfleet-multimaster
 author:
@@ -101,7 +101,7 @@ EXAMPLES = r"""
           [Install]
           WantedBy=multi-user.target
 
-- name: Take it back
+- name: Remove it
   rosfleet.multimaster.managed_services:
     bundle: example
     units: []
@@ -135,7 +135,7 @@ units:
     state:
       description:
         - V(restarted), V(started), V(stopped), V(written), V(enabled), V(disabled) or V(unchanged), the first that
-          applies. In check mode, what it would be.
+          applies. In check mode, the state that it would have.
       returned: always
       type: str
       sample: restarted
@@ -148,7 +148,7 @@ units:
       elements: str
       sample: [write, reenable, restart]
     why:
-      description: Why it was started, restarted or stopped, or an empty text.
+      description: The reason why it was started, restarted or stopped, or an empty text.
       returned: always
       type: str
       sample: its text changed
@@ -163,7 +163,7 @@ units:
       type: str
       sample: running
     unit_file_state:
-      description: Whether it starts at boot, in systemd's words.
+      description: The state of its file in systemd, which says if it starts at boot.
       returned: always
       type: str
       sample: enabled
@@ -173,7 +173,7 @@ units:
       type: int
       sample: 812
     since:
-      description: When it became active, or an empty text.
+      description: The time when it became active, or an empty text.
       returned: always
       type: str
       sample: Sat 2026-11-21 03:14:15 UTC
@@ -188,12 +188,12 @@ units:
       type: str
       sample: 5891b5b522d5
     restarts:
-      description: How often systemd has restarted it by itself since it was started.
+      description: The number of times that systemd has restarted it by itself since it was started.
       returned: always
       type: int
       sample: 0
 removed:
-  description: The units of ours that were no longer listed and went.
+  description: The units of the bundle that were no longer listed and were removed.
   returned: success
   type: list
   elements: str
@@ -205,12 +205,12 @@ notes:
   elements: str
   sample: []
 previous_state_is_back:
-  description: Whether everything is again as it was before this run; if not, RV(msg) says what is left.
+  description: V(true) if everything is again as it was before this run; if not, RV(msg) says what is left.
   returned: when a unit could not be started, or something else failed half way
   type: bool
   sample: true
 msg:
-  description: What was done, in one sentence; with a failure, what was found, what was expected and what to do.
+  description: A sentence on all that was done; after a failure, on what was found, what was expected and what to do.
   returned: always
   type: str
   sample: "multimaster-sync.service was restarted (its text changed); 2 other units were right."
