@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What declarations of data flow and filters say against each other.
+"""Contradictions between declarations of data flow and filters.
 
-Pure: what each robot declares and filters in, one sentence for each contradiction out.
+Declarations and filters of each robot in, one sentence for each contradiction out.
 """
 
 from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
@@ -47,12 +47,12 @@ class Party:
         return self.declared or ()
 
     def receivers(self, entry: Export, robots: Iterable[str]) -> list[str]:
-        """The robots that an entry of its declaration is for."""
+        """Return the robots that an entry of its declaration is for."""
         return [robot for robot in robots if robot != self.name and (not entry.to or robot in entry.to)]
 
 
 def problems(parties: Sequence[Party], robots: Mapping[str, Sequence[str]]) -> list[str]:
-    """One sentence for each contradiction. `robots` has the computers of every robot, also of those that are no party."""
+    """Return one sentence for each contradiction. `robots` has the computers of every robot, also of those that are no party."""
     found: list[str] = []
     for party in parties:
         found += _wrong_receivers(party, robots) + _never_exchanged(party)
@@ -87,7 +87,7 @@ def _never_exchanged(party: Party) -> list[str]:
     ]
 
 
-# A pattern that begins with a name says which nodes are meant; `*` or `/*/reset` is whatever the robot happens to have.
+# A pattern that begins with a name means certain nodes; `*` or `/*/reset` means everything that the robot has.
 _NAMING = re.compile(r"/[A-Za-z0-9_].*\*")
 
 _ONE = {
@@ -97,34 +97,43 @@ _ONE = {
 
 
 def _collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
-    """Two robots that give the same service or action to a third: names against names and against patterns."""
-    found = []
-    for key, why in _ONE.items():
-        givers: dict[str, dict[str, list[Export]]] = defaultdict(lambda: defaultdict(list))
-        for party in parties:
-            for entry in party.exports:
-                for name in getattr(entry, key):
-                    givers[name][party.name].append(entry)
-        patterns = {name: re.compile(name.replace("*", ".*"), re.IGNORECASE) for name in givers if _NAMING.match(name)}
-        by_name = {party.name: party for party in parties}
-        for name in (name for name in givers if "*" not in name):
-            of_name = {robot: list(entries) for robot, entries in givers[name].items()}
-            for pattern, compiled in patterns.items():
-                if compiled.fullmatch(name):
-                    for robot, entries in givers[pattern].items():
-                        of_name.setdefault(robot, []).extend(entries)
-            for (first, second), receivers in _pairs(of_name, by_name, robots):
-                found.append(
-                    f"{by_name[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {_some(receivers)}, and so does "
-                    f"that of {second}; expected one of the two, {why}: rename it on one of them, or choose with 'to' who gets which."
-                )
-    return sorted(found)
+    """Return the conflicts: two robots give the same service or action to a third, by its name or by a pattern."""
+    by_name = {party.name: party for party in parties}
+    return sorted(
+        f"{by_name[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {_some(receivers)}, and so does "
+        f"that of {second}; expected one of the two, {why}: rename it on one of them, or choose with 'to' who gets which."
+        for key, why in _ONE.items()
+        for name, givers in _givers_of_names(parties, key)
+        for (first, second), receivers in _pairs(givers, by_name, robots)
+    )
+
+
+def _givers_of_names(parties: Sequence[Party], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
+    """Return each name of a kind that is given, with robot -> its entries for this name or for a pattern of it."""
+    givers = _givers(parties, key)
+    patterns = {name: re.compile(name.replace("*", ".*"), re.IGNORECASE) for name in givers if _NAMING.match(name)}
+    for name in (name for name in givers if "*" not in name):
+        of_name = {robot: list(entries) for robot, entries in givers[name].items()}
+        for pattern in (text for text, compiled in patterns.items() if compiled.fullmatch(name)):
+            for robot, entries in givers[pattern].items():
+                of_name.setdefault(robot, []).extend(entries)
+        yield name, of_name
+
+
+def _givers(parties: Sequence[Party], key: str) -> Mapping[str, Mapping[str, Sequence[Export]]]:
+    """Return name or pattern -> robot -> its entries for it, of one kind."""
+    givers: dict[str, dict[str, list[Export]]] = defaultdict(lambda: defaultdict(list))
+    for party in parties:
+        for entry in party.exports:
+            for name in getattr(entry, key):
+                givers[name][party.name].append(entry)
+    return givers
 
 
 def _pairs(
     givers: Mapping[str, Sequence[Export]], parties: Mapping[str, Party], robots: Sequence[str]
 ) -> list[tuple[tuple[str, str], list[str]]]:
-    """Pairs of robots that give the same to a third, and to whom; every such third robot is in one of them."""
+    """Return pairs of robots that give the same to a third, with the receivers; each receiver is in one of the pairs."""
     if len(givers) < 2:
         return []
     reached = {
@@ -145,7 +154,7 @@ _WHITE_LISTS = sorted(name for name, parameter in FILTERS.items() if parameter i
 
 
 def _second_white_lists(parties: Sequence[Party]) -> list[str]:
-    """A declared flow is a white list for its master, and the nodes add lists up: a second one would widen it."""
+    """Return the robots with white lists of their own: a declared flow is one already, and a second one would widen it."""
     flows = flows_module.flows({party.name: party.declared for party in parties})
     found = []
     for party in parties:
@@ -161,7 +170,7 @@ def _second_white_lists(parties: Sequence[Party]) -> list[str]:
 
 
 def _left_out(parties: Sequence[Party]) -> list[str]:
-    """What an entry gives by name to a robot that it names, and filters leave out: one of the two is a mistake."""
+    """Return the names that an entry gives to a robot by its name, and that filters leave out: one of the two is wrong."""
     by_name = {party.name: party for party in parties}
     found = []
     for party in parties:
@@ -189,7 +198,7 @@ def _left_out(parties: Sequence[Party]) -> list[str]:
 
 
 def _ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts: Sequence[str]) -> bool:
-    """Whether filters surely ignore what this name stands for; of an action `parts` are taken."""
+    """Return True if filters surely ignore this name; of an action, the topics `parts` count."""
     if "*" in name:
         return False
     if key == "services":

@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Declared data flow: which topics, services and actions a robot gives to which others.
+"""Declared data flow: the topics, services and actions that a robot gives to other robots.
 
-Pure: values of `multimaster_exports` in, entries out. What follows from them is in _flows.py, what cannot be meant in
-_contradictions.py.
+Values of `multimaster_exports` in, entries out. flows.py makes the flows of them; contradictions.py compares them.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from typing import Any
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import HOSTS, NAMES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected, nearest
 
-# What an entry names: its key, and one of it.
+# The keys of an entry, and the word for one of its names.
 KINDS = {"topics": "topic", "services": "service", "actions": "action"}
 
 # actionlib: the five topics of an action NAME (section 2 of the report), by who publishes them.
@@ -53,12 +52,12 @@ class Export:
         return "{" + ", ".join(shown) + "}"
 
     def names(self) -> Iterator[tuple[str, str]]:
-        """(key, name) of everything that is named."""
+        """Return (key, name) of everything that the entry names."""
         return ((key, name) for key in KINDS for name in getattr(self, key))
 
 
 def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:
-    """The topics of actions: those of `parts`. In a filter an action is a regular expression, maybe with alternatives."""
+    """Return the topics of actions, those of `parts`. In a filter an action is a regular expression, maybe with `|`."""
     names = (action.strip().rstrip("/") for action in actions)
     return tuple(f"(?:{name})/{part}" if "|" in name else f"{name}/{part}" for name in names for part in parts)
 
@@ -67,7 +66,7 @@ def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:
 
 
 def read(value: Any) -> tuple[Export, ...]:
-    """The entries of `multimaster_exports`. Raises Unexpected."""
+    """Read the entries of `multimaster_exports`. Raises Unexpected."""
     if not isinstance(value, (list, tuple)) or not all(isinstance(entry, Mapping) for entry in value):
         raise Unexpected("a list of entries such as {topics: [/tibi/pose], to: [dabo]}")
     entries = tuple(_entry(entry) for entry in value)

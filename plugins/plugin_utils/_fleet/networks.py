@@ -66,7 +66,7 @@ def _variable_of(router: Router) -> str:
 
 
 def _complete(robot: str, own: Addressing) -> Iterator[str]:
-    """The three variables of a robot's own network belong together."""
+    """Check that the three variables of a robot's own network are all set, or none."""
     given = {
         "multimaster_network": own.network,
         "multimaster_gateway": own.gateway,
@@ -89,7 +89,7 @@ def _complete(robot: str, own: Addressing) -> Iterator[str]:
 
 
 def _members(own: Addressing, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]) -> Iterator[str]:
-    """Every computer is in the network of its robot."""
+    """Check that every computer is in the network of its robot."""
     if not own.network and (own.gateway or own.common_address):
         return  # among the incomplete ones already
     network, variable = (own.network, "multimaster_network") if own.network else (common, "multimaster_common_network")
@@ -101,7 +101,7 @@ def _members(own: Addressing, common: IPv4Network | None, addresses: Mapping[str
 def _gateway(
     robot: str, own: Addressing, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
 ) -> Iterator[str]:
-    """The gateway is in both networks."""
+    """Check that the gateway is in both networks."""
     where = f"group_vars/{robot}.yml"
     if own.gateway and not own.gateway_host:
         if isinstance(own.gateway, str):
@@ -138,7 +138,7 @@ def _inside(
 
 
 def _overlaps(common: IPv4Network | None, robots: Mapping[str, Addressing]) -> Iterator[str]:
-    """No address may be in two networks. Sorted by their begin, only neighbours can overlap first."""
+    """Check that no address is in two networks. Sorted by their begin, only neighbours can overlap first."""
     named = [(own.network, f"multimaster_network of the robot {robot}") for robot, own in robots.items() if own.network]
     if common:
         named.append((common, "multimaster_common_network"))
@@ -159,7 +159,7 @@ def _overlaps(common: IPv4Network | None, robots: Mapping[str, Addressing]) -> I
 def _unique(
     addresses: Mapping[str, IPv4Address], robots: Mapping[str, Addressing], router: Router | None
 ) -> Iterator[str]:
-    """Every address belongs to one."""
+    """Check that every address belongs to one computer."""
     claims: list[tuple[str, str, IPv4Address]] = [
         (host, "multimaster_address", address) for host, address in addresses.items()
     ]

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How sentences become a message."""
+"""A message made of sentences."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 
 def numbered(problems: Sequence[str]) -> str:
-    """Problems as a message: the only one as it is, several as a numbered list."""
+    """Return problems as a message: a single one as it is, several as a numbered list."""
     if len(problems) == 1:
         return problems[0]
     return "\n".join([f"{len(problems)} problems:", *(f"{number}. {text}" for number, text in enumerate(problems, 1))])

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the readers of values share."""
+"""Parts that the readers of values share."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ class Unexpected(ValueError):
 
 
 def nearest(name: str, known: Any) -> str:
-    """' (did you mean X?)' for a mistyped name, or an empty text."""
+    """Return ' (did you mean X?)' for a mistyped name, or an empty text."""
     close = difflib.get_close_matches(name, list(known), n=1)
     return f" (did you mean {close[0]}?)" if close else ""

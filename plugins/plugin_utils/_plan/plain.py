@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import dataclasses
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -154,49 +155,52 @@ class _Field(NamedTuple):
     key: str
     converter: Converter
     required: bool
-    words: Mapping[Any, str]
+    words: Mapping[Any, str]  # value -> word
     values: Mapping[str, Any]  # word -> value
     left_out: bool
+
+    @classmethod
+    def of(cls, field: dataclasses.Field[Any], kind: Any) -> _Field:
+        """Make it of a field whose type is `kind`."""
+        spelled: Spelling = field.metadata.get(_SPELLING, Spelling())
+        return cls(
+            name=field.name,
+            key=spelled.key or field.name,
+            converter=_converter(kind),
+            required=field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING,
+            words=dict(spelled.words),
+            values={word: value for value, word in spelled.words},
+            left_out=spelled.left_out,
+        )
+
+    def write(self, content: Any) -> Any:
+        """Return the value of the field as plain data."""
+        return self.words[content] if self.words and content in self.words else self.converter.write(content)
+
+    def read(self, data: Any, path: str) -> Any:
+        """Return the value that plain data has for the field."""
+        if isinstance(data, str) and data in self.values:
+            return self.values[data]
+        return self.converter.read(data, path)
 
 
 def _record(kind: Any) -> Converter:
     hints = get_type_hints(kind)
-    fields = [_field(each, hints[each.name]) for each in dataclasses.fields(kind)]
-
-    def write(value: Any) -> dict[str, Any]:
-        plain = {}
-        for field in fields:
-            content = getattr(value, field.name)
-            if field.words and content in field.words:
-                plain[field.key] = field.words[content]
-            elif not (field.left_out and content is None):
-                plain[field.key] = field.converter.write(content)
-        return plain
-
-    def read(data: Any, path: str) -> Any:
-        if not isinstance(data, Mapping):
-            raise Mismatch(f"{path or kind.__name__} is {data!r}; expected a mapping.")
-        values = {}
-        for field in fields:
-            if field.key in data:
-                content, where = data[field.key], f"{path}.{field.key}" if path else field.key
-                word = field.values.get(content) if isinstance(content, str) else None
-                values[field.name] = word if word is not None else field.converter.read(content, where)
-            elif field.required:
-                raise Mismatch(f"{f'{path}.' if path else ''}{field.key} is missing.")
-        return kind(**values)
-
-    return Converter(write, read, {})
+    fields = [_Field.of(each, hints[each.name]) for each in dataclasses.fields(kind)]
+    return Converter(partial(_write_record, fields), partial(_read_record, kind, fields), {})
 
 
-def _field(field: dataclasses.Field[Any], kind: Any) -> _Field:
-    spelled: Spelling = field.metadata.get(_SPELLING, Spelling())
-    return _Field(
-        name=field.name,
-        key=spelled.key or field.name,
-        converter=_converter(kind),
-        required=field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING,
-        words=dict(spelled.words),
-        values={word: value for value, word in spelled.words},
-        left_out=spelled.left_out,
-    )
+def _write_record(fields: Sequence[_Field], value: Any) -> dict[str, Any]:
+    contents = ((field, getattr(value, field.name)) for field in fields)
+    return {field.key: field.write(content) for field, content in contents if not (field.left_out and content is None)}
+
+
+def _read_record(kind: Any, fields: Sequence[_Field], data: Any, path: str) -> Any:
+    if not isinstance(data, Mapping):
+        raise Mismatch(f"{path or kind.__name__} is {data!r}; expected a mapping.")
+    begin = f"{path}." if path else ""
+    missing = [field.key for field in fields if field.required and field.key not in data]
+    if missing:
+        raise Mismatch(f"{begin}{missing[0]} is missing.")
+    given = [field for field in fields if field.key in data]
+    return kind(**{field.name: field.read(data[field.key], begin + field.key) for field in given})
