@@ -110,7 +110,9 @@ def loss(lab, watches):
             "ip neigh replace 192.168.20.22 lladdr $(ip neigh show 192.168.20.22 | grep -o '..:[^ ]*') dev eth0 nud permanent",
         )
         # Nobody else knows of them, or another robot's roscore would tell the subscriber.
-        lab.run(host, f"rosparam set /do_not_sync '[/{host[:3]}_newcomer/new]'; sleep 5")
+        lab.run(host, f"rosparam set /do_not_sync '[/{host[:3]}_newcomer/new]'")
+    time.sleep(5)  # discovery reads this now and then
+    for host in ("ana-pc", "cid-pc"):
         lab.start(host, "newcomer", f"python3 {{script}} {host[:3]}_newcomer {BUSY}", "newcomer.py")
         until(lambda host=host: blocked(lab, host), 60, f"a newcomer on {host}")
     since = cut(lab, "bob-pc")
