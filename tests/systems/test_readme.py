@@ -3,6 +3,7 @@
 
 """Every command of the README, run as it stands there, in its order."""
 
+import fcntl
 import os
 import re
 import shutil
@@ -10,8 +11,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
-FOLDER = Path("/tmp/rosfleet")
+FOLDER = Path("/tmp/rosfleet")  # as the README has it, so two checkouts take turns
 # Run by whoever runs the tests: CI runs the last, which runs the others.
 ELSEWHERE = {"make demo", "make demo LAYOUT=multi_computer", "make test"}
 
@@ -22,10 +25,19 @@ def commands():
     return [line.strip()[2:] for block in blocks for line in block.splitlines() if line.strip().startswith("$ ")]
 
 
-def test_every_command_of_the_readme_works(lab, tmp_path):
+@pytest.fixture
+def folder():
+    """The folder of the README's commands, for this test alone."""
+    with FOLDER.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        shutil.rmtree(FOLDER, ignore_errors=True)
+        yield FOLDER
+        shutil.rmtree(FOLDER, ignore_errors=True)
+
+
+def test_every_command_of_the_readme_works(lab, tmp_path, folder):
     found = commands()
     assert ELSEWHERE < set(found)
-    shutil.rmtree(FOLDER, ignore_errors=True)
     environment = {
         **{name: value for name, value in os.environ.items() if not name.startswith("ANSIBLE_")},
         "HOME": str(tmp_path),
@@ -36,22 +48,19 @@ def test_every_command_of_the_readme_works(lab, tmp_path):
         "LC_ALL": "C.UTF-8",
     }
     environment.pop("PYTHONPATH", None)
-    try:
-        for command in found:
-            if command in ELSEWHERE:
-                continue
-            done = subprocess.run(
-                ["bash", "-c", command],
-                cwd=ROOT,
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                text=True,
-                timeout=300,
-                check=False,
-            )
-            assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-            if command.startswith("cp "):
-                shutil.copy(lab.connection, FOLDER / "fleet" / "zz_lab.yml")  # the way to the containers
-    finally:
-        shutil.rmtree(FOLDER, ignore_errors=True)
+    for command in found:
+        if command in ELSEWHERE:
+            continue
+        done = subprocess.run(
+            ["bash", "-c", command],
+            cwd=ROOT,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+        if command.startswith("cp "):
+            shutil.copy(lab.connection, folder / "fleet" / "zz_lab.yml")  # the way to the containers
