@@ -9,8 +9,9 @@ import urllib.parse
 from typing import Any, Dict, Optional, Tuple
 
 from .core import parameters
-from .core.discovery import Ask, Contact, Discovery, Event, Key, Master, Say, Send, Settings
+from .core.discovery import Ask, Discovery, Event, Say, Send, Settings
 from .core.graph import Policy, State
+from .core.peer import Contact, Key, Master
 from .edge import ros
 from .edge.clock import monotonic, wall_clock
 from .edge.loop import Ended, InLoop, Loop, Recurring, Workers

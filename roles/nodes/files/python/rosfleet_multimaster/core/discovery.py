@@ -1,15 +1,32 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who is there: datagrams and times in, datagrams and events out.
+"""Discovery of one master: datagrams and times in, datagrams and events out.
 
-Free of sockets, threads and clocks: every time is an argument, in seconds of a clock that never steps.
-What is to be done accumulates in `Discovery.actions`, which the program takes and carries out.
+Theory of operation
+-------------------
+Each robot announces its own master by heartbeats: to a multicast group, to the hosts that are named, or to both. A
+heartbeat says when the state of the master changed last (its stamp), and on which port its XML-RPC server answers. It
+does not say who the master is.
+
+So a new sender is a stranger first. It is asked over TCP who it is. Anybody can write any sender into a datagram, so
+the number of strangers is bounded, only a few are asked at a time, and silent ones are forgotten.
+Who answers becomes a peer that others are told of: `Event("new")`.
+
+A peer that is silent for longer than it promised is asked by datagrams, then over TCP, and then it is offline. It stays
+listed, so that it is online again with its first heartbeat, and is removed after ~remove_after. A LEAVE says that a
+peer goes. Anybody can write that too: the peer is asked several times over TCP, and stays if it answers. The table
+`LIFE` in peer.py has all states, signs and transitions; the methods that carry out its acts are in `Discovery._acts`.
+
+The own master is announced several times after each change, since one lost datagram must not delay it. While the own
+roscore does not answer, nothing is announced, and after a while the others are told that it leaves.
+
+There are no sockets, threads and clocks here: every time is an argument, in seconds of a clock that never steps. What is
+to be done accumulates in `Discovery.actions`. The program takes it from there, in one place, and carries it out.
 """
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import (
-    Any,
     Callable,
     Deque,
     Dict,
@@ -23,11 +40,9 @@ from typing import (
     Tuple,
     Union,
 )
-from urllib.parse import urlsplit
 
 from .heartbeat import Heartbeat, Kind, Malformed, Stamp, decode, encode
-
-Key = Tuple[str, int, int]  # address and UDP port of the sender, port of its XML-RPC server
+from .peer import LONG_AGO, Act, Contact, Key, Master, Peer, Sign
 
 REPEAT_CHANGES = (0.0, 0.2, 1.0)  # seconds after a change: one lost datagram must not delay it
 REPEAT_REQUESTS = (0.0, 1.0, 5.0)  # seconds after the start
@@ -47,9 +62,7 @@ DEAD_AFTER, LEAVE_AFTER = 1.0, 5.0  # seconds without the own roscore: it is off
 MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be somebody's flood
 MAX_STRANGERS, MAX_ASKED = 1024, 32  # senders that have not said who they are; those that are asked at the same time
 MAX_ANSWERED = 4096  # addresses that are answered in a second
-MAX_NAME = 1024  # characters of a name or URI in an answer
 FORGET_STRANGER = 30.0  # seconds of silence
-NEVER = float("-inf")
 
 
 @dataclass(frozen=True)
@@ -84,35 +97,6 @@ class Patience(NamedTuple):
         return cls(min(1.5 / rate, limit / 2), ASK_PAUSE, max(limit / 2, 1.25 / rate), limit)
 
 
-class Contact(NamedTuple):
-    """What masterContacts of another discovery node answered."""
-
-    stamp: float
-    uri: str
-    name: str
-    discoverer: str
-
-    @classmethod
-    def of(cls, answer: Any) -> "Contact":
-        """The contact in an answer, which may be anybody's. Raises ValueError."""
-        if not isinstance(answer, list) or len(answer) < 4 or not all(isinstance(part, str) for part in answer[:4]):
-            raise ValueError("it does not say who it is")
-        stamp, (uri, name, discoverer) = float(answer[0]), answer[1:4]
-        if not 0.0 <= stamp < 2**31:
-            raise ValueError(f"its stamp is {answer[0][:40]}")
-        for text in (uri, name, discoverer):
-            if len(text) > MAX_NAME or not text.isprintable():
-                raise ValueError(f"a name that is none: {ascii(text[:40])}")
-        if not uri.startswith("http://") or not urlsplit(uri).hostname:
-            raise ValueError(f"it calls its master {uri}")
-        return cls(stamp, uri, name, discoverer)
-
-    @property
-    def host(self) -> str:
-        """The host that the master calls its own."""
-        return urlsplit(self.uri).hostname or ""
-
-
 def misnamed(contact: Contact, heard: str, address: str, there: Optional[Contact]) -> str:
     """Why the nodes of a master cannot be reached by its name, or an empty text.
 
@@ -130,19 +114,6 @@ def misnamed(contact: Contact, heard: str, address: str, there: Optional[Contact
         f"{contact.host} resolves to {address}, where {contact.name} does not answer, and {contact.name} is heard from"
         f" {heard}: its topics may be silent"
     )
-
-
-@dataclass(frozen=True)
-class Master:
-    """A master as `~list_masters` and `~changes` show it."""
-
-    name: str
-    uri: str
-    stamp: float
-    local_stamp: float
-    online: bool
-    discoverer: str
-    monitor_uri: str
 
 
 class Link(NamedTuple):
@@ -187,43 +158,17 @@ class Say(NamedTuple):
 Action = Union[Send, Ask, Event, Say]
 
 
-@dataclass
-class _Entry:
-    """One sender. A robot that is heard from two addresses has two."""
-
-    key: Key
-    since: float
-    heard: float  # its last sign of life
-    beat: Heartbeat
-    contact: Optional[Contact] = None  # none yet: a stranger
-    online: bool = False
-    credit: int = 0  # datagrams since it was last asked in vain who it is,
-    failures: int = 0  # and how often it was
-    requested: float = NEVER  # when its state was asked for by a datagram
-    probed: float = NEVER  # when it was asked over TCP, since it was silent
-    contact_due: Optional[float] = None
-    asked: Optional[float] = None  # since when an answer over TCP is awaited
-    contacted: float = NEVER
-    leaving: int = 0  # how many checks after a LEAVE were made, plus one
-    beats: Deque[float] = field(default_factory=lambda: deque(maxlen=512))
-
-    @property
-    def monitor_uri(self) -> str:
-        return f"http://{self.key[0]}:{self.key[2]}"
-
-    @property
-    def overdue(self) -> bool:
-        return self.requested > self.heard
-
-    def master(self) -> Optional[Master]:
-        if self.contact is None:
-            return None
-        stamp, local = self.beat.stamp.seconds, self.beat.local_stamp.seconds
-        contact = self.contact
-        return Master(contact.name, contact.uri, stamp, local, self.online, contact.discoverer, self.monitor_uri)
+Step = Tuple[float, Callable[[Peer, float], None]]  # when, and what
 
 
-Step = Tuple[float, Callable[[_Entry, float], None]]  # when, and what
+class News(NamedTuple):
+    """The answer of a peer that was asked over TCP, or of none, for the acts that need it."""
+
+    now: float
+    contact: Optional[Contact] = None
+    problem: str = ""  # why there is no contact
+    starting: bool = False  # it answered, but it has no state yet
+    asked: float = LONG_AGO
 
 
 class Discovery:
@@ -240,8 +185,8 @@ class Discovery:
         self._own_beats: Deque[float] = deque(maxlen=512)
         self._own_since = 0.0
         self._left = False
-        self._entries: Dict[Key, _Entry] = {}
-        self._strangers: Dict[Key, _Entry] = {}  # in the order in which they were last heard
+        self._entries: Dict[Key, Peer] = {}
+        self._strangers: Dict[Key, Peer] = {}  # in the order in which they were last heard
         self._asked: Set[Key] = set()  # strangers that are being asked who they are
         self._turn = False
         self._public: Dict[str, Master] = {}
@@ -251,6 +196,17 @@ class Discovery:
         self._next_beat = 0.0
         self._next_scan = 0.0
         self._answered: Dict[Optional[str], float] = {}
+        self._acts: Dict[Act, Callable[[Peer, News], None]] = {
+            Act.NOTHING: lambda _peer, _news: None,
+            Act.ADMIT: self._admit,
+            Act.IDENTIFY: self._identify,
+            Act.ASK_LATER: self._ask_later,
+            Act.WAIT_FOR_ROOM: self._wait_for_room,
+            Act.CHECK: self._check,
+            Act.CHECK_AGAIN: self._check_again,
+            Act.KEEP: self._keep,
+            Act.DROP: self._drop,
+        }
 
     # What the program tells
 
@@ -321,9 +277,8 @@ class Discovery:
         key = (source[0], source[1], beat.rpc_port)
         entry = self._entries.get(key)
         if beat.kind is Kind.LEAVE:
-            if entry is not None and not entry.leaving:
-                entry.leaving = 1
-                entry.contact_due = max(now + LEAVE_CHECKS[0], entry.contacted + LEAVE_PAUSE)
+            if entry is not None:
+                self._move(entry, Sign.LEAVE, News(now))
             return
         if beat.kind is Kind.REQUEST:
             self._answer(source[0], multicast, now)
@@ -344,21 +299,22 @@ class Discovery:
             contact, problem = None, "it has no state yet"
         if contact is not None:
             entry.heard = now
-        if entry.leaving:
-            self._check_leaving(entry, contact, gone, now)
-        elif contact is not None:
-            self._identify(entry, contact, NEVER if asked is None else asked)
-        elif entry.contact is None or entry.online:
-            entry.contact_due = now + (CONTACT_RETRY_NO_STATE if starting else CONTACT_RETRY)
-            entry.credit, entry.failures = 0, entry.failures + 1
-            if entry.contact is None:
-                self._say(
-                    "warning",
-                    f"contact {key[0]}" if len(self._strangers) <= MAX_PER_ADDRESS else "contacts",
-                    f"{entry.monitor_uri} is heard, but does not say who it is: {problem}",
-                )
+        news = News(now, contact, problem, starting, LONG_AGO if asked is None else asked)
+        self._move(entry, self._sign_of(entry, contact, gone), news)
         self._publish()
         self._meet(now)
+
+    def _sign_of(self, entry: Peer, contact: Optional[Contact], gone: bool) -> Sign:
+        last = entry.checks == len(LEAVE_CHECKS)
+        if contact is None:
+            return Sign.REFUSAL if gone else Sign.LAST_NO_ANSWER if last else Sign.NO_ANSWER
+        if entry.contact is None and not self._has_room(entry):
+            return Sign.NO_ROOM
+        return Sign.LAST_ANSWER if last else Sign.ANSWER
+
+    def _move(self, entry: Peer, sign: Sign, news: News) -> None:
+        """Change the state of a peer, and do what its table says."""
+        self._acts[entry.move(sign)](entry, news)
 
     def tick(self, now: float) -> None:
         """Do what is due; at least once a second."""
@@ -417,7 +373,7 @@ class Discovery:
     def _stranger(self, key: Key, beat: Heartbeat, now: float) -> None:
         entry = self._strangers.pop(key, None)
         if entry is None:
-            entry = _Entry(key, now, now, beat, contact_due=now)
+            entry = Peer(key, now, now, beat, contact_due=now)
             if len(self._strangers) >= MAX_STRANGERS:
                 self.refused += 1
                 self._say(
@@ -446,37 +402,53 @@ class Discovery:
             self._asked.add(entry.key)
             self._ask(entry, now, STRANGER_LIMIT)
 
-    def _unmet(self) -> Iterator[Tuple[float, _Entry]]:
+    def _unmet(self) -> Iterator[Tuple[float, Peer]]:
         for entry in self._strangers.values():
             if entry.contact_due is not None and entry.asked is None:
                 yield entry.contact_due, entry
 
-    def _identify(self, entry: _Entry, contact: Contact, asked: float) -> None:
-        """It says who it is."""
-        known = entry.contact
-        if known is None and not self._admit(entry):
+    def _ask_later(self, entry: Peer, news: News) -> None:
+        entry.contact_due = news.now + (CONTACT_RETRY_NO_STATE if news.starting else CONTACT_RETRY)
+        entry.credit, entry.failures = 0, entry.failures + 1
+        if entry.contact is None:
+            self._say(
+                "warning",
+                f"contact {entry.key[0]}" if len(self._strangers) <= MAX_PER_ADDRESS else "contacts",
+                f"{entry.monitor_uri} is heard, but does not say who it is: {news.problem}",
+            )
+
+    def _has_room(self, entry: Peer) -> bool:
+        """True where a stranger can be listed. Of too many of one address, another goes instead."""
+        return len(self._entries) < MAX_MASTERS or len(self._of_address(entry)) >= MAX_PER_ADDRESS
+
+    def _of_address(self, entry: Peer) -> List[Peer]:
+        return [other for other in self._entries.values() if other.key[0] == entry.key[0]]
+
+    def _wait_for_room(self, entry: Peer, _news: News) -> None:
+        self.refused += 1
+        self._say("warning", "masters", f"{entry.monitor_uri} is ignored: {MAX_MASTERS} masters are known already")
+        entry.contact_due = entry.contacted + FORGET_STRANGER
+
+    def _admit(self, entry: Peer, news: News) -> None:
+        """List a stranger. Of too many of one address, that goes which sent nothing for the longest time."""
+        same = self._of_address(entry)
+        if len(same) >= MAX_PER_ADDRESS:
+            del self._entries[min(same, key=lambda other: other.beats[-1] if other.beats else other.since).key]
+        self._entries[entry.key] = self._strangers.pop(entry.key)
+        self._identify(entry, news)
+
+    def _identify(self, entry: Peer, news: News) -> None:
+        known, contact = entry.contact, news.contact
+        if contact is None:
             return
-        entry.contact, entry.online = contact, True
+        entry.contact = contact
         stamp = Stamp.at(contact.stamp)
-        if stamp != entry.beat.stamp and not (entry.beats and entry.beats[-1] >= asked):  # a beat was lost
+        if stamp != entry.beat.stamp and not (entry.beats and entry.beats[-1] >= news.asked):  # a beat was lost
             entry.beat = entry.beat._replace(stamp=stamp, local_stamp=stamp)
         if known is None or known.uri != contact.uri:
             self._report_twins(entry, contact)
 
-    def _admit(self, entry: _Entry) -> bool:
-        """A stranger has said who it is. Of too many of one address, that goes which sent nothing for the longest time."""
-        same = [other for other in self._entries.values() if other.key[0] == entry.key[0]]
-        if len(same) >= MAX_PER_ADDRESS:
-            del self._entries[min(same, key=lambda other: other.beats[-1] if other.beats else other.since).key]
-        elif len(self._entries) >= MAX_MASTERS:
-            self.refused += 1
-            self._say("warning", "masters", f"{entry.monitor_uri} is ignored: {MAX_MASTERS} masters are known already")
-            entry.contact_due = entry.contacted + FORGET_STRANGER
-            return False
-        self._entries[entry.key] = self._strangers.pop(entry.key)
-        return True
-
-    def _report_twins(self, entry: _Entry, contact: Contact) -> None:
+    def _report_twins(self, entry: Peer, contact: Contact) -> None:
         if contact.uri == self._own_uri():
             text = (
                 f"{entry.monitor_uri} calls its master {contact.uri}, as this computer calls its own: nothing is"
@@ -490,8 +462,8 @@ class Discovery:
 
     # Masters: senders that have said who they are
 
-    def _heard(self, entry: _Entry, beat: Heartbeat, now: float) -> None:
-        entry.heard, entry.leaving = now, 0
+    def _heard(self, entry: Peer, beat: Heartbeat, now: float) -> None:
+        entry.heard = now
         if beat.kind is Kind.REQUEST:
             if now - entry.contacted > CONTACT_PAUSE:  # who asks has perhaps just started, as somebody else
                 entry.contact_due = now if entry.contact_due is None else entry.contact_due
@@ -500,11 +472,10 @@ class Discovery:
             entry.beat = beat
             if not entry.online:
                 entry.contact_due = now
-        if entry.beat.stamp != Stamp():
-            entry.online = True
+        self._move(entry, Sign.HEARD if entry.beat.stamp != Stamp() else Sign.HEARD_EMPTY, News(now))
         self._publish()
 
-    def _steps(self, entry: _Entry) -> Iterator[Step]:
+    def _steps(self, entry: Peer) -> Iterator[Step]:
         """What is to be done about a master that stays silent, and when."""
         heard, patience = entry.heard, Patience.with_rate(entry.beat.rate, self.settings)
         if self._online():
@@ -514,55 +485,59 @@ class Discovery:
         if entry.online and entry.probed < heard:
             yield heard + patience.contact, self._probe
         if entry.online:
-            yield heard + patience.offline, self._lose
+            yield heard + patience.offline, self._silent
         if entry.contact_due is not None and entry.asked is None:
             yield entry.contact_due, self._ask
         if self.settings.remove_after > 0:
-            yield heard + self.settings.remove_after, self._drop
+            yield heard + self.settings.remove_after, self._long_silent
 
-    def _request_state(self, entry: _Entry, now: float) -> None:
+    def _request_state(self, entry: Peer, now: float) -> None:
         entry.requested = now
         to_group = self._crowded(entry) and self.settings.send_mcast
         self._send(self._record(Kind.REQUEST), None if to_group else entry.key[0])
 
-    def _crowded(self, entry: _Entry) -> bool:
+    def _crowded(self, entry: Peer) -> bool:
         """Whether several masters share its address, so that unicast reaches only one of them."""
         return any(key[0] == entry.key[0] and key[2] != entry.key[2] for key in self._entries)
 
-    def _probe(self, entry: _Entry, now: float) -> None:
+    def _probe(self, entry: Peer, now: float) -> None:
         entry.probed = now
         patience = Patience.with_rate(entry.beat.rate, self.settings)
         self._ask(entry, now, entry.heard + patience.offline - now)
 
-    def _ask(self, entry: _Entry, now: float, limit: float = CONTACT_LIMIT) -> None:
+    def _ask(self, entry: Peer, now: float, limit: float = CONTACT_LIMIT) -> None:
         if entry.asked is None:
             entry.asked = now
             limit = LEAVE_LIMIT if entry.leaving else limit
             self.actions.append(Ask(entry.key, entry.monitor_uri, limit, entry.contact is None))
 
-    def _lose(self, entry: _Entry, _now: float) -> None:
-        entry.online = False
+    def _silent(self, entry: Peer, now: float) -> None:
+        self._move(entry, Sign.SILENCE, News(now))
 
-    def _drop(self, entry: _Entry, _now: float) -> None:
+    def _long_silent(self, entry: Peer, now: float) -> None:
+        self._move(entry, Sign.LONG_SILENCE, News(now))
+
+    def _drop(self, entry: Peer, _news: News) -> None:
         self._entries.pop(entry.key, None)
 
-    def _check_leaving(self, entry: _Entry, contact: Optional[Contact], gone: bool, now: float) -> None:
-        """After a LEAVE: whoever still answers has not left, whatever a datagram says."""
-        last = entry.leaving == len(LEAVE_CHECKS)
+    # After a LEAVE: who still answers has not left, whatever a datagram says
+
+    def _check(self, entry: Peer, news: News) -> None:
+        entry.checks = 1
+        entry.contact_due = max(news.now + LEAVE_CHECKS[0], entry.contacted + LEAVE_PAUSE)
+
+    def _check_again(self, entry: Peer, news: News) -> None:
+        entry.contact_due = news.now + LEAVE_CHECKS[entry.checks if news.contact else 0]
+        entry.checks += 1
+        self._send(self._record(Kind.REQUEST), entry.key[0])
+
+    def _keep(self, entry: Peer, _news: News) -> None:
         name = entry.contact.name if entry.contact is not None else entry.monitor_uri
-        if contact is None and (gone or last):
-            self._drop(entry, now)
-        elif not last:
-            entry.contact_due = now + LEAVE_CHECKS[entry.leaving if contact else 0]
-            entry.leaving += 1
-            self._send(self._record(Kind.REQUEST), entry.key[0])
-        else:
-            entry.leaving = 0
-            self._say(
-                "warning",
-                f"leave {entry.key[0]}",
-                f"{name} was said to leave, but answers at {entry.monitor_uri}: kept",
-            )
+        self._say(
+            "warning",
+            f"leave {entry.key[0]}",
+            f"{name} was said to leave, but answers at {entry.monitor_uri}: kept",
+        )
 
     # What others see
 
@@ -642,7 +617,7 @@ class Discovery:
             return
         group: Tuple[Optional[str], ...] = (None,) if multicast and self.settings.send_mcast else ()
         for target in group + (host,):
-            if now - self._answered.get(target, NEVER) >= ANSWER_PAUSE:
+            if now - self._answered.get(target, LONG_AGO) >= ANSWER_PAUSE:
                 self._answered[target] = now
                 self._send(self._record(Kind.STATE), target)
 

@@ -24,7 +24,8 @@ import rospy  # noqa: E402
 import std_srvs.srv  # noqa: E402
 from fkie_multimaster_msgs import msg, srv  # noqa: E402
 
-from ..core.discovery import Link, Master  # noqa: E402
+from ..core.discovery import Link  # noqa: E402
+from ..core.peer import Master  # noqa: E402
 from ..core.report import Diagnosis  # noqa: E402
 from ..core.sync import Announced, Registration  # noqa: E402
 from .patience import within  # noqa: E402

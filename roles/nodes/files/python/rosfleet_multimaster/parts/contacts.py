@@ -5,7 +5,8 @@
 import xmlrpc.client
 from typing import Callable, Dict, Optional, Set, Tuple
 
-from ..core.discovery import CONTACT_LIMIT, MAX_ASKED, Ask, Contact, Key, misnamed
+from ..core.discovery import CONTACT_LIMIT, MAX_ASKED, Ask, misnamed
+from ..core.peer import Contact, Key
 from ..edge.addresses import address_of
 from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc

@@ -8,9 +8,9 @@ import threading
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Optional, Set, Tuple
 
-from ..core.discovery import Master
 from ..core.filters import InvalidPattern, Pattern, Rules
 from ..core.graph import Policy, State, document, own_types, stamp_text
+from ..core.peer import Master
 from ..edge.clock import sleep, wall_clock
 from ..edge.rpc_server import PerCaller, Refused, RpcServer
 from ..edge.systemd import notify
