@@ -1,15 +1,19 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The door from Ansible's inventory to the model of the fleet: variables in, plan or sentences out."""
+"""The action fleet_plan: the variables of Ansible's inventory in, the plan of the fleet or sentences out."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 from ansible.errors import AnsibleError
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read, variables
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 
 
 class ActionModule(ActionBase):
@@ -18,28 +22,28 @@ class ActionModule(ActionBase):
     _VALID_ARGS = frozenset(("group", "router_group"))
     _requires_connection = False
 
-    def run(self, tmp=None, task_vars=None):
-        result = super().run(tmp, task_vars)
+    def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
+        """Return the plan as the result; see ActionBase."""
+        result: dict[str, Any] = super().run(tmp, task_vars)
         task_vars = task_vars or {}
         try:
             inventory = read_inventory(
                 task_vars, self._task.args.get("group", "robots"), self._task.args.get("router_group", "routers")
             )
-            plan = plan_module.plan(read.read_fleet(inventory))
+            plan = fleet_plan(read.read_fleet(inventory))
         except read.InventoryProblems as found:
             result.update(failed=True, problems=found.problems, msg=numbered(found.problems))
             return result
-        count = len(plan["members"])
         result.update(
             changed=False,
-            msg=f"{len(plan['masters'])} robots with {count} computers on {plan['common_network']}",
-            **plan,
+            msg=f"{len(plan.masters)} robots with {len(plan.members)} computers on {plan.common_network}",
+            **to_plain(plan),
         )
         return result
 
 
-def read_inventory(task_vars, group, router_group):
-    """The robots, the router and their variables as Ansible's inventory has them.
+def read_inventory(task_vars: Mapping[str, Any], group: str, router_group: str) -> read.Inventory:
+    """Return the robots, the router and their variables as Ansible's inventory has them.
 
     The groups directly below `group` are the robots. Ansible hands out groups without their order of descent,
     except through the object behind `hostvars`.
@@ -66,7 +70,7 @@ def read_inventory(task_vars, group, router_group):
     )
 
 
-def _variables_of(host, hostvars):
+def _variables_of(host: str, hostvars: Mapping[str, Any]) -> dict[str, Any]:
     values = {}
     for name in hostvars:
         if name.startswith(variables.PREFIX) and name not in variables.RESERVED:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The controller's side of the module sysctl: a change that cuts it off is not confirmed."""
+"""The action sysctl: runs the module sysctl, and confirms its changes. A change that cuts the controller off is not confirmed."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.conf
 
 
 class ActionModule(GuardedAction):
-    """Runs the module, and confirms what it changed over a new connection."""
+    """Runs the module, and confirms its changes over a new connection."""
 
     what = "kernel settings"

@@ -67,7 +67,7 @@ def environment_differences(
     files: Sequence[Mapping[str, str]],
     exports: Sequence[Mapping[str, Any]] = (),
 ) -> list[str]:
-    """Sentences about what does not arrive; see DOCUMENTATION."""
+    """Return a sentence for each variable that does not arrive; see DOCUMENTATION."""
     return environment.differences(
         ours, seen, [file["path"] for file in files], [export["variable"] for export in exports]
     )
@@ -77,5 +77,5 @@ class FilterModule:
     """Ansible's way to find the filter."""
 
     def filters(self) -> dict[str, Any]:
-        """The filters by name."""
+        """Return the filters by name."""
         return {"environment_differences": environment_differences}

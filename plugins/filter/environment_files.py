@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
-"""The door from Ansible to the pure renderers of the environment."""
+"""The filter environment_files: the files that carry the environment of ROS."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import 
 
 
 def environment_files(ours: Any, machine: Any, ros: Any = None) -> dict[str, Any]:
-    """Files and notes for one machine; see DOCUMENTATION."""
+    """Return files and notes for one machine; see DOCUMENTATION."""
     if not isinstance(ours, Mapping) or not ours.get("ROS_MASTER_URI"):
         raise AnsibleFilterError(
             f"The environment to render is {ours!r}; expected a mapping with ROS_MASTER_URI: "
@@ -93,5 +93,5 @@ class FilterModule:
     """Ansible's way to find the filter."""
 
     def filters(self) -> dict[str, Any]:
-        """The filters by name."""
+        """Return the filters by name."""
         return {"environment_files": environment_files}

@@ -69,18 +69,19 @@ _raw:
 """
 
 import os
+from typing import Any
 
 from ansible.errors import AnsibleError
 from ansible.plugins.lookup import LookupBase
 
 
 def skipped(name: str) -> bool:
-    """Whether a file or folder of this name is byte code, hidden, or an editor's."""
+    """Return True if a file or folder of this name is byte code, hidden, or an editor's."""
     return name == "__pycache__" or name.startswith((".", "#")) or name.endswith((".pyc", ".pyo", "~"))
 
 
 def tree(source: str, destination: str) -> list[dict[str, str]]:
-    """The text files below a folder as path, content and mode, sorted; raises AnsibleError with a sentence."""
+    """Return the text files below a folder as path, content and mode, sorted. Raises AnsibleError with a sentence."""
     if not os.path.isdir(source):
         raise AnsibleError(
             f"file_tree: {source!r} is no folder of the controller; give the folder of the files to read."
@@ -107,7 +108,7 @@ def tree(source: str, destination: str) -> list[dict[str, str]]:
 
 
 def _text(path: str) -> str:
-    # newline="" keeps the content as it is.
+    # With newline="", line ends stay as they are.
     try:
         with open(path, encoding="utf-8", newline="") as stream:
             return stream.read()
@@ -122,7 +123,7 @@ def _text(path: str) -> str:
 class LookupModule(LookupBase):
     """See DOCUMENTATION."""
 
-    def run(self, terms, variables=None, **kwargs):
-        """The files below each of the folders."""
+    def run(self, terms: list[str], variables: Any = None, **kwargs: Any) -> list[dict[str, str]]:
+        """Return the files below each of the folders."""
         self.set_options(var_options=variables, direct=kwargs)
         return [file for source in terms for file in tree(source, self.get_option("destination"))]

@@ -1,8 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The controller's side of the dead-man's switch: what the first run of a module changed at run time, a second run
-confirms over a new TCP connection. Without it the machine takes the change back by itself, see docs/dead_mans_switch.md.
+"""The controller's side of the dead-man's switch.
+
+The first run of a module changes something at run time. A second run confirms it over a new TCP connection. Without the
+second run the machine rolls the change back by itself, see docs/dead_mans_switch.md.
 """
 
 from __future__ import annotations
@@ -12,6 +14,9 @@ import secrets
 import signal
 import threading
 import time
+from collections.abc import Iterator, Mapping
+from types import FrameType
+from typing import Any
 
 from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure
 from ansible.plugins.action import ActionBase
@@ -19,7 +24,7 @@ from ansible.plugins.connection import ConnectionBase
 
 GRACE = 60.0  # seconds for a run of the module, and for reaching the machine after its former state is back
 PAUSE = 1.0  # seconds between two attempts
-# What ssh says when no session ever began; then nothing can have changed.
+# Words of ssh when no session ever began; then nothing can have changed.
 NEVER_BEGAN = (
     "ssh: connect to host",
     "Could not resolve hostname",
@@ -29,13 +34,17 @@ NEVER_BEGAN = (
 )
 
 
-class GuardedAction(ActionBase):
-    """Runs the module of its own name once where nothing changes at run time, else a second time to confirm."""
+Result = dict[str, Any]  # of a module
+
+
+class GuardedAction(ActionBase):  # type: ignore[misc]  # ansible-core has no types
+    """Runs the module of its own name: once where nothing changes at run time, else a second time to confirm."""
 
     what = "settings"  # the concern in a sentence, in the plural
 
-    def run(self, tmp=None, task_vars=None):
-        result = super().run(tmp, task_vars)
+    def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
+        """Run the module and return its result; see ActionBase."""
+        result: Result = super().run(tmp, task_vars)
         args = {name: value for name, value in self._task.args.items() if name != "confirmation"}
         seconds = _seconds(args.get("confirm_within"))
         if seconds and (self._task.check_mode or self._connection.transport == "local"):
@@ -44,8 +53,8 @@ class GuardedAction(ActionBase):
             return {**result, **self._execute_module(module_args=args, task_vars=task_vars)}
         return {**result, **self._guarded(args, seconds, task_vars)}
 
-    def _guarded(self, args, seconds, task_vars):
-        """The result of both runs, as one."""
+    def _guarded(self, args: Mapping[str, Any], seconds: int, task_vars: dict[str, Any] | None) -> Result:
+        """Return the results of both runs as one."""
         confirming = {**args, "confirm_within": 0, "confirmation": secrets.token_hex(8)}
         first, reason = self._first({**confirming, "confirm_within": seconds}, seconds, task_vars)
         if first and not first.get("unconfirmed"):
@@ -70,60 +79,61 @@ class GuardedAction(ActionBase):
                 }
             time.sleep(PAUSE)
 
-    def _first(self, args, seconds, task_vars):
-        """The result of the first run, and why there is none."""
+    def _first(self, args: Mapping[str, Any], seconds: int, task_vars: dict[str, Any] | None) -> tuple[Result, str]:
+        """Return the result of the first run, or an empty one and the reason why there is none."""
         last = time.monotonic() + seconds + GRACE
         while True:
             try:
-                # What is sent again after the way back doubles its pauses, so it may come as late as twice the time.
+                # TCP doubles its pauses between retries. After a rollback an answer may come as late as twice the time.
                 return self._attempt(args, task_vars, 2 * seconds + GRACE), ""
             except AnsibleConnectionFailure as problem:
                 if not self._never_began(problem):
                     return {}, _line(problem)
-                # The same task may have cut this machine's gateway off, which comes back.
+                # The same task may have cut off the gateway of this machine; it comes back after its rollback.
                 if time.monotonic() > last or isinstance(problem, AnsibleAuthenticationFailure):
                     raise
             time.sleep(PAUSE)
 
-    def _attempt(self, args, task_vars, limit):
-        """One run of the module, or AnsibleConnectionFailure."""
-        with _bounded(limit):
-            return self._execute_module(module_args=args, task_vars=task_vars)
+    def _attempt(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None, limit: float) -> Result:
+        """Run the module once. Raises AnsibleConnectionFailure, also after `limit` seconds."""
+        with _timeout(limit):
+            result: Result = self._execute_module(module_args=args, task_vars=task_vars)
+        return result
 
-    def _new_connection(self):
-        """Leave a kept connection; a plugin that keeps none has no reset()."""
+    def _new_connection(self) -> None:
+        """Close a connection that is kept open; a plugin that keeps none has no reset()."""
         if type(self._connection).reset is not ConnectionBase.reset:
             self._connection.reset()
 
-    def _never_began(self, problem):
-        """Whether a failed first run has certainly not reached the machine."""
+    def _never_began(self, problem: AnsibleConnectionFailure) -> bool:
+        """Return True if a failed first run has certainly not reached the machine."""
         if isinstance(problem, AnsibleAuthenticationFailure):
             return True
-        # With a temporary folder the machine has been reached before, in the same task.
+        # If there is a temporary folder, the machine was reached before, in the same task.
         return self._connection._shell.tmpdir is None and any(words in str(problem) for words in NEVER_BEGAN)
 
 
-def _seconds(value):
-    """The option as a number; 0 leaves it to the module to complain."""
+def _seconds(value: Any) -> int:
+    """Return the option as a number; 0 where it is none, since the module complains about that."""
     try:
         return max(int(value or 0), 0)
     except (TypeError, ValueError):
         return 0
 
 
-def _line(problem):
+def _line(problem: Exception) -> str:
     return " ".join(str(problem).split()).rstrip(".")
 
 
-def _merged(first, second):
-    """The first run's result says what changed; the second's only whether it lasts."""
+def _merged(first: Result, second: Result) -> Result:
+    """Merge two results: the first says what changed, the second that it was confirmed."""
     if second.get("failed") or not first:
         return second
     return {**first, "unconfirmed": False, "confirmed": True}
 
 
-def _with_crash(first, what, seconds):
-    """A module that was ended by force may have changed something before."""
+def _with_crash(first: Result, what: str, seconds: int) -> Result:
+    """Add a sentence to the result of a module that crashed: it may have changed something before."""
     if first.get("failed") and "unconfirmed" not in first and "module_stdout" in first:
         first["msg"] = (
             f"{first.get('msg', '')} The {what} that it may have changed are taken back by the machine within {seconds} s."
@@ -132,17 +142,17 @@ def _with_crash(first, what, seconds):
 
 
 class _Expired(BaseException):
-    """Not an Exception: connection plugins catch those and try again."""
+    """A timeout. It is no Exception, since connection plugins catch those and try again."""
 
 
 @contextlib.contextmanager
-def _bounded(seconds):
-    """Give up after this time: without an answer, ssh waits for as long as TCP does, hours.
+def _timeout(seconds: float) -> Iterator[None]:
+    """Raise AnsibleConnectionFailure after this time. Without an answer, ssh waits as long as TCP does, for hours.
 
-    A task's own `timeout` is set by the same alarm and bounds it as well.
+    The `timeout` of a task uses the same alarm. Where it is set, it limits the time already.
     """
 
-    def ring(number, frame):
+    def ring(number: int, frame: FrameType | None) -> None:
         raise _Expired
 
     if threading.current_thread() is not threading.main_thread() or signal.getitimer(signal.ITIMER_REAL)[0]:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""One environment of ROS, rendered for everything that reads one.
+"""The environment of ROS, rendered for everything that reads one: variables in, the contents of files out.
 
-Pure: variables in, file contents out. To reach another kind of program is one more row in CONSUMERS.
+To reach another kind of program, add a row to CONSUMERS.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ LISTS = (
 )
 # The nodes, and the messages for rosmsg and rosservice. Debian's ROS adds its own /usr/share to every search itself.
 LIBRARIES = {"PYTHONPATH": f"{LIBRARY}/python", "ROS_PACKAGE_PATH": f"{LIBRARY}/share"}
-# How a computer calls itself: rospy takes ROS_HOSTNAME before ROS_IP, so a forgotten one of the two must not stay.
+# The name of a computer: rospy takes ROS_HOSTNAME before ROS_IP, so a forgotten one of the two must not stay.
 NAMES = ("ROS_HOSTNAME", "ROS_IP")
 MASTER = "ROS_MASTER_URI"
 
 UNIT_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
-# What sshd gives without SetEnv differs for root and others; this has the folders of both, as in Ubuntu.
+# Without SetEnv, sshd gives root another PATH than others; this has the folders of both, as in Ubuntu.
 SSH_PATH = f"{UNIT_PATH}:/usr/local/games:/usr/games"
 
 _HEADER = "# From the collection rosfleet.multimaster: written again by its next run.\n"
@@ -55,15 +55,15 @@ class Environment:
 
 @dataclass(frozen=True)
 class Machine:
-    """What the files depend on: whether sshd takes ours, its PATH, and the folder of ROS's own hooks or ""."""
+    """The facts that the files depend on."""
 
-    ssh: bool = True
-    ssh_path: str = SSH_PATH
-    hooks: str = ""
+    ssh: bool = True  # sshd takes our file
+    ssh_path: str = SSH_PATH  # the PATH that sshd gives
+    hooks: str = ""  # the folder of ROS's own hooks; empty where there is none
 
 
 def merge(ros: Mapping[str, str], ours: Mapping[str, str]) -> Environment:
-    """The ROS installation's variables, then ours, which win; a list has our folders first and each folder once."""
+    """Merge the variables of the ROS installation with ours, which win. A list has our folders first, and each folder once."""
     texts: dict[str, str] = {}
     lists: dict[str, tuple[str, ...]] = {}
     stale = tuple(name for name in NAMES if name not in ours)
@@ -80,7 +80,7 @@ def merge(ros: Mapping[str, str], ours: Mapping[str, str]) -> Environment:
 
 
 def machine(info: Mapping[str, Any]) -> Machine:
-    """What the files depend on, out of the return of multimaster_info."""
+    """Return the facts that the files depend on, out of the return of multimaster_info."""
     sshd = info["sshd"]
     return Machine(
         ssh=sshd["installed"] and sshd["includes_drop_ins"] and not _global_setenv(sshd),
@@ -90,7 +90,7 @@ def machine(info: Mapping[str, Any]) -> Machine:
 
 
 def files(environment: Environment, machine: Machine) -> list[dict[str, Any]]:
-    """The files that carry an environment: what managed_files takes of each that this machine can use."""
+    """Return the files that carry an environment and that this machine can use, as managed_files takes them."""
     made = []
     for path, render in CONSUMERS:
         content = render(environment, machine)
@@ -101,12 +101,12 @@ def files(environment: Environment, machine: Machine) -> list[dict[str, Any]]:
 
 
 def digest(environment: Environment) -> str:
-    """SHA-256 of what units read: a change of another file, such as sshd's, is no reason to restart a roscore."""
+    """Return the SHA-256 of the file that units read: a change of another file is no reason to restart a roscore."""
     return hashlib.sha256(_units(environment, Machine()).encode()).hexdigest()
 
 
 def notes(info: Mapping[str, Any]) -> list[str]:
-    """One sentence for each consumer that this machine does not let us reach."""
+    """Return a sentence for each consumer that cannot be reached on this machine."""
     sshd = info["sshd"]
     if not sshd["installed"]:
         return []
@@ -129,7 +129,7 @@ def differences(
     rendered: Collection[str],
     known: Collection[str] = (),
 ) -> list[str]:
-    """One sentence for each of our variables that does not arrive, out of `environment` of multimaster_info.
+    """Return a sentence for each of our variables that does not arrive, out of `environment` of multimaster_info.
 
     `rendered` are the paths of the files, so that a consumer that was left out is not asked; `known` are the variables
     that older files of the machine set, of which login shells are known to have another value.
@@ -163,27 +163,28 @@ def _difference(what: str, path: str, name: str, found: str | None, expected: st
 
 
 def _global_setenv(sshd: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The lines that ours would displace; one below a Match wins over ours for its users, and only there."""
+    """Return the lines that stand against ours. A line below a Match counts for its users alone."""
     return [other for other in sshd["other_setenv"] if not other["match"]]
 
 
 def _units(environment: Environment, machine: Machine) -> str:
-    """systemd.exec(5), EnvironmentFile=: whole values, nothing is expanded."""
+    """Render the file for systemd (systemd.exec(5), EnvironmentFile=): whole values, nothing is expanded."""
     values = {**environment.texts, **_whole(environment, UNIT_PATH)}
     return _HEADER + "".join(f"{name}={_quoted(value)}\n" for name, value in sorted(values.items()))
 
 
 def _profile(environment: Environment, machine: Machine) -> str:
-    """POSIX sh, sourced by /etc/profile and by display managers, under any options (set -eu) and printing nothing."""
+    """Render POSIX sh for /etc/profile and display managers; it works under any options (set -eu) and prints nothing."""
     lines = [f"unset {name}" for name in environment.unset]
     lines += [f"export {name}={shlex.quote(value)}" for name, value in environment.texts.items()]
     return _HEADER + "\n".join(lines + _prepended(environment.lists)) + "\n"
 
 
 def _hook(environment: Environment, machine: Machine) -> str:
-    """catkin: a set-up file that a person sources makes ROS_PACKAGE_PATH anew, then sources these hooks.
+    """Render a hook of catkin: a set-up file that a person sources makes ROS_PACKAGE_PATH anew, then sources the hooks.
 
-    What the person has set stays; who reads no profile (zsh, cron) gets the fleet's master instead of localhost.
+    A value that the person has set stays. Shells that read no profile (zsh, cron) get the fleet's master instead of
+    localhost.
     """
     if not machine.hooks:
         return ""
@@ -206,7 +207,7 @@ def _prepended(lists: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def _desktop(environment: Environment, machine: Machine) -> str:
-    """environment.d(5): `$` is doubled, since values are expanded after the quotes are gone."""
+    """Render a file for desktops (environment.d(5)): `$` is doubled, since values are expanded after the quotes are gone."""
     lines = [f"{name}={_quoted(value.replace('$', '$$'))}\n" for name, value in environment.texts.items()]
     for name, entries in environment.lists.items():
         joined = _quoted(":".join(entries).replace("$", "$$"))
@@ -215,7 +216,7 @@ def _desktop(environment: Environment, machine: Machine) -> str:
 
 
 def _ssh(environment: Environment, machine: Machine) -> str:
-    """sshd_config(5), SetEnv: sshd uses the first such line only, so all variables are in one."""
+    """Render SetEnv (sshd_config(5)): sshd uses the first such line only, so all variables are in one."""
     if not machine.ssh:
         return ""
     values = {**environment.texts, **_whole(environment, machine.ssh_path)}
@@ -226,7 +227,7 @@ def _ssh(environment: Environment, machine: Machine) -> str:
 
 
 def _whole(environment: Environment, path: str) -> dict[str, str]:
-    """Lists as texts, for readers that cannot add to what is there; PATH keeps the folders of the system."""
+    """Return lists as texts, for readers that cannot extend a list; PATH keeps the folders of the system."""
     return {
         name: ":".join(dict.fromkeys([*entries, *(path.split(":") if name == "PATH" else ())]))
         for name, entries in environment.lists.items()
@@ -234,7 +235,7 @@ def _whole(environment: Environment, path: str) -> dict[str, str]:
 
 
 def _quoted(value: str) -> str:
-    """A value as systemd reads it: in double quotes where it is not plain."""
+    """Return a value as systemd reads it: in double quotes where it is not plain."""
     return value if _PLAIN.fullmatch(value) else f'"{_escaped(value)}"'
 
 
@@ -257,6 +258,6 @@ CONSUMERS: tuple[tuple[str, Callable[[Environment, Machine], str]], ...] = (
     # In the order of names: after 1.ros_package_path.sh of ros_environment, before 10.roslaunch.sh (localhost).
     ("{hooks}/1.rosfleet-multimaster.sh", _hook),
 )
-# What multimaster_info reads back, and the file behind it.
+# The environments that multimaster_info reads back, and the file behind each.
 SEEN = {"login": PROFILE, "ssh": SSHD, "desktop": DESKTOP}
 CALLED = {"login": "a new login shell", "ssh": "a command by ssh", "desktop": "a terminal of the desktop"}

@@ -173,7 +173,7 @@ class UnitLines:
 
 @dataclass(frozen=True, kw_only=True)
 class ComputerPlan:
-    """What one computer needs; the router of the common network has a plan, too."""
+    """The configuration that one computer needs; the router of the common network has a plan, too."""
 
     computer: str
     robot: str = ""  # empty for the router

@@ -24,13 +24,13 @@ class Release:
     discovery: str
     sync: str
     messages: str
-    hides: bool  # whether master_discovery has hide_nodes, hide_topics and hide_services
+    hides: bool  # master_discovery has hide_nodes, hide_topics and hide_services
 
 
 OLD = Release("master_discovery_fkie", "master_sync_fkie", "multimaster_msgs_fkie", hides=False)
 NEW = Release("fkie_master_discovery", "fkie_master_sync", "fkie_multimaster_msgs", hides=True)  # since 1.0.0
 
-# What a distribution's packages are; below is which. Debian's own ROS packages have no multimaster_fkie.
+# The release in the packages of each ROS distribution. Debian's own ROS packages have no multimaster_fkie.
 DISTRIBUTIONS = {
     "indigo": OLD,
     "jade": OLD,
@@ -68,12 +68,12 @@ def _nodes(release: Release) -> tuple[Node, ...]:
     )
 
 
-# What is on a machine
+# On a machine
 
 
 @dataclass(frozen=True)
 class Found:
-    """Upstream on a machine: the paths of its executables, the packages to install, and what stands against using it."""
+    """Upstream on a machine: the paths of its executables, the packages to install, and the reasons against using it."""
 
     paths: Mapping[str, str]
     packages: Sequence[str] = ()
@@ -81,7 +81,7 @@ class Found:
     release: Release = NEW
 
     def limits(self, plan: ComputerPlan) -> list[str]:
-        """What of the parameters this release does not know."""
+        """Return a sentence if this release does not know all parameters."""
         if self.release.hides or not any(name.startswith("hide_") for name in plan.discovery):
             return []
         return [
@@ -92,7 +92,7 @@ class Found:
 
 
 def find(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Found:
-    """Where the provider's executables are on the machine; `chosen` is its ROS as multimaster_info found it."""
+    """Find the provider's executables on the machine; `chosen` is its ROS as multimaster_info found it."""
     if plan.provider == "fkie_apt":
         return _packaged(plan, chosen, info)
     return _existing(plan, chosen) if plan.provider == "fkie_existing" else Found({})

@@ -199,17 +199,17 @@ def test_seconds(value, seconds):
 
 
 def test_the_limit_leaves_others_alone():
-    with confirmed._bounded(60):
+    with confirmed._timeout(60):
         pass
     assert signal.getsignal(signal.SIGALRM) == signal.SIG_DFL
-    with pytest.raises(AnsibleConnectionFailure, match="no answer within 0 s"), confirmed._bounded(0.05):
+    with pytest.raises(AnsibleConnectionFailure, match="no answer within 0 s"), confirmed._timeout(0.05):
         time.sleep(5)
-    with pytest.raises(ZeroDivisionError), confirmed._bounded(60):
+    with pytest.raises(ZeroDivisionError), confirmed._timeout(60):
         1 / 0  # noqa: B018
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
     signal.setitimer(signal.ITIMER_REAL, 50)  # as a task's own timeout
     try:
-        with confirmed._bounded(0.01):
+        with confirmed._timeout(0.01):
             time.sleep(0.05)
         assert 40 < signal.getitimer(signal.ITIMER_REAL)[0] <= 50
     finally:
@@ -220,7 +220,7 @@ def test_the_limit_needs_the_main_thread():
     ended = []
 
     def work():
-        with confirmed._bounded(0.01):
+        with confirmed._timeout(0.01):
             time.sleep(0.05)
         ended.append(True)
 
