@@ -385,7 +385,7 @@ ROUTE = {
 }
 
 
-def main():
+def main() -> None:
     module = AnsibleModule(
         argument_spec=dict(
             deadman.OPTIONS,

@@ -275,7 +275,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.modu
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.run import Run
 
 
-def main():
+def main() -> None:
     module = AnsibleModule(
         argument_spec=dict(
             deadman.OPTIONS,

@@ -15,7 +15,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
 
-_FLAGS = {"up": 0x1, "loopback": 0x8, "multicast": 0x1000}  # net_device(7), linux/if.h
+_UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # netdevice(7), linux/if.h
 _HOST_PREFIX = {"inet": 32, "inet6": 128}
 
 
@@ -36,7 +36,7 @@ class Interface(typing.NamedTuple):
     """A network interface."""
 
     name: str
-    index: int = 0
+    index: int = 0  # type: ignore[assignment]  # hides tuple.index, which has no use here
     up: bool = False
     multicast: bool = False
     loopback: bool = False
@@ -132,9 +132,9 @@ def links(folder: str = "/sys/class/net") -> typing.List[Interface]:
         flags = text(os.path.join(folder, name, "flags")).strip()
         if not flags:
             continue  # a file such as bonding_masters
-        is_set = {flag: bool(int(flags, 16) & bit) for flag, bit in _FLAGS.items()}
+        up, loopback, multicast = (bool(int(flags, 16) & bit) for bit in (_UP, _LOOPBACK, _MULTICAST))
         index, mtu = (int(text(os.path.join(folder, name, file)).strip() or 0) for file in ("ifindex", "mtu"))
-        found.append(Interface(name=name, index=index, mtu=mtu, **is_set))
+        found.append(Interface(name, index, up, multicast, loopback, mtu))
     return found
 
 
@@ -162,8 +162,9 @@ def default_routes() -> typing.List[RouteTo]:
 
 def route_from_text(output: str, destination: str) -> RouteTo:
     """The route in the output of `ip route get`, or in a line of `ip route show`."""
-    found = {}
-    for field, word in (("gateway", "via"), ("device", "dev"), ("source", "src"), ("metric", "metric")):
+
+    def after(word: str) -> typing.Optional[str]:
         match = re.search(rf"\b{word} (\S+)", output)
-        found[field] = match.group(1) if match else None
-    return RouteTo(destination, **found)
+        return match.group(1) if match else None
+
+    return RouteTo(destination, after("via"), after("dev"), after("src"), after("metric"))
