@@ -29,10 +29,10 @@ class Boot:
         self.recorded = record.places
         self.pending = record.pending
         self.folders = list(record.folders)
-        self.ends = collections.OrderedDict(
+        self.backends = collections.OrderedDict(
             (name, kind(machine, root, self._recorded_texts(name))) for name, kind in BACKENDS.items()
         )
-        self.before = {name: end.read() for name, end in self.ends.items()}
+        self.before = {name: backend.read() for name, backend in self.backends.items()}
         self.owned: typing.Dict[str, typing.Set[str]] = {}
         self.wanted: typing.Dict[str, Wanted] = {}
         self.routes: typing.Dict[str, typing.List[Route]] = {}
@@ -44,9 +44,9 @@ class Boot:
 
     def owner(self, interface: str) -> str:
         """The back end that owns an interface, "" for none."""
-        for name, end in self.ends.items():
+        for name, backend in self.backends.items():
             if name not in self.owned:
-                self.owned[name] = end.owns()
+                self.owned[name] = backend.owns()
             if interface in self.owned[name]:
                 return name
         return ""
@@ -56,35 +56,35 @@ class Boot:
 
         Raises Problem where nothing manages the interface.
         """
-        name = item.backend if item.backend != AUTO else overrides.get(item.carrier, AUTO)
+        name = item.backend if item.backend != AUTO else overrides.get(item.boot_device, AUTO)
         if name == AUTO:
-            name = self.owner(item.carrier) if item.carrier else ""
+            name = self.owner(item.boot_device) if item.boot_device else ""
         if not name:
             raise Problem(
                 f"routes: {item.route.destination}: none of {', '.join(BACKENDS)} manages "
-                f"{item.carrier or 'an interface that could carry it'}, so nothing would bring the route back at boot, "
+                f"{item.boot_device or 'an interface that could carry it'}, so nothing would bring the route back at boot, "
                 "expected one of them: let one manage the interface, or set backend to none for a route at run time only."
             )
         return name
 
     def place(self, backend: str, interface: str) -> typing.Optional[str]:
         """The place for the routes of an interface, None with the back end `none`. Raises Problem."""
-        return None if backend == NONE else self.ends[backend].place(interface)
+        return None if backend == NONE else self.backends[backend].place(interface)
 
     # The plan
 
     def want(self, choice: Choice) -> None:
         """Plan the places for these routes. Raises Problem where a manager's own tool refuses a change."""
-        for name, end in self.ends.items():
+        for name, backend in self.backends.items():
             listed = choice.get(name, {})
             wanted: Wanted = dict.fromkeys(self.before[name])
             if listed or wanted:
-                wanted.update(end.render(listed))
+                wanted.update(backend.render(listed))
             self.wanted[name] = wanted
             for interface, routes in listed.items():
-                self.routes.setdefault(end.place(interface), []).extend(routes)
+                self.routes.setdefault(backend.place(interface), []).extend(routes)
         for name in self.changes:
-            self.ends[name].check(self.wanted[name])
+            self.backends[name].check(self.wanted[name])
         self.folders += [folder for folder in self._missing() if folder not in self.folders]
 
     @property
@@ -101,7 +101,7 @@ class Boot:
     def _differs(self, backend: str, place: str, text: typing.Optional[str]) -> bool:
         if text != self.before[backend].get(place):
             return True
-        return text is not None and self.ends[backend].wrong_mode(place)
+        return text is not None and self.backends[backend].wrong_mode(place)
 
     def is_new(self, backend: str, place: typing.Optional[str], route: Route) -> bool:
         """True where a route is new at its place, or where somebody has changed the place."""
@@ -109,7 +109,7 @@ class Boot:
             return False
         recorded = self.recorded.get(place, Place(backend, [], []))
         untouched = self.before[backend].get(place) in recorded.texts
-        return not untouched or self.ends[backend].wrong_mode(place) or route not in recorded.routes
+        return not untouched or self.backends[backend].wrong_mode(place) or route not in recorded.routes
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
@@ -176,14 +176,14 @@ class Boot:
 
     def _write(self, texts: typing.Mapping[str, typing.Mapping[str, typing.Optional[str]]]) -> None:
         for name, places in self.changes.items():
-            end = self.ends[name]
+            backend = self.backends[name]
             for place in places:
                 text = texts[name].get(place)
                 if text is not None and place.startswith("/"):
                     atomic.make_folders(os.path.dirname(self._path(place)))
-                end.write(place, text)
+                backend.write(place, text)
             self._remove_folders(kept=[place for place, text in texts[name].items() if text is not None])
-            end.activate(places)
+            backend.activate(places)
 
     def _remove_folders(self, kept: typing.List[str]) -> None:
         """Remove the empty folders that we made and that hold none of the kept places."""

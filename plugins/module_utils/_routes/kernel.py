@@ -60,7 +60,7 @@ class Held(typing.NamedTuple):
     route: Route
     protocol: str  # rtnetlink(7): boot, static, dhcp, kernel, ...
     words: typing.Tuple[str, ...]  # the words with which `ip route replace` makes it again
-    strange: typing.Tuple[str, ...]  # its attributes that these words cannot express
+    inexpressible: typing.Tuple[str, ...]  # its attributes that these words cannot express
 
     @property
     def text(self) -> str:
@@ -131,15 +131,15 @@ def held(raw: Raw, version: int, table: int) -> Held:
     if version == 4 and route.type not in NO_WAY and raw.get("scope", "global") != "global":
         words += ["scope", raw["scope"]]
     words += _options(route)
-    metrics, strange = _metrics(raw)
+    metrics, inexpressible = _metrics(raw)
     words += metrics
     if raw.get("pref", "medium") != "medium":
         words += ["pref", raw["pref"]]
     for hop in raw.get("nexthops", []):
         words += ["nexthop", *_hop(hop), "weight", str(hop.get("weight", 1))]
         words += ["onlink"] if "onlink" in hop.get("flags", []) else []
-        strange += sorted(set(hop) - _KNOWN)
-    return Held(route, protocol, tuple(words), tuple(sorted(set(raw) - _KNOWN) + strange))
+        inexpressible += sorted(set(hop) - _KNOWN)
+    return Held(route, protocol, tuple(words), tuple(sorted(set(raw) - _KNOWN) + inexpressible))
 
 
 def _route(raw: Raw, version: int, table: int) -> Route:
@@ -172,14 +172,14 @@ def _hop(raw: Raw) -> typing.List[str]:
 
 def _metrics(raw: Raw) -> typing.Tuple[typing.List[str], typing.List[str]]:
     """The words for the metrics of the path, such as `mtu`, and the names of those without words."""
-    words, strange = [], []
+    words, inexpressible = [], []
     for metrics in raw.get("metrics", []):
         for name, value in sorted(metrics.items()):
             if name in _PATH_METRICS and isinstance(value, int):
                 words += [name, str(value)]
             else:
-                strange.append(name)
-    return words, strange
+                inexpressible.append(name)
+    return words, inexpressible
 
 
 _NAMES = {"proto": "protocol", "src": "prefsrc"}

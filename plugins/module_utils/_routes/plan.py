@@ -218,10 +218,10 @@ def _judge(
             f"routes: {name}: somebody else has made '{foreign[0].text}', expected no other way with this metric: correct it "
             "there, give this one another metric, or set on_conflict to replace."
         )
-    strange = sorted({word for held in foreign for word in held.strange})
-    if strange:
+    inexpressible = sorted({word for held in foreign for word in held.inexpressible})
+    if inexpressible:
         return "refused", (
-            f"routes: {name}: somebody else's '{foreign[0].text}' has {', '.join(strange)}, which cannot be given back later, "
+            f"routes: {name}: somebody else's '{foreign[0].text}' has {', '.join(inexpressible)}, which cannot be given back later, "
             "so it is not replaced: remove it by hand, or give this one another metric."
         )
     return "ok", None
@@ -240,14 +240,14 @@ def _one_taken_back(key: Key, entry: Entry, there: typing.List[Held], interfaces
         route=ours[0].route if ours else entry.made[-1],
         before=there[0].text if there else None,
         after=after[0] if after else None,
-        state=_fate(ours, others, back),
+        state=_state(ours, others, back),
     )
     # The first route that comes back replaces ours. The removal of ours is for the case that it could not.
     adds = [_put(key, words, words is back[0])._replace(may_fail=True) for words in back]
     return Part(adds, [remove(held) for held in ours], after, result)
 
 
-def _fate(ours: typing.Sequence[Held], others: typing.Sequence[Held], back: typing.Sequence[typing.Any]) -> str:
+def _state(ours: typing.Sequence[Held], others: typing.Sequence[Held], back: typing.Sequence[typing.Any]) -> str:
     if back:
         return "restored"
     if ours:

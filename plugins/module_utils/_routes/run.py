@@ -37,7 +37,7 @@ _CONFIGURED = ("static", "dhcp", "ra")
 # Protocols of routes that come back by themselves after a manager has dropped them.
 _RETURNING = ("kernel", "dhcp", "ra", "redirect")
 
-_FATES = {
+_TAKEN_BACK = {
     "removed": "'{before}' is removed.",
     "restored": "'{after}' is there again.",
     "lost": "'{before}' is removed; '{after}', whose place it had, cannot be given back as the interfaces are now.",
@@ -79,7 +79,7 @@ class Run(ModuleRun):
         self.plan = plan.plan(self.routes, self.current, self.recorded.entries, replace, self.machine.interfaces)
         self.taken_back = [item.plain() for item in self.plan.taken_back]
         self.boot = Boot(self.machine, options["root"], self.recorded.boot)
-        self.items = self._items([self._carried(item, listed) for item in listed])
+        self.items = self._items([self._with_boot_device(item, listed) for item in listed])
         self.changed = bool(self.plan.changes or self.boot.changes)
 
     def _recorded(self, data: Data) -> RoutesRecord:
@@ -101,15 +101,15 @@ class Run(ModuleRun):
 
     # The boot part and the result per route
 
-    def _carried(self, item: wanted.Item, items: typing.List[wanted.Item]) -> wanted.Item:
+    def _with_boot_device(self, item: wanted.Item, items: typing.List[wanted.Item]) -> wanted.Item:
         """The item with an interface that brings it back: that of another listed route, else of the default route."""
-        if item.carrier:
+        if item.boot_device:
             return item
         interfaces = self.machine.interfaces.values()
-        devices = [other.carrier for other in items if other.backend != NONE]
+        devices = [other.boot_device for other in items if other.backend != NONE]
         devices += [held.route.device for held in _all(self.current) if held.route.destination in DEFAULTS.values()]
         devices += sorted(link.name for link in interfaces if link.up and not link.loopback)
-        return item._replace(carrier=next((device for device in devices if device), ""))
+        return item._replace(boot_device=next((device for device in devices if device), ""))
 
     def _items(self, items: typing.List[wanted.Item]) -> typing.List[Data]:
         """The results per route, with the boot part planned."""
@@ -117,16 +117,16 @@ class Run(ModuleRun):
         choice: Choice = {}
         for item, name in zip(items, names):
             if name != NONE:
-                choice.setdefault(name, {}).setdefault(item.carrier, []).append(item.route)
+                choice.setdefault(name, {}).setdefault(item.boot_device, []).append(item.route)
         self.boot.want(choice)
         return [self._result(*found) for found in zip(items, names, self.plan.results)]
 
     def _result(self, item: wanted.Item, backend: str, runtime: plan.Result) -> Data:
-        place = self.boot.place(backend, item.carrier)
+        place = self.boot.place(backend, item.boot_device)
         state, problem = runtime.state, runtime.problem
-        maker = self._maker(item.route) if backend != NONE else None
-        if maker:
-            state, problem = "refused", maker
+        conflict = self._remade_at_boot(item.route) if backend != NONE else None
+        if conflict:
+            state, problem = "refused", conflict
         elif state == "ok" and self.boot.is_new(backend, place, item.route):
             state = "changed"
         return {
@@ -147,14 +147,14 @@ class Run(ModuleRun):
             "problem": problem,
         }
 
-    def _maker(self, route: Route) -> typing.Optional[str]:
+    def _remade_at_boot(self, route: Route) -> typing.Optional[str]:
         """The sentence about somebody else's route that a manager would make again at boot, beside ours."""
         entry = self.recorded.entries.get(route.key)
         ours = {other.way for other in entry.made} if entry else set()
         for held in self.current.get(route.key, []):
             if held.protocol in _CONFIGURED and held.route.way not in ours | {route.way}:
                 owner = self.boot.owner(held.route.device)
-                if owner and not self.boot.ends[owner].has_last_word:
+                if owner and not self.boot.backends[owner].takes_precedence:
                     return (
                         f"routes: {text_of(route)}: '{held.text}' comes from {owner}, which would make it again at the next "
                         f"boot, beside this one: remove it from the configuration of {held.route.device}, or give this one "
@@ -173,7 +173,7 @@ class Run(ModuleRun):
     def warnings(self) -> typing.List[str]:
         """The sentences about other default routes, and about routes that could not be taken back as planned."""
         sentences = [_SECOND_DEFAULT.format(**other) for other in self.other_defaults]
-        return sentences + [_fate(item) for item in self.taken_back if item["state"] in ("left", "lost")]
+        return sentences + [_sentence(item) for item in self.taken_back if item["state"] in ("left", "lost")]
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
@@ -204,7 +204,7 @@ class Run(ModuleRun):
         """The sentences of `msg`."""
         changed = sum(item["changed"] for item in self.items)
         sentences = [f"{changed} of {len(self.items)} routes changed."] if self.items else []
-        sentences += [_fate(item) for item in self.taken_back]
+        sentences += [_sentence(item) for item in self.taken_back]
         if self.changed and not changed and not self.taken_back:
             places = sorted(place for listed in self.boot.changes.values() for place in listed)
             sentences.append(f"{', '.join(places)} is brought up to date.")
@@ -360,8 +360,8 @@ def _all(current: plan.Current) -> typing.List[Held]:
     return [held for there in current.values() for held in there]
 
 
-def _fate(item: Data) -> str:
-    return _FATES[item["state"]].format(**item)
+def _sentence(item: Data) -> str:
+    return _TAKEN_BACK[item["state"]].format(**item)
 
 
 def _overrides(backends: typing.Mapping[str, str], interfaces: typing.Container[str]) -> typing.Mapping[str, str]:

@@ -30,7 +30,7 @@ class Item(typing.NamedTuple):
     """One route of the option, and what the option says about the boot."""
 
     route: Route
-    carrier: str  # the interface that brings the route back at boot; "" where any interface will do
+    boot_device: str  # the interface that brings the route back at boot; "" where any interface will do
     backend: str
 
 

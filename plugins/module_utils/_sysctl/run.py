@@ -39,7 +39,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan 
     settings_of,
 )
 
-_FATES = {
+_TAKEN_BACK = {
     "restored": "{name} is {runtime_after} again.",
     "left": "{name} is left at {runtime_after}: somebody else has changed it since this module set {expected}.",
     "missing": "{name} is gone from this kernel, so there is nothing to take back.",
@@ -181,7 +181,7 @@ class Run(ModuleRun):
     @property
     def warnings(self) -> typing.List[str]:
         """The sentences about conflicts, and about settings that somebody else has changed since."""
-        return self.conflicts + [_fate(item) for item in self.taken_back if item["state"] == "left"]
+        return self.conflicts + [_sentence(item) for item in self.taken_back if item["state"] == "left"]
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
@@ -216,7 +216,7 @@ class Run(ModuleRun):
         """The sentences of `msg`."""
         changed = sum(item["changed"] for item in self.items)
         sentences = [f"{changed} of {len(self.items)} kernel settings changed."] if self.items else []
-        sentences += [_fate(item) for item in self.taken_back]
+        sentences += [_sentence(item) for item in self.taken_back]
         sentences += [
             f"The kernel changed {item.name} from {item.before} to {item.after} with it."
             for item in self.plan.also_changed
@@ -328,8 +328,8 @@ def _encoded(text: typing.Optional[str]) -> typing.Optional[bytes]:
     return None if text is None else text.encode("utf-8", "surrogateescape")
 
 
-def _fate(item: Data) -> str:
-    return _FATES[item["state"]].format(**item)
+def _sentence(item: Data) -> str:
+    return _TAKEN_BACK[item["state"]].format(**item)
 
 
 def _conflict(

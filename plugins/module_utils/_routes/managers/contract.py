@@ -61,7 +61,7 @@ class BackEnd:
 
     name = ""  # the value of the options `backend` and `backends`
     mode = 0o644  # of the files
-    has_last_word = False  # True where its routes replace routes of others at boot, too
+    takes_precedence = False  # True where its routes replace routes of others at boot, too
 
     def __init__(self, machine: Machine, root: str, recorded: Recorded) -> None:
         """`root`: the folder that holds the files of the machine. `recorded`: two texts of a place after a killed run."""

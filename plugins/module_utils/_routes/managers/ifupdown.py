@@ -38,7 +38,7 @@ class BackEnd(contract.BackEnd):
 
     name = "ifupdown"
     mode = 0o755
-    has_last_word = True  # hooks run after everything that the stanza of an interface asks for
+    takes_precedence = True  # hooks run after everything that the stanza of an interface asks for
 
     def owns(self) -> typing.Set[str]:
         """The interfaces that ifup has brought up, from its own list of them."""

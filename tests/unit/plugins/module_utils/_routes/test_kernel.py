@@ -40,7 +40,7 @@ def test_the_words_of_a_route_bring_it_back_whole():
 
 def test_what_the_words_do_not_say_is_named():
     found = held("unicast default via 192.168.11.1 dev eth0 proto boot scope global encap mpls 100 mtu lock 1400")
-    assert {"encap", "lock"} <= set(found.strange)
+    assert {"encap", "lock"} <= set(found.inexpressible)
 
 
 GATEWAYS = st.sampled_from(["", "192.168.11.1", "192.168.11.2"])
