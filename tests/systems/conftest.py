@@ -17,6 +17,7 @@ INVENTORY = ROOT / "inventory" / "single_computer"
 sys.path.insert(0, str(ROOT / "tests" / "lab"))
 
 import containers  # noqa: E402
+from busy import Busy  # noqa: E402
 from subject import lab_of  # noqa: E402
 
 
@@ -24,6 +25,13 @@ from subject import lab_of  # noqa: E402
 def new_lab():
     """What makes a lab by its name and inventory, for tests that want another one."""
     return lab_of
+
+
+@pytest.fixture(scope="session")
+def slack():
+    """By how many seconds limits are longer, because of other work on this machine since a moment of the steady clock."""
+    with Busy() as busy:
+        yield busy.slack
 
 
 @pytest.fixture(scope="session")

@@ -175,7 +175,7 @@ def longest_gap(times, since, to):
     return max(later - earlier for earlier, later in zip(times, times[1:]))
 
 
-def keeps_its_local_publisher(lab):
+def keeps_its_local_publisher(lab, slack):
     """bob's publishers of /mixed come and go; ana's roscpp subscriber hears its own robot's all the time."""
     until(lambda: lab.output("ana-pc", "mixer"), 60, "ana's relay hears ana's publisher")
     since = time.monotonic()
@@ -187,22 +187,22 @@ def keeps_its_local_publisher(lab):
     print(
         f"\nlongest gap {longest_gap(times, since, to):.2f} s, {sum(since < at < to for at in times) / (to - since):.0f} messages/s"
     )
-    assert longest_gap(times, since, to) < 0.5
+    assert longest_gap(times, since, to) < 0.5 + slack(since)
 
 
-def test_a_roscpp_subscriber_keeps_its_local_publisher(declared):
+def test_a_roscpp_subscriber_keeps_its_local_publisher(declared, slack):
     """/mixed flows from bob to ana alone, so bob's roscore does not know ana's publisher."""
-    keeps_its_local_publisher(declared)
+    keeps_its_local_publisher(declared, slack)
 
 
 @pytest.mark.parametrize(
     ("robot", "filters"), [("bob", {"ignore_publishers": ["/mixed"]}), ("ana", {"ignore_hosts": ["cid-pc"]})]
 )
-def test_a_roscpp_subscriber_keeps_its_local_publisher_beside_filters_of_one_side(lab, tmp_path, robot, filters):
+def test_a_roscpp_subscriber_keeps_its_local_publisher_beside_filters_of_one_side(lab, slack, tmp_path, robot, filters):
     status, output = apply(lab, tmp_path, **{robot: {"multimaster_filters": filters}})
     assert status == 0, output
     mixed(lab)
-    keeps_its_local_publisher(lab)
+    keeps_its_local_publisher(lab, slack)
 
 
 def test_a_declaration_that_cannot_be_meant_stops_before_any_change(lab, tmp_path):

@@ -130,13 +130,13 @@ def loss(lab, watches):
     return {"since": since, "gone": gone, "newcomers": newcomers, "back": back, "end": end}
 
 
-def test_what_a_lost_robot_had_is_gone_within_the_time(loss):
+def test_what_a_lost_robot_had_is_gone_within_the_time(loss, slack):
     print("\ngone after the loss:", rounded(loss["gone"]))
-    assert max(loss["gone"].values()) <= OFFLINE_AFTER
+    assert max(loss["gone"].values()) <= OFFLINE_AFTER + slack(loss["since"])
 
 
 @pytest.mark.parametrize("host", ["ana-pc", "cid-pc"])
-def test_unreachable_subscribers_do_not_block_the_own_roscore(loss, host):
+def test_unreachable_subscribers_do_not_block_the_own_roscore(loss, slack, host):
     """ana's is the collection's, cid's has three workers and no time limit."""
     seen = [(at - loss["since"], seconds) for at, seconds in loss["newcomers"][host] if at + seconds > loss["since"]]
     waited = [round(at + seconds, 1) for at, seconds in seen if at < OFFLINE_AFTER]
@@ -144,18 +144,19 @@ def test_unreachable_subscribers_do_not_block_the_own_roscore(loss, host):
     print(
         f"\n{host}: those of the first seconds heard {waited} s after the loss, {len(later)} later ones within {max(later)} s"
     )
-    assert max(waited) <= OFFLINE_AFTER + 1.5
-    assert max(later) <= 1.5 and len(later) >= 10
+    more = slack(loss["since"])
+    assert max(waited) <= OFFLINE_AFTER + 1.5 + more
+    assert max(later) <= 1.5 + more and len(later) >= 10 / (1 + more)
 
 
 @pytest.mark.parametrize("library", BACK)
-def test_messages_come_again_when_the_link_is_back(lab, loss, library):
+def test_messages_come_again_when_the_link_is_back(lab, loss, slack, library):
     seconds = {here: flowing_from(heard(lab, here)[library], loss["back"], loss["end"]) for here, _there in PAIRS}
     print(f"\n{library}, messages again after 70 s:", rounded(seconds))
-    assert max(seconds.values()) <= BACK[library]
+    assert max(seconds.values()) <= BACK[library] + slack(loss["back"])
 
 
-def test_an_interface_that_goes_down_and_up(lab, watches):
+def test_an_interface_that_goes_down_and_up(lab, watches, slack):
     lab.run("bob-pc", "ip link set eth0 down")
     since = time.monotonic()
     time.sleep(20)
@@ -164,14 +165,14 @@ def test_an_interface_that_goes_down_and_up(lab, watches):
     time.sleep(10)
     gone = gone_from(watches, "bob-pc", since, back)
     print("\ngone:", rounded(gone))
-    assert max(gone.values()) <= OFFLINE_AFTER
+    assert max(gone.values()) <= OFFLINE_AFTER + slack(since)
     assert [
         text for _at, text in watches["bob-pc"].events(since) if "/master_" in text
     ] == []  # neither node was restarted
     for here, _there in PAIRS:
         seconds = {library: flowing_from(times, back, back + 10) for library, times in heard(lab, here).items()}
         print(f"messages at {here} again:", rounded(seconds))
-        assert all(seconds[library] <= BACK[library] for library in BACK)
+        assert all(seconds[library] <= BACK[library] + slack(back) for library in BACK)
 
 
 def test_no_false_removal_while_a_third_of_the_frames_is_lost(lab, watches):
@@ -182,8 +183,8 @@ def test_no_false_removal_while_a_third_of_the_frames_is_lost(lab, watches):
 
 
 @pytest.mark.parametrize(("host", "unit"), [("ana-pc", "multimaster-roscore"), ("cid-pc", "foreign-roscore")])
-def test_both_nodes_are_registered_again_after_a_restart_of_the_roscore(lab, host, unit):
-    watch, seconds = Watch(lab, host, looks=50), []
+def test_both_nodes_are_registered_again_after_a_restart_of_the_roscore(lab, slack, host, unit):
+    watch, seconds, began = Watch(lab, host, looks=50), [], time.monotonic()
     for restart in ("systemctl kill --signal=KILL", "systemctl restart", "systemctl restart"):
         since = time.monotonic()
         lab.run(host, f"{restart} {unit}")
@@ -193,7 +194,7 @@ def test_both_nodes_are_registered_again_after_a_restart_of_the_roscore(lab, hos
     print(
         f"\n{host}: both nodes registered", ", ".join(f"{value:.2f}" for value in seconds), "s after the first answer"
     )
-    assert max(seconds) <= 2.0
+    assert max(seconds) <= 2.0 + slack(began)
 
 
 def answers(watch, since):
@@ -208,7 +209,7 @@ def services(watch, since):
     return max(found[name] for name in SERVICES) if found.keys() >= SERVICES else None
 
 
-def test_a_dead_roscore_is_no_empty_one(lab, watches):
+def test_a_dead_roscore_is_no_empty_one(lab, watches, slack):
     ask = "python3 -c 'import xmlrpc.client as x; print(len(x.ServerProxy(\"http://ana-pc:11611\").masterInfo()[5]))'"
     start_nodes(lab)
     since = time.monotonic()
@@ -217,7 +218,7 @@ def test_a_dead_roscore_is_no_empty_one(lab, watches):
     assert "Fault" in lab.run("bob-pc", f"{ask} 2>&1", check=False)
     gone = gone_from(watches, "ana-pc", since)
     print("\ngone after the end of the roscore:", rounded(gone))
-    assert max(gone.values()) <= OFFLINE_AFTER + 1
+    assert max(gone.values()) <= OFFLINE_AFTER + 1 + slack(since)
     back = time.monotonic()
     lab.run("ana-pc", "systemctl start multimaster-roscore")
     chat(lab, "ana", "bob")  # ROS's nodes do not register again
@@ -227,12 +228,12 @@ def test_a_dead_roscore_is_no_empty_one(lab, watches):
         assert watches[host].removed(back) == []
 
 
-def test_what_a_robot_without_power_had_is_gone_within_the_time(lab, watches):
+def test_what_a_robot_without_power_had_is_gone_within_the_time(lab, watches, slack):
     since = time.monotonic()
     lab.podman("kill", "bob-pc")
     gone = gone_from(watches, "bob-pc", since)
     print("\ngone after a loss of power:", rounded(gone))
-    assert max(gone.values()) <= OFFLINE_AFTER
+    assert max(gone.values()) <= OFFLINE_AFTER + slack(since)
     lab.podman("start", "bob-pc")
     lab.wait_until_up("bob-pc")
     start_nodes(lab)
