@@ -487,19 +487,12 @@ msg:
 
 import ipaddress
 import re
+import typing
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast import (
-    Settings,
-    explain,
-    icmp_round,
-    igmp6_memberships,
-    igmp_memberships,
-    interface_addresses,
-    route_of,
-    without_own,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast_sockets import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper import Settings
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper_process import (
     Visit,
     detach,
     door_path,
@@ -508,24 +501,33 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multi
     open_sockets,
     plain,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.memberships import (
+    igmp6_memberships,
+    igmp_memberships,
+    without_own,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast_report import explain, icmp_round
 
 MOST_ICMP_ROUNDS = 5
 LONGEST_MEASUREMENT = 120  # seconds
 IGNORE_BROADCASTS = "/proc/sys/net/ipv4/icmp_echo_ignore_broadcasts"
 
+Params = typing.Dict[str, typing.Any]
+Result = typing.Dict[str, typing.Any]
 
-def ipv4(text):
-    """The IPv4Address of a text, or None."""
+
+def ipv4(text: str) -> typing.Optional[ipaddress.IPv4Address]:
+    """Read an IPv4 address; None for any other text."""
     try:
         return ipaddress.IPv4Address(text)
     except ValueError:
         return None
 
 
-def wrong(params):
-    """One sentence on the first option that cannot be used, or None."""
+def wrong(params: Params) -> typing.Optional[str]:
+    """Say in one sentence which option cannot be used; None where all can."""
     if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
-        return "run is {run!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores.".format(**params)
+        return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
     for option in ("group", "icmp_group"):
         group = ipv4(params[option])
         if group is None or not group.is_multicast:
@@ -539,17 +541,19 @@ def wrong(params):
         if not least <= params[option] <= most:
             return f"{option} is {params[option]}, expected {least} to {most}."
     if params["rounds"] * params["interval"] > LONGEST_MEASUREMENT:
-        return "rounds ({rounds}) times interval ({interval} s) is more than {0} s; lower one of them.".format(
-            LONGEST_MEASUREMENT, **params
+        return (
+            f"rounds ({params['rounds']}) times interval ({params['interval']} s) is more than "
+            f"{LONGEST_MEASUREMENT} s; lower one of them."
         )
     if params["interface_address"] is not None and ipv4(params["interface_address"]) is None:
-        return "interface_address is {interface_address!r}, expected an IPv4 address.".format(**params)
+        return f"interface_address is {params['interface_address']!r}, expected an IPv4 address."
     return wrong_computers(params)
 
 
-def wrong_computers(params):
-    """One sentence on what is wrong with computers, name and interface_address together, or None."""
-    names, addresses = {}, {}
+def wrong_computers(params: Params) -> typing.Optional[str]:
+    """Say in one sentence which of computers, name and interface_address do not fit together; None where all do."""
+    names: typing.Dict[str, str] = {}
+    addresses: typing.Dict[str, str] = {}
     for computer in params["computers"] or []:
         name, address = computer["name"], computer["address"]
         if ipv4(address) is None:
@@ -565,18 +569,20 @@ def wrong_computers(params):
     if params["state"] == "listed":
         return None
     if params["name"] not in names:
-        return "name is {!r}, which is not among computers ({}); add this computer to the list.".format(
-            params["name"], ", ".join(names)
+        return (
+            f"name is {params['name']!r}, which is not among computers ({', '.join(names)}); "
+            "add this computer to the list."
         )
     if names[params["name"]] != params["interface_address"]:
-        return "interface_address is {}, but computers gives {} the address {}; the two must be the same.".format(
-            params["interface_address"], params["name"], names[params["name"]]
+        return (
+            f"interface_address is {params['interface_address']}, but computers gives {params['name']} the address "
+            f"{names[params['name']]}; the two must be the same."
         )
     return None
 
 
-def read(path):
-    """The text of a file of the kernel's; empty where there is none, as without IPv6."""
+def read(path: str) -> str:
+    """Read a file of the kernel's; empty where there is none, as without IPv6."""
     try:
         with open(path) as lines:
             return lines.read()
@@ -584,35 +590,40 @@ def read(path):
         return ""
 
 
-def look(module):
-    """memberships and route of this computer, its addresses, and the interface that was asked for."""
-    tool = module.get_bin_path("ip", required=True)
-    text = module.run_command([tool, "-oneline", "-4", "address", "show"], check_rc=True)[1]
-    addresses = interface_addresses(text)
+def look(module: AnsibleModule) -> typing.Tuple[Result, typing.Tuple[str, ...], int]:
+    """Read memberships and route of this computer; also its addresses, and the number of the interface asked for."""
+    module.get_bin_path("ip", required=True)
+    try:
+        interfaces = network.interfaces()
+    except OSError as problem:
+        module.fail_json(msg=f"{problem}.")
+    addresses = {
+        entry.address: interface for interface in interfaces for entry in interface.addresses if entry.family == "inet"
+    }
     address = module.params["interface_address"]
     if address is not None and address not in addresses:
         module.fail_json(
-            msg="No interface of this computer has the address {} (interface_address); it has {}. "
-            "Give it the address, or correct the inventory.".format(address, ", ".join(sorted(addresses)) or "none")
+            msg=f"No interface of this computer has the address {address} (interface_address); it has "
+            f"{', '.join(sorted(addresses)) or 'none'}. Give it the address, or correct the inventory."
         )
-    index, interface = addresses.get(address, (None, None))
-    device, source = route_of(module.run_command([tool, "route", "get", module.params["group"]])[1])
+    interface = addresses.get(address)
+    route = network.route_to(module.params["group"])
     seen = {
         "memberships": igmp_memberships(read("/proc/net/igmp")) + igmp6_memberships(read("/proc/net/igmp6")),
-        "route": {"device": device, "source": source},
-        "interface": interface,
+        "route": {"device": route.device, "source": route.source},
+        "interface": interface.name if interface else None,
     }
-    return seen, addresses, index
+    return seen, tuple(addresses), interface.index if interface else 0
 
 
-def listed(seen, group):
-    """The message of state listed."""
+def listed(seen: Result, group: str) -> str:
+    """Return the message of the state `listed`."""
     members = sorted({item["interface"] for item in seen["memberships"] if item["group"] == group})
-    return "{} has members on {}.".format(group, ", ".join(members) or "no interface")
+    return f"{group} has members on {', '.join(members) or 'no interface'}."
 
 
-def start(module, settings, index):
-    """Leave a helper behind; what cannot be opened is said before there is one."""
+def start(module: AnsibleModule, settings: Settings, index: int) -> Result:
+    """Leave a helper behind; sockets that cannot be opened are an error before there is one."""
     path = door_path(settings.run)
     where = f"{settings.group}:{settings.port} on {settings.interface} ({settings.address})"
     try:
@@ -627,27 +638,27 @@ def start(module, settings, index):
     return {"msg": f"Listening for {where}, for {settings.lifetime} s at most."}
 
 
-def collect(module, settings, index):
+def collect(module: AnsibleModule, settings: Settings, index: int) -> Result:
     """Let the helper measure, do the ICMP rounds meanwhile, and return both."""
     params = module.params
     request = {"do": "measure", "settings": plain(settings)}
     request.update((option, params[option]) for option in ("rounds", "interval", "unicast"))
     ended = (
-        "No helper of the run {!r} is listening on this computer: its task with state=started did not run, "
-        "or its lifetime ({} s) was over; run that task before this one, or raise lifetime."
-    ).format(settings.run, params["lifetime"])
+        f"No helper of the run {settings.run!r} is listening on this computer: its task with state=started did not run, "
+        f"or its lifetime ({params['lifetime']} s) was over; run that task before this one, or raise lifetime."
+    )
     try:
         visit = Visit(door_path(settings.run), request)
     except OSError as error:
         module.fail_json(msg=f"{ended} ({error.strerror or error})")
     icmp = ping(settings, index, params) if params["icmp"] else None
-    reply = visit.reply(params["rounds"] * params["interval"] + 15)
-    if reply is None:
+    reply = visit.reply(params["rounds"] * params["interval"] + 15) or {}
+    if not reply:
         module.fail_json(msg=ended)
     if "settings" in reply:
         module.fail_json(
-            msg="The helper of the run {!r} was started with other options ({}) than this task has ({}); "
-            "give both tasks the same.".format(settings.run, reply["settings"], plain(settings))
+            msg=f"The helper of the run {settings.run!r} was started with other options ({reply['settings']}) than this "
+            f"task has ({plain(settings)}); give both tasks the same."
         )
     if not params["unicast"]:
         reply["udp"] = [dict(entry, unicast=None) for entry in reply["udp"]]
@@ -655,13 +666,14 @@ def collect(module, settings, index):
     return dict(reply, icmp=icmp, multicast_ok=ok, msg=explain(reply, settings.port))
 
 
-def ping(settings, index, params):
-    """The ICMP rounds; they are an addition, so their error is returned beside the rest."""
-    answered, error = [], None
+def ping(settings: Settings, index: int, params: Params) -> Result:
+    """Ping the group; that is an addition, so its error is returned beside the rest."""
+    answered: typing.List[typing.Set[str]] = []
+    error = None
     try:
         answered = icmp_rounds(settings.address, index, params["icmp_group"], min(params["rounds"], MOST_ICMP_ROUNDS))
     except OSError as refused:
-        error = "Cannot send ICMP echo requests to {}: {}.".format(params["icmp_group"], refused.strerror or refused)
+        error = f"Cannot send ICMP echo requests to {params['icmp_group']}: {refused.strerror or refused}."
     return {
         "group": params["icmp_group"],
         "echo_ignore_broadcasts": int(read(IGNORE_BROADCASTS) or 1),
@@ -673,34 +685,49 @@ def ping(settings, index, params):
     }
 
 
-def main():
-    needed = ["interface_address", "name", "computers"]
+def settings_of(params: Params, interface: str, addresses: typing.Tuple[str, ...]) -> Settings:
+    """Make the settings of a helper out of the options."""
+    return Settings(
+        run=params["run"],
+        group=params["group"],
+        port=params["port"],
+        interface=interface,
+        address=params["interface_address"],
+        own=addresses,
+        computers={computer["address"]: computer["name"] for computer in params["computers"]},
+        lifetime=params["lifetime"],
+        apart=frozenset(computer["address"] for computer in params["computers"] if not computer["multicast"]),
+    )
+
+
+NEEDED = ["interface_address", "name", "computers"]
+COMPUTER = {
+    "name": {"type": "str", "required": True},
+    "address": {"type": "str", "required": True},
+    "multicast": {"type": "bool", "default": True},
+}
+ARGUMENTS = {
+    "state": {"type": "str", "choices": ["listed", "started", "collected"], "default": "listed"},
+    "run": {"type": "str", "default": "default"},
+    "group": {"type": "str", "default": "226.0.0.0"},
+    "port": {"type": "int", "default": 11511},
+    "interface_address": {"type": "str"},
+    "name": {"type": "str"},
+    "computers": {"type": "list", "elements": "dict", "options": COMPUTER},
+    "rounds": {"type": "int", "default": 10},
+    "interval": {"type": "float", "default": 0.2},
+    "unicast": {"type": "bool", "default": True},
+    "icmp": {"type": "bool", "default": True},
+    "icmp_group": {"type": "str", "default": "224.0.0.1"},
+    "lifetime": {"type": "int", "default": 120},
+    "fail_on_missing": {"type": "bool", "default": False},
+}
+
+
+def main() -> None:
     module = AnsibleModule(
-        argument_spec={
-            "state": {"type": "str", "choices": ["listed", "started", "collected"], "default": "listed"},
-            "run": {"type": "str", "default": "default"},
-            "group": {"type": "str", "default": "226.0.0.0"},
-            "port": {"type": "int", "default": 11511},
-            "interface_address": {"type": "str"},
-            "name": {"type": "str"},
-            "computers": {
-                "type": "list",
-                "elements": "dict",
-                "options": {
-                    "name": {"type": "str", "required": True},
-                    "address": {"type": "str", "required": True},
-                    "multicast": {"type": "bool", "default": True},
-                },
-            },
-            "rounds": {"type": "int", "default": 10},
-            "interval": {"type": "float", "default": 0.2},
-            "unicast": {"type": "bool", "default": True},
-            "icmp": {"type": "bool", "default": True},
-            "icmp_group": {"type": "str", "default": "224.0.0.1"},
-            "lifetime": {"type": "int", "default": 120},
-            "fail_on_missing": {"type": "bool", "default": False},
-        },
-        required_if=[("state", "started", needed), ("state", "collected", needed)],
+        argument_spec=ARGUMENTS,
+        required_if=[("state", "started", NEEDED), ("state", "collected", NEEDED)],
         supports_check_mode=True,
     )
     params = module.params
@@ -711,25 +738,13 @@ def main():
     result = dict(seen, changed=False, msg=listed(seen, params["group"]))
     if params["state"] != "listed" and module.check_mode:
         result["msg"] += " Check mode: nothing was sent, and no helper was started or asked."
-    elif params["state"] != "listed":
-        settings = Settings(
-            run=params["run"],
-            group=params["group"],
-            port=params["port"],
-            interface=seen["interface"],
-            address=params["interface_address"],
-            own=tuple(addresses),
-            computers={computer["address"]: computer["name"] for computer in params["computers"]},
-            lifetime=params["lifetime"],
-            apart=frozenset(computer["address"] for computer in params["computers"] if not computer["multicast"]),
-        )
-        if params["state"] == "started":
-            result.update(start(module, settings, index))
-        else:
-            result["memberships"] = without_own(seen["memberships"], seen["interface"], params["group"])
-            result.update(collect(module, settings, index))
-            if params["fail_on_missing"] and not result["multicast_ok"]:
-                module.fail_json(**result)
+    elif params["state"] == "started":
+        result.update(start(module, settings_of(params, seen["interface"], addresses), index))
+    elif params["state"] == "collected":
+        result["memberships"] = without_own(seen["memberships"], seen["interface"], params["group"])
+        result.update(collect(module, settings_of(params, seen["interface"], addresses), index))
+        if params["fail_on_missing"] and not result["multicast_ok"]:
+            module.fail_json(**result)
     module.exit_json(**result)
 
 

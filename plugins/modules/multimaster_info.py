@@ -552,6 +552,8 @@ problems:
   sample: []
 """
 
+import typing
+
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import (
@@ -565,73 +567,68 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 )
 
 
-def interfaces():
-    """The network interfaces, as plain data."""
+def interfaces() -> typing.List[typing.Dict[str, typing.Any]]:
+    """List the network interfaces as plain data."""
     return [interface.plain() for interface in network.interfaces()]
 
 
-def ways(destinations):
-    """The routes to these addresses, as plain data."""
+def ways(destinations: typing.Iterable[str]) -> typing.List[typing.Dict[str, typing.Any]]:
+    """List the routes to these addresses as plain data."""
     return [route.plain() for route in network.routes_to(destinations)]
 
 
-# part: the function that looks, its options, the most seconds that it may take, and the value where it cannot look
+class Part(typing.NamedTuple):
+    """A part of the machine: its name, the function that looks, its limit, and the value where it cannot look."""
+
+    name: str
+    look: typing.Callable[..., typing.Any]
+    limit: float  # seconds
+    nothing: typing.Any
+    options: typing.Tuple[str, ...] = ()  # the arguments of `look`
+
+
+NO_SYSTEM = {"hostname": "", "python": "", "os": {}, "systemd": {"running": False, "version": 0}}
+NO_ROS: typing.Dict[str, typing.Any] = {"found": [], "chosen": None, "problem": "ROS could not be looked for."}
+NO_SSHD = {
+    "installed": False,
+    "includes_drop_ins": False,
+    "other_setenv": [],
+    "path": "",
+    "service": "",
+    "reload_due": False,
+}
+
 PARTS = (
-    (
-        "system",
-        system.system,
-        (),
-        10,
-        {"hostname": "", "python": "", "os": {}, "systemd": {"running": False, "version": 0}},
-    ),
-    ("owned", record.records, (), 5, []),
-    ("interfaces", interfaces, (), 15, []),
-    ("ways", ways, ("destinations",), 15, []),
-    ("multicast_routing", system.multicast_routing, (), 10, {"smcrouted": "", "others": []}),
-    (
-        "ros",
-        ros.find,
-        ("ros_setup", "nodes"),
-        180,
-        {"found": [], "chosen": None, "problem": "ROS could not be looked for."},
-    ),
-    ("packages", fkie.packages, ("packages",), 30, []),
-    ("ports", ports.holders, ("ports",), 15, []),
-    ("exports", shells.exports, (), 5, []),
-    (
-        "sshd",
-        shells.sshd,
-        (),
-        10,
-        {
-            "installed": False,
-            "includes_drop_ins": False,
-            "other_setenv": [],
-            "path": "",
-            "service": "",
-            "reload_due": False,
-        },
-    ),
-    ("environment", shells.seen, (), 20, {"login": None, "ssh": None, "desktop": None}),
+    Part("system", system.system, 10, NO_SYSTEM),
+    Part("owned", record.records, 5, []),
+    Part("interfaces", interfaces, 15, []),
+    Part("ways", ways, 15, [], options=("destinations",)),
+    Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),
+    Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
+    Part("packages", fkie.packages, 30, [], options=("packages",)),
+    Part("ports", ports.holders, 15, [], options=("ports",)),
+    Part("exports", shells.exports, 5, []),
+    Part("sshd", shells.sshd, 10, NO_SSHD),
+    Part("environment", shells.seen, 20, {"login": None, "ssh": None, "desktop": None}),
 )
 
 
-def look(parameters):
-    """The values of the wanted parts; what cannot be looked at is a sentence in `problems` and an empty value."""
-    result = {"problems": []}
-    for part, function, options, limit, nothing in PARTS:
-        if part not in parameters["parts"]:
+def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
+    """Look at the wanted parts; one that cannot be looked at is a sentence in `problems` and an empty value."""
+    result: typing.Dict[str, typing.Any] = {"problems": []}
+    for part in PARTS:
+        if part.name not in parameters["parts"]:
             continue
         try:
-            value = commands.within(limit, function, *[parameters[option] for option in options])
+            value = commands.within(part.limit, part.look, *[parameters[option] for option in part.options])
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
-            value = nothing
-            result["problems"].append("The part %s of the machine could not be read: %s." % (part, problem))
-        result.update(value if part == "system" else {part: value})
+            value = part.nothing
+            result["problems"].append(f"The part {part.name} of the machine could not be read: {problem}.")
+        result.update(value if part.name == "system" else {part.name: value})
     return result
 
 
-def main():
+def main() -> None:
     module = AnsibleModule(
         argument_spec={
             "ros_setup": {"type": "str", "default": "auto"},
@@ -663,15 +660,15 @@ def main():
             "parts": {
                 "type": "list",
                 "elements": "str",
-                "choices": [part[0] for part in PARTS],
-                "default": [part[0] for part in PARTS],
+                "choices": [part.name for part in PARTS],
+                "default": [part.name for part in PARTS],
             },
         },
         supports_check_mode=True,
     )
     wrong = [str(entry["port"]) for entry in module.params["ports"] if not 1 <= entry["port"] <= 65535]
     if wrong:
-        module.fail_json(msg="The option ports has %s; expected numbers from 1 to 65535." % ", ".join(wrong))
+        module.fail_json(msg=f"The option ports has {', '.join(wrong)}; expected numbers from 1 to 65535.")
     module.exit_json(changed=False, **look(module.params))
 
 

@@ -91,7 +91,9 @@ options:
         type: bool
         default: false
       multicast:
-        description: Whether it hears the multicast group of the others, for example V(true).
+        description:
+          - Whether it hears the multicast group of the others, for example V(true). It is not read. It is accepted, so
+            that RV(rosfleet.multimaster.fleet_plan#module:members) can be given as it is.
         type: bool
         default: false
   port:
@@ -126,15 +128,18 @@ options:
         type: str
         required: true
       robot:
-        description: Its robot, for example V(kobuki2).
+        description: Its robot, for example V(kobuki2). Not read; accepted as O(members[].multicast) is.
         type: str
         default: ""
       uri:
-        description: Its master URI, for example V(http://kobuki2computer:11311/).
+        description:
+          - Its master URI, for example V(http://kobuki2computer:11311/). Not read; accepted as O(members[].multicast) is.
         type: str
         default: ""
       declared:
-        description: Whether its robot declares what it gives, for example V(false).
+        description:
+          - Whether its robot declares what it gives, for example V(false). Not read; accepted as O(members[].multicast)
+            is.
         type: bool
         default: false
   present:
@@ -831,174 +836,207 @@ msg:
 
 import re
 import time
+import typing
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import exchange
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network as probe_network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as probe_ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
+    exchange,
+    masters,
+    network,
+    services,
+    talker,
+    topics,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as ros_commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
 
-# More than any part takes by its own limits; one that is later is named and left behind.
+# Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
 LONGEST = 900.0
 
-
-def look(params, quiet):
-    """Everything that this computer sees, each part at the same time; with `quiet` no command of ROS is run."""
-    began = time.monotonic()
-    with probe_ros.Ros(params["environment_file"]) as ros:
-        result = dict(EMPTY, problems=[])
-        parts = [part for part in PARTS if not (quiet and part in COMMANDS)]
-        parts = [part for part in parts if part in OF_A_ROUTER or not params["is_router"]]
-        parts = [part for part in parts if part not in SETTLED or params["is_master"]]
-
-        def part(name):
-            try:
-                return name, PARTS[name](params, ros, began + params["patience"]), ""
-            except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
-                return name, EMPTY[name], f"{name} could not be looked at: {problem}."
-
-        late = f"%s gave no result within {LONGEST:g} s."
-        for settled in (False, True):
-            now = [name for name in parts if (name in SETTLED) == settled]
-            for name, value, problem in probe_network.concurrently(
-                part, now, LONGEST, lambda name: (name, EMPTY[name], late % name)
-            ):
-                result[name] = value
-                result["problems"] += [problem] if problem else []
-    result["seconds"] = round(time.monotonic() - began, 1)
-    return result
+Params = typing.Dict[str, typing.Any]
+Result = typing.Dict[str, typing.Any]
 
 
-def discovery_nodes(params, deadline):
-    """The discovery nodes of all masters; the ones of computers that do not take part are not waited for."""
-    present = who(params)
-    return probe_network.concurrently(
-        lambda master: probe_network.discovery(master, deadline if master["computer"] in present else 0.0),
+class Part(typing.NamedTuple):
+    """A part of the result: its key, the function that looks, and the value where it cannot look."""
+
+    name: str
+    look: typing.Callable[[Params, Ros, float], typing.Any]  # options, ROS, deadline (monotonic seconds)
+    nothing: typing.Any
+    commands: bool = False  # it runs commands of ROS, so it is left out in check mode
+    router: bool = False  # the router of the common network has it, too
+    # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
+    # is there, and a robot's other computers would only ask the same roscore.
+    settled: bool = False
+
+
+def present(params: Params) -> typing.Set[str]:
+    """Name the computers that take part."""
+    members = [member["name"] for member in params["members"]]
+    return set(members if params["present"] is None else params["present"])
+
+
+def others(params: Params) -> typing.List[str]:
+    """Name the computers whose talkers are to be heard here, in the order of the members."""
+    talkers = (present(params) if params["talkers"] is None else set(params["talkers"])) - {params["name"]}
+    return [member["name"] for member in params["members"] if member["name"] in talkers]
+
+
+def look_members(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    return network.members(params["members"], params["name"], not params["is_router"])
+
+
+def look_masters(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    """Look at the discovery nodes of all masters; only those of computers that take part are waited for."""
+    awaited = present(params)
+    return concurrently(
+        lambda master: masters.discovery(master, deadline if master["computer"] in awaited else 0.0),
         params["masters"],
         LONGEST,
         lambda master: None,
     )
 
 
-def who(params):
-    """The names of the computers that take part."""
-    members = [member["name"] for member in params["members"]]
-    return set(members if params["present"] is None else params["present"])
+def look_list_masters(params: Params, ros: Ros, deadline: float) -> Result:
+    """Call list_masters until it has the masters of all computers that take part."""
+    computers = present(params)
+    names = {master["name"] for master in params["masters"] if master["computer"] in computers}
+    return ros_commands.list_masters(ros, names, deadline)
 
 
-def others(params):
-    """The computers whose talkers are to be heard here, in the order of the members."""
-    talkers = (who(params) if params["talkers"] is None else set(params["talkers"])) - {params["name"]}
-    return [member["name"] for member in params["members"] if member["name"] in talkers]
+def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    return topics.topics(ros, others(params), params["run"], params["name"], deadline)
 
 
-def names(params):
-    """The names of the masters that are to be listed."""
-    present = who(params)
-    return {master["name"] for master in params["masters"] if master["computer"] in present}
-
-
-PARTS = {
-    "members": lambda params, ros, deadline: probe_network.members(
-        params["members"], params["name"], not params["is_router"]
+PARTS = (
+    Part("members", look_members, [], router=True),
+    Part("default_routes", lambda params, ros, deadline: network.default_routes(), [], router=True),
+    Part(
+        "forwarding",
+        lambda params, ros, deadline: network.forwarding(),
+        {"ip_forward": None, "interfaces": []},
+        router=True,
     ),
-    "default_routes": lambda params, ros, deadline: probe_network.default_routes(),
-    "forwarding": lambda params, ros, deadline: probe_network.forwarding(),
-    "masters": lambda params, ros, deadline: discovery_nodes(params, deadline),
-    "roscore": lambda params, ros, deadline: probe_ros.roscore(ros, deadline),
-    "list_masters": lambda params, ros, deadline: probe_ros.list_masters(ros, names(params), deadline),
-    "topics": lambda params, ros, deadline: probe_ros.topics(
-        ros, others(params), params["run"], params["name"], deadline
+    Part("masters", look_masters, []),
+    Part(
+        "roscore",
+        lambda params, ros, deadline: ros_commands.roscore(ros, deadline),
+        {"uri": "", "answer": "", "error": "not looked at"},
     ),
-    "exchange": lambda params, ros, deadline: exchange.exchange(ros, params["members"], params["name"]),
-    "ros_missing": lambda params, ros, deadline: ros.missing(),
-    "services": lambda params, ros, deadline: probe_ros.services(params["services"], ros.variables),
-}
-COMMANDS = ("list_masters", "topics", "exchange")
-OF_A_ROUTER = ("members", "default_routes", "forwarding")
-# Looked at when the others are through, since by then what was awaited is there; a robot's other computers would only
-# ask the same roscore.
-SETTLED = ("exchange",)
-EMPTY = {
-    "members": [],
-    "default_routes": [],
-    "forwarding": {"ip_forward": None, "interfaces": []},
-    "masters": [],
-    "roscore": {"uri": "", "answer": "", "error": "not looked at"},
-    "list_masters": {"masters": [], "seconds": 0.0, "error": "not looked at"},
-    "topics": [],
-    "exchange": dict(exchange.NOTHING, error="not looked at"),
-    "ros_missing": "not looked at",
-    "services": [],
-}
+    Part("list_masters", look_list_masters, {"masters": [], "seconds": 0.0, "error": "not looked at"}, commands=True),
+    Part("topics", look_topics, [], commands=True),
+    Part(
+        "exchange",
+        lambda params, ros, deadline: exchange.exchange(ros, params["members"], params["name"]),
+        dict(exchange.NOTHING, error="not looked at"),
+        commands=True,
+        settled=True,
+    ),
+    Part("ros_missing", lambda params, ros, deadline: ros.missing(), "not looked at"),
+    Part("services", lambda params, ros, deadline: services.services(params["services"], ros.variables), []),
+)
 
 
-def start(module):
-    """Let the helpers see from where this computer's datagrams come, and start its talker."""
+def wanted(part: Part, params: Params, quiet: bool) -> bool:
+    """Say if a part is looked at on this computer; with `quiet` no command of ROS is run."""
+    if params["is_router"] and not part.router:
+        return False
+    return not (quiet and part.commands) and (params["is_master"] or not part.settled)
+
+
+def look(params: Params, quiet: bool) -> Result:
+    """Look at all wanted parts at the same time; what cannot be looked at is a sentence in `problems`."""
+    began = time.monotonic()
+    result: Result = {part.name: part.nothing for part in PARTS}
+    result["problems"] = []
+    with Ros(params["environment_file"]) as ros:
+
+        def attempt(part: Part) -> typing.Tuple[Part, typing.Any, str]:
+            try:
+                return part, part.look(params, ros, began + params["patience"]), ""
+            except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
+                return part, part.nothing, f"{part.name} could not be looked at: {problem}."
+
+        def late(part: Part) -> typing.Tuple[Part, typing.Any, str]:
+            return part, part.nothing, f"{part.name} gave no result within {LONGEST:g} s."
+
+        for settled in (False, True):
+            now = [part for part in PARTS if part.settled == settled and wanted(part, params, quiet)]
+            for part, value, problem in concurrently(attempt, now, LONGEST, late):
+                result[part.name] = value
+                result["problems"] += [problem] if problem else []
+    result["seconds"] = round(time.monotonic() - began, 1)
+    return result
+
+
+def start(module: AnsibleModule) -> Result:
+    """Let the helpers see the source of this computer's datagrams, and start its talker."""
     params = module.params
     if module.check_mode:
         return {"msg": "Check mode: no talker was started."}
     call(params)
     if params["is_router"]:
         return {"msg": "The router of the common network has no talker."}
-    with probe_ros.Ros(params["environment_file"]) as ros:
+    with Ros(params["environment_file"]) as ros:
         missing = ros.missing()
-        error = missing or probe_ros.start_talker(ros, params["run"], params["name"], params["lifetime"])
+        error = missing or talker.start(ros, params["run"], params["name"], params["lifetime"])
     if error and (params["is_master"] or not missing):
-        module.fail_json(msg="Cannot start the talker: {}.".format(error.rstrip(".")))
+        module.fail_json(msg=f"Cannot start the talker: {error.rstrip('.')}.")
     if error:
         return {"msg": f"No talker: {missing}.", "talker": {"running": False, "error": missing}}
     return {
-        "msg": "The talker runs for {lifetime} s at most.".format(**params),
+        "msg": f"The talker runs for {params['lifetime']} s at most.",
         "talker": {"running": True, "error": ""},
     }
 
 
-def call(params):
+def call(params: Params) -> None:
     """Send to the helpers in other networks: in the own one nobody could translate an address."""
-    own = [member for member in params["members"] or [] if member["name"] == params["name"]]
-    network = own[0]["network"] if own else None
-    probe_network.call(
+    members = params["members"] or []
+    own = [member for member in members if member["name"] == params["name"]]
+    own_network = own[0]["network"] if own else None
+    network.call(
         [
             member["discovery_address"] or member["address"]
-            for member in params["members"] or []
-            if member["discovery"] and member["network"] != network
+            for member in members
+            if member["discovery"] and member["network"] != own_network
         ],
         params["port"],
     )
 
 
-def collect(module):
+def collect(module: AnsibleModule) -> Result:
     """Look at all others."""
     params = module.params
     result = look(params, module.check_mode)
     if not params["is_router"]:
-        result["talker"] = (
-            {"running": False, "error": result["ros_missing"]} if result["ros_missing"] else probe_ros.talker()
-        )
-    result["msg"] = "Looked at {} computers in {:.1f} s.".format(len(params["members"]), result["seconds"])
+        missing = result["ros_missing"]
+        result["talker"] = {"running": False, "error": missing} if missing else talker.state()
+    result["msg"] = f"Looked at {len(params['members'])} computers in {result['seconds']:.1f} s."
     return result
 
 
-def stop(module):
+def stop(module: AnsibleModule) -> Result:
     """End the talker, wherever there is one."""
     if module.check_mode:
         return {"msg": "Check mode: no talker was stopped."}
-    probe_ros.stop_talker()
+    talker.stop()
     return {"msg": "No talker runs."}
 
 
-def wrong(params):
-    """One sentence on the first option that cannot be used, or None."""
+def wrong(params: Params) -> typing.Optional[str]:
+    """Say in one sentence which option cannot be used; None where all can."""
     if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
-        return "run is {!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores.".format(params["run"])
+        return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
     for option, least, most in (("patience", 0, 600), ("lifetime", 10, 3600)):
         if not least <= params[option] <= most:
             return f"{option} is {params[option]}, expected {least} to {most} seconds."
     members = [member["name"] for member in params["members"] or []]
     if members and params["name"] not in members and not params["is_router"]:
-        return "name is {!r}, which is not among members ({}); add this computer to the list.".format(
-            params["name"],
-            ", ".join(members),
+        return (
+            f"name is {params['name']!r}, which is not among members ({', '.join(members)}); "
+            "add this computer to the list."
         )
     return None
 
@@ -1006,50 +1044,53 @@ def wrong(params):
 STATES = {"started": start, "collected": collect, "stopped": stop}
 
 
-def main():
-    text = {"type": "str", "required": True}
-    module = AnsibleModule(
-        argument_spec={
-            "state": {"type": "str", "choices": ["started", "collected", "stopped"], "default": "collected"},
-            "run": {"type": "str", "default": "default"},
-            "name": {"type": "str"},
-            "is_master": {"type": "bool", "default": False},
-            "is_router": {"type": "bool", "default": False},
-            "members": {
-                "type": "list",
-                "elements": "dict",
-                "options": {
-                    "name": text,
-                    "address": text,
-                    "robot": {"type": "str", "default": ""},
-                    "network": {"type": "str", "default": ""},
-                    "discovery_address": {"type": "str", "default": ""},
-                    "discovery": {"type": "bool", "default": False},
-                    "multicast": {"type": "bool", "default": False},
-                },
-            },
-            "port": {"type": "int", "default": 11511},
-            "masters": {
-                "type": "list",
-                "elements": "dict",
-                "options": {
-                    "computer": text,
-                    "address": text,
-                    "name": text,
-                    "rpc_port": {"type": "int", "required": True},
-                    "monitor_uri": text,
-                    "robot": {"type": "str", "default": ""},
-                    "uri": {"type": "str", "default": ""},
-                    "declared": {"type": "bool", "default": False},
-                },
-            },
-            "present": {"type": "list", "elements": "str"},
-            "talkers": {"type": "list", "elements": "str"},
-            "services": {"type": "list", "elements": "str", "default": []},
-            "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
-            "patience": {"type": "int", "default": 20},
-            "lifetime": {"type": "int", "default": 300},
+TEXT = {"type": "str", "required": True}
+ARGUMENTS = {
+    "state": {"type": "str", "choices": ["started", "collected", "stopped"], "default": "collected"},
+    "run": {"type": "str", "default": "default"},
+    "name": {"type": "str"},
+    "is_master": {"type": "bool", "default": False},
+    "is_router": {"type": "bool", "default": False},
+    "members": {
+        "type": "list",
+        "elements": "dict",
+        "options": {
+            "name": TEXT,
+            "address": TEXT,
+            "robot": {"type": "str", "default": ""},
+            "network": {"type": "str", "default": ""},
+            "discovery_address": {"type": "str", "default": ""},
+            "discovery": {"type": "bool", "default": False},
+            "multicast": {"type": "bool", "default": False},
         },
+    },
+    "port": {"type": "int", "default": 11511},
+    "masters": {
+        "type": "list",
+        "elements": "dict",
+        "options": {
+            "computer": TEXT,
+            "address": TEXT,
+            "name": TEXT,
+            "rpc_port": {"type": "int", "required": True},
+            "monitor_uri": TEXT,
+            "robot": {"type": "str", "default": ""},
+            "uri": {"type": "str", "default": ""},
+            "declared": {"type": "bool", "default": False},
+        },
+    },
+    "present": {"type": "list", "elements": "str"},
+    "talkers": {"type": "list", "elements": "str"},
+    "services": {"type": "list", "elements": "str", "default": []},
+    "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
+    "patience": {"type": "int", "default": 20},
+    "lifetime": {"type": "int", "default": 300},
+}
+
+
+def main() -> None:
+    module = AnsibleModule(
+        argument_spec=ARGUMENTS,
         required_if=[("state", "started", ["name"]), ("state", "collected", ["name", "members", "masters"])],
         supports_check_mode=True,
     )

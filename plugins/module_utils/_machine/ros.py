@@ -77,10 +77,10 @@ def find(
         found = [examine(kind, setup) for kind, setup in candidates(choice, root, debian)]
     except NotFound as problem:
         return {"found": [], "chosen": None, "problem": str(problem)}
-    chosen, problem = choose(found, root)
+    chosen, wrong = choose(found, root)
     if chosen:
         chosen["nodes"] = fkie.nodes(list(nodes), chosen["python"], full(chosen["environment"]))
-    return {"found": found, "chosen": chosen, "problem": problem}
+    return {"found": found, "chosen": chosen, "problem": wrong}
 
 
 def candidates(choice: str, root: str = "/opt/ros", debian: str = _DEBIAN) -> typing.List[typing.Tuple[str, str]]:

@@ -1,21 +1,24 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What a robot has in its roscore: what its own nodes registered, what is registered for others, and who is connected."""
+"""The content of a robot's roscore: own registrations, those for other masters, and connections with other robots."""
 
 import inspect
 import json
 import os
+import re
 import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types, texts
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import concurrently, resolve, server
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import CALLER, NO_SCRIPT, Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
 IMPORTS = "/rosfleet_multimaster/imports"  # the bundled master_sync writes there what it registers, and for whom
-SYNC_INFO = "/get_sync_info"  # how the service ends by which upstream's tells it
+SYNC_INFO = "/get_sync_info"  # the end of the name of upstream's service for it
 TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes
 
@@ -32,7 +35,7 @@ NOTHING: typing.Dict[str, typing.Any] = {
 
 
 def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: str) -> typing.Dict[str, typing.Any]:
-    """What the roscore holds, by the robot that it is of, and what connects the own nodes with those of other robots."""
+    """Read the roscore, split by the robot of each registration, and the connections of own nodes with other robots."""
     try:
         publishers, subscribers, services = (dict(part) for part in ros.ask("getSystemState"))
         types = dict(ros.ask("getTopicTypes"))
@@ -57,7 +60,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
 
 
 def _node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
-    """The URIs of all nodes, asked for in one request. Raises OSError."""
+    """Ask for the URIs of all nodes in one request. Raises OSError."""
     nodes = sorted({node for table in tables for users in table.values() for node in users})
     calls = [{"methodName": "lookupNode", "params": [CALLER, node]} for node in nodes]
     try:
@@ -68,7 +71,7 @@ def _node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
 
 
 def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]]:
-    """{URI of a master: {node: URI}}: which nodes master_sync has registered. Raises OSError where it cannot be known."""
+    """Read the nodes that master_sync has registered: {URI of a master: {node: URI}}. Raises OSError if nobody tells."""
     try:
         return json.loads(ros.ask("getParam", IMPORTS))["imports"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -88,7 +91,7 @@ def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str,
 
 
 def _ask(ros: Ros, questions: typing.Dict[str, typing.Any]) -> typing.Tuple[typing.Dict[str, typing.Any], str]:
-    """What `_probe_types` answers under the Python of ROS, and an error or ''."""
+    """Run message_types under the Python of ROS; return its answers, and an error or ''."""
     paths = [os.path.join(ros.folder, name) for name in ("asked.py", "questions.json")]
     for path, text in zip(paths, (inspect.getsource(message_types), json.dumps(questions))):
         with open(path, "w") as stream:
@@ -114,7 +117,7 @@ def _parts(
     types: typing.Dict[str, str],
     imported: typing.Dict[str, str],
 ) -> typing.Dict[str, typing.Dict[str, typing.List[typing.Dict[str, typing.Any]]]]:
-    """{URI of a master, or '' for the own one: its topics and services}."""
+    """Split the registrations: {URI of a master, or '' for the own one: its topics and services}."""
     topics: typing.Dict[typing.Tuple[str, str], typing.Dict[str, typing.Any]] = {}
     parts: typing.Dict[str, typing.Dict[str, typing.List[typing.Dict[str, typing.Any]]]] = {}
 
@@ -141,7 +144,7 @@ def _parts(
 def _connections(
     ros: Ros, nodes: typing.Dict[str, str], named: typing.Dict[str, str], places: "Places", own: str
 ) -> typing.Tuple[typing.List[typing.Dict[str, str]], typing.List[str]]:
-    """The connections of own nodes ({node: URI}) with nodes of other robots, and the nodes that do not answer.
+    """Ask own nodes ({node: URI}) for connections with nodes of other robots; return those, and the silent nodes.
 
     A node of this roscore that runs on another robot's computer, as an operator's tool does, is an own one.
     """
@@ -151,17 +154,17 @@ def _connections(
     for node, answer in zip(sorted(nodes), answers):
         if answer is None:
             silent.append(node)
-        for link in texts.links(answer or []):
+        for link in links(answer or []):
             link = link._replace(peer=named.get(link.peer, link.peer))
             other = places.robot(link.host)
-            if other in ("", robot) or (link.peer in nodes and places.robot(texts.host(nodes[link.peer])) == other):
+            if other in ("", robot) or (link.peer in nodes and places.robot(host(nodes[link.peer])) == other):
                 continue
             found.append(dict(link._asdict(), node=node, robot=other))
     return found, _still_registered(ros, silent, nodes)
 
 
 def _bus_info(item: typing.Tuple[str, str]) -> typing.Optional[typing.List]:
-    """What a node says of its connections, or None."""
+    """Ask a node for its connections; None where it does not answer."""
     try:
         return server(item[1]).getBusInfo(CALLER)[2]
     except Exception:  # whatever a dead or strange node makes of it
@@ -169,7 +172,7 @@ def _bus_info(item: typing.Tuple[str, str]) -> typing.Optional[typing.List]:
 
 
 def _still_registered(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]) -> typing.List[str]:
-    """Without the nodes that have ended properly meanwhile."""
+    """Leave out the nodes that have ended properly meanwhile."""
     if not silent:
         return []
     time.sleep(1.0)
@@ -181,7 +184,7 @@ def _still_registered(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str
 
 
 class Places:
-    """Which robot a host text of a URI is of."""
+    """The robots of hosts, as hosts stand in URIs."""
 
     def __init__(self, members: typing.List[typing.Dict[str, typing.Any]]) -> None:
         self._robots: typing.Dict[str, str] = {}
@@ -191,8 +194,40 @@ class Places:
                     self._robots[text] = member["robot"]
 
     def robot(self, host: str) -> str:
-        """The robot of a host, or empty; a name that is nobody's is looked up, once."""
+        """Return the robot of a host, or empty; a name that is nobody's is looked up, once."""
         if host and host not in self._robots:
             addresses = concurrently(resolve, [host], 5.0, lambda name: ([], ""))[0][0]
             self._robots[host] = next((self._robots[found] for found in addresses if found in self._robots), "")
         return self._robots.get(host, "")
+
+
+class Link(typing.NamedTuple):
+    """A connection of a node, as its getBusInfo tells it."""
+
+    direction: str  # "in" from a publisher, "out" to a subscriber
+    topic: str
+    peer: str  # the URI of the publisher, or the name of the subscriber
+    host: str  # of the peer
+
+
+def links(entries: typing.Any) -> typing.List[Link]:
+    """Read an answer to getBusInfo (ROS Slave API); the last element, a text, is missing before kinetic."""
+    found = []
+    for entry in entries if isinstance(entries, list) else []:
+        if not isinstance(entry, list) or len(entry) < 5 or not all(isinstance(text, str) for text in entry[1:5]):
+            continue
+        peer, inward = entry[1], entry[2] == "i"
+        text = entry[6] if len(entry) > 6 else ""
+        end = re.search(r" to \[(.+):\d+ on socket", text if isinstance(text, str) else "")
+        found.append(
+            Link(
+                "in" if inward else "out", entry[4], peer, end.group(1).lower() if end else host(peer if inward else "")
+            )
+        )
+    return found
+
+
+def host(uri: str) -> str:
+    """Return the host of a URI in small letters; empty where there is none."""
+    match = re.match(r"\w+://([^/:]+)", uri)
+    return match.group(1).lower() if match else ""

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What `rostopic echo` does, for many topics in one node: it writes what each says, and which node says it.
+"""A program like `rostopic echo` for many topics in one node: it writes the message of each, and its node.
 
 Runs as a program of its own under the Python of this computer's ROS, which may be 2.7 (kinetic, melodic); it is handed
 over as text, so nothing here may import another part of the collection.

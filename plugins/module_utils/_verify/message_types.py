@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What only the Python of ROS can tell: the md5 sums of message types, and what upstream's master_sync has registered.
+"""A program under the Python of ROS: the md5 sums of message types, and what upstream's master_sync has registered.
 
 Runs as a program of its own under the Python of this computer's ROS, which may be 2.7 (kinetic, melodic); it is handed
 over as text, so nothing here may import another part of the collection.
@@ -13,7 +13,7 @@ import sys
 
 
 def md5sums(types):
-    """{type: md5 sum} of the types whose classes are there."""
+    """Return {type: md5 sum} of the types whose classes are there."""
     import roslib.message  # noqa: PLC0415 only where it runs as a program
 
     found = {}
@@ -26,7 +26,7 @@ def md5sums(types):
 
 
 def registered(service):
-    """{URI of a master: {node: URI of the node}} by a get_sync_info, whichever package its type is of."""
+    """Return {URI of a master: {node: URI of the node}} by a get_sync_info, in whichever package its type is."""
     import rospy  # noqa: PLC0415 only where it runs as a program
     import rosservice  # noqa: PLC0415
 

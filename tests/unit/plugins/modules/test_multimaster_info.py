@@ -234,9 +234,9 @@ def test_a_strange_part_is_a_sentence(monkeypatch):
         raise OSError("no such thing")
 
     parts = [
-        ("interfaces", strange, (), 1, []),
-        ("exports", time.sleep, ("seconds",), 0.05, []),
-        ("sshd", dict, (), 1, None),
+        multimaster_info.Part("interfaces", strange, 1, []),
+        multimaster_info.Part("exports", time.sleep, 0.05, [], options=("seconds",)),
+        multimaster_info.Part("sshd", dict, 1, None),
     ]
     monkeypatch.setattr(multimaster_info, "PARTS", parts)
     assert multimaster_info.look({"parts": ["interfaces", "exports", "sshd"], "seconds": 3}) == {

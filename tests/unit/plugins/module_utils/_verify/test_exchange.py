@@ -15,6 +15,8 @@ import xmlrpc.server
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import exchange, message_types
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as probe_ros
+from hypothesis import given
+from hypothesis import strategies as st
 
 MEMBERS = [
     {"name": "here", "address": "127.0.0.1", "discovery_address": "", "robot": "one"},
@@ -244,3 +246,39 @@ def test_the_program_itself(monkeypatch, capsys, tmp_path):
     assert first == {"types": {"std_msgs/String": "992c"}}
     assert second == {"service": {THERE: {"/planner": "http://there:1/"}}}
     assert ended == ["asked", 0]  # the node of the call is unregistered before the program ends without further ado
+
+
+# As rospy and roscpp answer getBusInfo; the last one as before kinetic.
+BUS_INFO = [
+    [
+        1,
+        "http://kobuki2computer:41233/",
+        "i",
+        "TCPROS",
+        "/goal",
+        True,
+        "TCPROS connection on port 40433 to [kobuki2computer:41233 on socket 9]",
+    ],
+    [2, "/planner", "o", "TCPROS", "/odom", 1, "TCPROS connection on port 39281 to [192.168.1.239:40233 on socket 10]"],
+    [3, "http://Kobuki2Computer:41233/", "i", "TCPROS", "/old", 1],
+    [4, "/rosout", "o", "TCPROS", "/rosout", 1],
+]
+
+
+def test_links_of_a_node():
+    assert exchange.links(BUS_INFO) == [
+        ("in", "/goal", "http://kobuki2computer:41233/", "kobuki2computer"),
+        ("out", "/odom", "/planner", "192.168.1.239"),
+        ("in", "/old", "http://Kobuki2Computer:41233/", "kobuki2computer"),
+        ("out", "/rosout", "/rosout", ""),
+    ]
+
+
+nonsense = st.recursive(
+    st.none() | st.integers() | st.text(max_size=9), lambda inner: st.lists(inner, max_size=8), max_leaves=20
+)
+
+
+@given(nonsense)
+def test_any_bus_info_is_read(answer):
+    exchange.links(answer)

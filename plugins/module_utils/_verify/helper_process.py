@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-"""The sockets and the process of multicast_verify's helper, and the ICMP rounds; _multicast.py decides what they mean.
+"""The process and the sockets of multicast_verify's helper, and the ICMP rounds; helper.py decides what they mean.
 
 A discovery node that holds the port is not disturbed. A second socket on its port would need its user (SO_REUSEPORT),
 and would take unicast datagrams away from it. The helper listens on a raw socket instead: the kernel gives it a copy
@@ -19,14 +19,15 @@ import socket
 import struct
 import syslog
 import time
-from typing import NamedTuple
+import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper import (
+    Address,
+    Datagrams,
     Helper,
-    echo_reply,
-    echo_request,
-    packet,
+    Settings,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import echo, echo_request, packet
 
 FOLDER = "/run/rosfleet-multimaster"
 
@@ -45,18 +46,17 @@ ICMP_PAUSE = 0.5  # seconds between two rounds; a late reply is counted for the 
 # The helper's sockets
 
 
-class Sockets(NamedTuple):
-    """copies: raw, a copy of each datagram for the group's port; control: sends probes, speaks with other helpers;
-    door: where the module's next run comes in."""
+class Sockets(typing.NamedTuple):
+    """The sockets of a helper."""
 
-    copies: socket.socket
-    control: socket.socket
-    door: socket.socket
+    copies: socket.socket  # raw: a copy of each datagram for the group's port
+    control: socket.socket  # sends probes, and speaks with other helpers
+    door: socket.socket  # the module's next run comes in here
 
 
-def open_sockets(settings, index, path):
-    """The sockets of a helper. index: number of the interface; path: of the door. Raises OSError."""
-    opened = []
+def open_sockets(settings: Settings, index: int, path: str) -> Sockets:
+    """Open the sockets of a helper; `index` is the number of the interface, `path` that of the door. Raises OSError."""
+    opened: typing.List[socket.socket] = []
     try:
         for make in (
             lambda: _copies(settings, index),
@@ -71,12 +71,12 @@ def open_sockets(settings, index, path):
     return Sockets(*opened)
 
 
-def _member(group, address, index):
-    """struct ip_mreqn (ip(7))."""
+def _member(group: str, address: str, index: int) -> bytes:
+    """Pack a struct ip_mreqn (ip(7))."""
     return struct.pack("4s4si", socket.inet_aton(group), socket.inet_aton(address), index)
 
 
-def _copies(settings, index):
+def _copies(settings: Settings, index: int) -> socket.socket:
     raw = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_UDP)
     raw.setblocking(False)
     _only_port(raw, settings.port)
@@ -85,7 +85,7 @@ def _copies(settings, index):
     return raw
 
 
-def _only_port(raw, port):
+def _only_port(raw: socket.socket, port: int) -> None:
     """Let only UDP datagrams to port through, and 64 bytes of each: a robot's other UDP traffic costs nothing here.
 
     The classic BPF program sees the packet from its IP header on: x = length of that header; port = 16 bits at x + 2.
@@ -95,7 +95,7 @@ def _only_port(raw, port):
     raw.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", len(program), ctypes.addressof(code)))
 
 
-def _control(settings, index):
+def _control(settings: Settings, index: int) -> socket.socket:
     control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     control.setblocking(False)
     control.bind((settings.address, 0))
@@ -107,7 +107,7 @@ def _control(settings, index):
     return control
 
 
-def _door(path):
+def _door(path: str) -> socket.socket:
     os.makedirs(os.path.dirname(path), 0o755, exist_ok=True)
     door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     before = os.umask(0o177)  # for root only
@@ -122,15 +122,15 @@ def _door(path):
     return door
 
 
-def door_path(run):
-    """Where the helper of a run is reached."""
+def door_path(run: str) -> str:
+    """Return the path of the door of a run's helper."""
     return os.path.join(FOLDER, f"multicast-{run}.sock")
 
 
 # The helper's process
 
 
-def detach(sockets, settings, path):
+def detach(sockets: Sockets, settings: Settings, path: str) -> None:
     """Leave a helper behind, as a process of its own that has nothing open but its sockets."""
     child = os.fork()
     if child:
@@ -148,18 +148,18 @@ def detach(sockets, settings, path):
         os._exit(0)
 
 
-def _leave(*unused):
+def _leave(*unused: typing.Any) -> None:
     raise SystemExit  # so that serve() puts the door away
 
 
-def _let_go(kept):
-    """Keep no terminal, no pipe of Ansible's, no folder busy."""
+def _let_go(kept: typing.Iterable[int]) -> None:
+    """Close everything but these descriptors: no terminal, no pipe of Ansible's and no folder stays busy."""
     os.chdir("/")
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
-    kept = set(kept)
+    numbers = set(kept)
     for number in [int(name) for name in os.listdir("/proc/self/fd")]:
-        if number not in kept:
+        if number not in numbers:
             try:
                 os.close(number)
             except OSError:
@@ -168,12 +168,12 @@ def _let_go(kept):
         os.open(os.devnull, standard)
 
 
-def serve(sockets, settings, path):
+def serve(sockets: Sockets, settings: Settings, path: str) -> None:
     """Be the helper until it is no longer needed: move datagrams between the sockets and Helper."""
     helper = Helper(settings, time.monotonic())
     interfaces = dict(socket.if_nameindex())
-    errors = {"count": 0, "last": None}
-    waiting = []
+    errors: typing.Dict[str, typing.Any] = {"count": 0, "last": None}
+    waiting: typing.List[socket.socket] = []
     try:
         while not helper.over(time.monotonic()):
             send(sockets.control, helper.poll(time.monotonic(), time.time()), errors)
@@ -188,7 +188,7 @@ def serve(sockets, settings, path):
                         send(sockets.control, helper.datagram(time.monotonic(), *arrived), errors)
                 elif ready is sockets.control:
                     for data, source in datagrams(ready):
-                        send(sockets.control, helper.record(time.monotonic(), time.time(), source, data), errors)
+                        send(sockets.control, helper.message(time.monotonic(), time.time(), source, data), errors)
                 else:
                     connection, request = admit(ready)
                     if request.get("do") == "end":
@@ -205,13 +205,13 @@ def serve(sockets, settings, path):
             connection.close()
 
 
-def plain(settings):
-    """What must be the same in both tasks of a run, in a form that JSON leaves as it is."""
+def plain(settings: Settings) -> typing.List[typing.Any]:
+    """List the settings that must be the same in both tasks of a run, in a form that JSON leaves as it is."""
     computers = [list(item) for item in sorted(settings.computers.items())]
     return [settings.run, settings.group, settings.port, settings.address, computers, sorted(settings.apart)]
 
 
-def send(control, outgoing, errors):
+def send(control: socket.socket, outgoing: Datagrams, errors: typing.Dict[str, typing.Any]) -> None:
     """Send each (payload, destination); what the kernel refuses (no route, an output rule) is counted and named."""
     for payload, destination in outgoing:
         try:
@@ -221,8 +221,10 @@ def send(control, outgoing, errors):
             errors["last"] = f"{destination[0]}:{destination[1]}: {error.strerror}"
 
 
-def copies(raw, port, interfaces):
-    """((source, port), destination, interface, payload length) of each waiting UDP datagram for port."""
+def copies(
+    raw: socket.socket, port: int, interfaces: typing.Dict[int, str]
+) -> typing.Iterator[typing.Tuple[Address, str, str, int]]:
+    """Yield (source, destination, interface, length of the payload) of each waiting UDP datagram for a port."""
     for unused in range(1000):
         try:
             data, ancillary = raw.recvmsg(128, 64)[:2]
@@ -242,8 +244,8 @@ def copies(raw, port, interfaces):
             yield (found.source, origin), found.destination, interface, length - 8
 
 
-def datagrams(control):
-    """(payload, source) of each waiting datagram."""
+def datagrams(control: socket.socket) -> typing.Iterator[typing.Tuple[bytes, Address]]:
+    """Yield (payload, source) of each waiting datagram."""
     for unused in range(1000):
         try:
             yield control.recvfrom(512)
@@ -254,8 +256,8 @@ def datagrams(control):
 # The door: one JSON line in, one out
 
 
-def admit(door):
-    """(connection, request) of the next visitor; an empty request when it says nothing that is understood."""
+def admit(door: socket.socket) -> typing.Tuple[socket.socket, typing.Dict[str, typing.Any]]:
+    """Accept the next visitor; its request is empty where it is not understood."""
     connection = door.accept()[0]
     connection.settimeout(2)
     try:
@@ -265,7 +267,7 @@ def admit(door):
     return connection, request if isinstance(request, dict) else {}
 
 
-def answer(connection, reply):
+def answer(connection: socket.socket, reply: typing.Dict[str, typing.Any]) -> None:
     try:
         connection.settimeout(5)
         connection.sendall(json.dumps(reply).encode() + b"\n")
@@ -275,7 +277,7 @@ def answer(connection, reply):
         connection.close()
 
 
-def _line(connection):
+def _line(connection: socket.socket) -> str:
     data = b""
     while not data.endswith(b"\n") and len(data) < LONGEST_LINE:
         more = connection.recv(65536)
@@ -288,7 +290,7 @@ def _line(connection):
 class Visit:
     """A request to this computer's helper. Raises OSError when there is none."""
 
-    def __init__(self, path, request):
+    def __init__(self, path: str, request: typing.Dict[str, typing.Any]) -> None:
         if os.stat(path).st_uid != os.geteuid():
             raise PermissionError(f"{path} belongs to another user")
         self.connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -296,8 +298,8 @@ class Visit:
         self.connection.connect(path)
         self.connection.sendall(json.dumps(request).encode() + b"\n")
 
-    def reply(self, seconds):
-        """The helper's reply; None when it ended without one, or not within that time."""
+    def reply(self, seconds: float) -> typing.Optional[typing.Dict[str, typing.Any]]:
+        """Read the helper's reply; None where it ended without one, or not within that time."""
         self.connection.settimeout(seconds)
         try:
             return json.loads(_line(self.connection))
@@ -307,8 +309,8 @@ class Visit:
             self.connection.close()
 
 
-def end_others():
-    """End every older helper of this computer, through its own door; a door without a helper is only put away."""
+def end_others() -> int:
+    """End every older helper of this computer, through its own door; a door without a helper is only removed."""
     ended = 0
     for path in glob.glob(door_path("*")):
         try:
@@ -321,7 +323,8 @@ def end_others():
     return ended
 
 
-def put_away(path):
+def put_away(path: str) -> None:
+    """Remove a door, and its folder if that is empty."""
     for remove, what in ((os.unlink, path), (os.rmdir, os.path.dirname(path))):
         try:
             remove(what)
@@ -332,10 +335,10 @@ def put_away(path):
 # The report's `ping 224.0.0.1`
 
 
-def icmp_rounds(address, index, group, rounds):
-    """Send `rounds` ICMP echo requests to the group: for each, the set of addresses that answered. Raises OSError."""
+def icmp_rounds(address: str, index: int, group: str, rounds: int) -> typing.List[typing.Set[str]]:
+    """Send ICMP echo requests to the group; return for each the set of addresses that answered. Raises OSError."""
     identifier = random.randrange(1, 1 << 16)
-    answered = [set() for unused in range(rounds)]
+    answered: typing.List[typing.Set[str]] = [set() for unused in range(rounds)]
     with socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP) as raw:
         raw.setsockopt(SOL_RAW, ICMP_FILTER, struct.pack("I", ~1 & 0xFFFFFFFF))  # echo replies only
         raw.bind((address, 0))
@@ -348,7 +351,7 @@ def icmp_rounds(address, index, group, rounds):
             while time.monotonic() < until:
                 if not select.select([raw], [], [], max(0.0, until - time.monotonic()))[0]:
                     break
-                reply = echo_reply(raw.recv(256), identifier)
-                if reply and reply[1] < rounds:
-                    answered[reply[1]].add(reply[0])
+                reply = echo(raw.recv(256), identifier)
+                if reply and not reply.error and reply.sequence < rounds:
+                    answered[reply.sequence].add(reply.source)
     return answered

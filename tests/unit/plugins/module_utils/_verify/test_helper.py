@@ -1,123 +1,23 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What multicast_verify knows without a socket: tables, record, accounting; between helpers on a simulated network."""
+"""Helpers of multicast_verify on a simulated network: what they count, and what is said about it."""
 
 import random
-import struct
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import multicast as m
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import helper as m
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.messages import ASK, Message, encode
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast_report import explain
 from ansible_collections.rosfleet.multimaster.plugins.modules.multicast_verify import wrong
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-# The kernel's tables
-
-IGMP = """Idx\tDevice    : Count Querier\tGroup    Users Timer\tReporter
-1\tlo        :     1      V3
-\t\t\t\t010000E0     1 0:00000000\t\t0
-4\teth0      :     3      V2
-\t\t\t\t000000E2     2 0:00000000\t\t1
-\t\t\t\t010000E0     1 0:00000000\t\t0
-7\tenp0s31f6.1234:     1      V3
-\t\t\t\tFB0000E0     1 1:00000A1F\t\t0
-"""
-IGMP6 = """2    eth0            ff0200000000000000000001ff000002     1 00000004 0
-2    eth0            ff020000000000000000000000000001     1 0000000C 0
-"""
-
-
-def test_memberships_of_the_kernels_tables():
-    found = [tuple(item.values()) for item in m.igmp_memberships(IGMP, "little") + m.igmp6_memberships(IGMP6)]
-    assert found == [
-        ("lo", "ipv4", "224.0.0.1", 1, "V3"),
-        ("eth0", "ipv4", "226.0.0.0", 2, "V2"),
-        ("eth0", "ipv4", "224.0.0.1", 1, "V2"),
-        ("enp0s31f6.1234", "ipv4", "224.0.0.251", 1, "V3"),
-        ("eth0", "ipv6", "ff02::1:ff00:2", 1, None),
-        ("eth0", "ipv6", "ff02::1", 1, None),
-    ]
-    assert m.igmp_memberships(IGMP.replace("000000E2", "E2000000"), "big")[1]["group"] == "226.0.0.0"
-    assert m.igmp_memberships("") == m.igmp6_memberships("") == []
-
-
-def test_own_membership_is_not_counted():
-    found = m.igmp_memberships(IGMP, "little")
-    assert m.without_own(found, "eth0", "226.0.0.0")[1]["users"] == 1
-    assert len(m.without_own(found, "eth0", "224.0.0.1")) == len(found) - 1
-    assert found == m.igmp_memberships(IGMP, "little")
-
-
-def test_addresses_and_route_of_iproute2():
-    text = (
-        "1: lo    inet 127.0.0.1/8 scope host lo\\       valid_lft forever preferred_lft forever\n"
-        "2: eth0@if9    inet 192.168.1.229/24 brd 192.168.1.255 scope global eth0\\       valid_lft forever\n"
-        "2: eth0    inet 192.168.1.77/24 scope global secondary eth0:1\\       valid_lft forever\n"
-        "5: tun0    inet 10.8.0.2 peer 10.8.0.1/32 scope global tun0\\       valid_lft forever\n"
-    )
-    assert m.interface_addresses(text) == {
-        "127.0.0.1": (1, "lo"),
-        "192.168.1.229": (2, "eth0"),
-        "192.168.1.77": (2, "eth0"),
-        "10.8.0.2": (5, "tun0"),
-    }
-    assert m.route_of("multicast 226.0.0.0 dev eth0 src 192.168.1.229 uid 0 \n    cache <mc> \n") == (
-        "eth0",
-        "192.168.1.229",
-    )
-    assert m.route_of("") == (None, None)
-
-
-# Packets
-
-
-def test_echo_request_and_reply():
-    request = m.echo_request(0x1234, 7)
-    assert request == bytes.fromhex("0800e5c412340007") and m.checksum(request) == 0
-    head = bytes([0x46]) + bytes(11) + bytes([192, 168, 1, 239]) + bytes([192, 168, 1, 229]) + bytes(4)
-    assert m.echo_reply(head + b"\0" + request[1:], 0x1234) == ("192.168.1.239", 7)
-    assert m.echo_reply(head + request, 0x1234) is None
-    assert m.echo_reply(head + b"\0" + request[1:], 0x4321) is None
-    assert m.echo_reply(head + b"\0\0", 0x1234) is None
-
-
-@given(st.binary(max_size=200))
-def test_arbitrary_bytes_are_refused(data):
-    m.packet(data)
-    m.echo_reply(data, 1)
-    assert m.decode(data, "run") is None
-
-
-@given(st.integers(1, 3), st.booleans(), st.integers(0, 2**32 - 1), st.floats(0, 4e9))
-def test_a_record_comes_back_and_only_to_its_own_run(kind, done, number, time):
-    record = m.Record(kind, done, "192.168.1.229", number, number, number, "10.0.0.1", time, time + 1)
-    data = m.encode(record, "morning")
-    assert m.decode(data, "morning") == record
-    assert m.decode(data, "evening") is None
-    flipped = bytes([data[0] ^ 1]) + data[1:]
-    assert m.decode(flipped, "morning") is None
-
-
-def test_an_answer_is_not_larger_than_its_question():
-    sizes = {len(m.encode(m.Record(kind, False, "10.0.0.1"), "run")) for kind in (m.HELLO, m.ASK, m.ANSWER)}
-    assert sizes == {60}
 
 
 def test_times_of_the_quickest_round_trip():
     assert m.times([]) == {"rtt_ms": None, "clock_offset_s": None}
     found = m.times([(0.2, 3600.09), (0.001, 3600.0), (0.003, 3599.9)])
     assert found == {"rtt_ms": {"min": 1, "median": 3, "max": 200}, "clock_offset_s": 3600}
-
-
-def test_an_icmp_round_names_who_answered():
-    computers = {"10.0.0.1": "a", "10.0.0.2": "b", "10.0.0.3": "c"}
-    assert m.icmp_round(1, {"10.0.0.2", "10.0.0.9"}, computers, "10.0.0.1") == {
-        "round": 1,
-        "answered": ["b"],
-        "missing": ["c"],
-        "unexpected": ["10.0.0.9"],
-    }
 
 
 # Helpers on a simulated network
@@ -161,7 +61,7 @@ class Air:
                 destination = address if address == "226.0.0.0" else self.addresses[number]
                 self.send(number, helper.datagram(self.now, source, destination, "eth0", len(payload)))
             else:
-                self.send(number, helper.record(self.now, self.now + self.clocks[number], source, payload))
+                self.send(number, helper.message(self.now, self.now + self.clocks[number], source, payload))
         for number, helper in enumerate(self.helpers):
             self.ended[number] = self.ended[number] or helper.over(self.now)
             if not self.ended[number]:
@@ -212,7 +112,7 @@ def test_a_master_behind_a_gateway_is_measured_by_unicast_alone(forks):
             assert entry["multicast"] == entry["heard_from"] == together
             assert entry["unicast"] and entry["own_source_address"] == air.addresses[number]
             assert (entry["loss"], entry["heard_by"]) == ((0, True) if together else (None, None))
-    assert "by unicast" in m.explain(results[0], 11511)
+    assert "by unicast" in explain(results[0], 11511)
     assert all(air.ended)
 
 
@@ -221,7 +121,7 @@ def test_a_master_behind_a_gateway_that_no_unicast_reaches_is_missing():
     air.run(1)
     result = air.measure([0, 1, 2])[0]
     assert (result["missing"], result["unanswered"]) == (["c2"], [])
-    assert m.explain(result, 11511).startswith("No answer came from c2")
+    assert explain(result, 11511).startswith("No answer came from c2")
 
 
 def test_who_has_called_is_known_by_address():
@@ -249,8 +149,8 @@ def test_a_lost_direction_is_found_on_both_sides():
     assert first["missing"] == ["c1"] and first["udp"][0]["heard_by"] is False and first["udp"][0]["loss"] == 1
     assert second["missing"] == ["c0"] and second["heard"] == ["c2"]
     assert third["missing"] == []
-    assert "Do not hear this computer on the group: c1." in m.explain(first, 11511)
-    assert "Unicast datagrams reach c1" in m.explain(first, 11511)
+    assert "Do not hear this computer on the group: c1." in explain(first, 11511)
+    assert "Unicast datagrams reach c1" in explain(first, 11511)
 
 
 def test_loss_is_measured_where_it_happens():
@@ -278,7 +178,7 @@ def test_without_any_answer_nothing_is_claimed():
     (result,) = air.measure([0])
     assert result["heard"] == ["c1"] and result["missing"] == [] and result["unanswered"] == ["c1"]
     assert result["udp"][0]["loss"] is result["udp"][0]["heard_by"] is result["udp"][0]["unicast"] is None
-    assert "their own result tells" in m.explain(result, 11511)
+    assert "their own result tells" in explain(result, 11511)
 
 
 def test_a_dead_computer_is_named_and_not_waited_for():
@@ -287,7 +187,7 @@ def test_a_dead_computer_is_named_and_not_waited_for():
     air.run(1)
     first, second = air.measure([0, 1])
     assert first["missing"] == second["missing"] == ["c2"]
-    assert "No answer came from c2" in m.explain(first, 11511) and "11511" in m.explain(first, 11511)
+    assert "No answer came from c2" in explain(first, 11511) and "11511" in explain(first, 11511)
     air.run(3)
     assert all(air.ended)
 
@@ -321,17 +221,17 @@ def test_strangers_are_counted_and_never_answered():
     one = helper()
     for port in range(10000):
         assert one.datagram(0, ("10.0.0.66", port), "226.0.0.0", "eth0", 0) == []
-        assert one.record(0, 0, ("10.0.0.66", port), b"x" * 60) == []
+        assert one.message(0, 0, ("10.0.0.66", port), b"x" * 60) == []
     assert one.result()["unexpected"] == [{"address": "10.0.0.66", "interface": "eth0", "datagrams": m.SOURCES}]
     assert one.result()["heard"] == []
 
 
 def test_answers_and_introductions_are_bounded():
     one = helper()
-    ask = m.encode(m.Record(m.ASK, False, "10.0.0.2", 1), "run")
-    answers = [one.record(0, 0, ("10.0.0.2", 5000), ask) for unused in range(1000)]
+    ask = encode(Message(ASK, False, "10.0.0.2", 1), "run")
+    answers = [one.message(0, 0, ("10.0.0.2", 5000), ask) for unused in range(1000)]
     assert sum(map(len, answers)) == 2 * m.ANSWERS
-    assert one.record(1, 0, ("10.0.0.2", 5000), ask)
+    assert one.message(1, 0, ("10.0.0.2", 5000), ask)
     told = [one.datagram(0, ("10.0.0.2", port), "226.0.0.0", "eth0", 0) for port in range(1000)]
     assert sum(map(len, told)) == m.PORTS
     assert [len(payload) for payload, unused in one.datagram(0, ("10.0.0.2", 1), "226.0.0.0", "eth0", 24)] == []
@@ -352,7 +252,7 @@ def test_another_interface_than_the_planned_one_is_named():
     one.datagram(0, ("10.0.0.2", 5000), "226.0.0.0", "wlan0", 0)
     result = one.result()
     assert result["missing"] == ["other"] and result["udp"][0]["other_interfaces"] == ["wlan0"]
-    assert "other (wlan0)" in m.explain(result, 11511)
+    assert "other (wlan0)" in explain(result, 11511)
 
 
 def test_probes_are_empty_and_slow_while_nobody_measures():
@@ -425,10 +325,3 @@ def test_good_options_are_good():
 def test_wrong_options_are_named_in_one_sentence(option, value, said):
     sentence = wrong({**GOOD, option: value})
     assert said in sentence and sentence.endswith(".") and "expected" in sentence or ";" in sentence
-
-
-def test_the_record_has_the_documented_layout():
-    body = m.encode(m.Record(m.ANSWER, True, "10.0.0.1", 1, 2, 3, "10.0.0.2", 1.5, 2.5), "run")[16:]
-    assert struct.unpack("!4sBB2x4sIII4sdd", body) == (
-        b"RFMV", 3, 1, bytes([10, 0, 0, 1]), 1, 2, 3, bytes([10, 0, 0, 2]), 1.5, 2.5,
-    )  # fmt: skip

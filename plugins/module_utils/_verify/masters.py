@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The discovery nodes of masters: the TCP port, and the clock."""
+
+import socket
+import time
+import typing
+import xmlrpc.client
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import awaited
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
+
+CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent again after one second
+
+
+SAMPLES = 3  # readings of a clock
+
+
+def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.Dict[str, typing.Any]:
+    """Try the TCP port of a master's discovery node until the deadline, and compare its clock with the one here."""
+    found = {"computer": master["computer"], "address": master["address"], "port": master["rpc_port"]}
+    found.update(awaited(lambda: _connect(master["address"], master["rpc_port"]), lambda seen: seen["open"], deadline))
+    found.update(clock_offset_s=None, clock_uncertainty_s=None, clock_error="")
+    if found["open"]:
+        try:
+            offset, uncertainty = clock_offset(master["monitor_uri"])
+            found.update(clock_offset_s=round(offset, 6), clock_uncertainty_s=round(uncertainty, 6))
+        except (OSError, xmlrpc.client.Error, ValueError, TypeError, IndexError) as problem:
+            found["clock_error"] = f"getCurrentTime failed: {problem}"
+        except Exception as problem:  # http.client's and expat's own: something else than a discovery node
+            found["clock_error"] = f"getCurrentTime failed: {type(problem).__name__}: {problem}"
+    return found
+
+
+def _connect(address: str, port: int) -> typing.Dict[str, typing.Any]:
+    began = time.monotonic()
+    try:
+        socket.create_connection((address, port), timeout=CONNECT).close()
+    except OSError as problem:
+        error = f"no answer within {CONNECT:g} s" if isinstance(problem, socket.timeout) else problem.strerror
+        return {"open": False, "connect_ms": None, "error": error or str(problem)}
+    return {"open": True, "connect_ms": round((time.monotonic() - began) * 1000, 3), "error": ""}
+
+
+def clock_offset(monitor_uri: str) -> typing.Tuple[float, float]:
+    """Return the seconds that the clock of a discovery node is ahead, by its getCurrentTime, and the uncertainty.
+
+    The clock was read at some time between question and answer, so the quickest of a few says most (RFC 5905, section 10).
+    """
+    samples = []
+    for number in range(SAMPLES):
+        asked, began = time.time(), time.monotonic()
+        theirs = float(server(monitor_uri).getCurrentTime()[1])
+        half = (time.monotonic() - began) / 2
+        samples.append((half, theirs - (asked + half)))
+    half, offset = min(samples)
+    return offset, half

@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Sentences about the result of multicast_verify, and one ICMP round as the module returns it."""
+
+import typing
+
+
+def icmp_round(
+    number: int, answered: typing.Set[str], computers: typing.Dict[str, str], own: str
+) -> typing.Dict[str, typing.Any]:
+    """Return one ICMP round as the module does; `answered` are source addresses, `computers` are {address: name}."""
+    others = {address: name for address, name in computers.items() if address != own}
+    return {
+        "round": number,
+        "answered": [name for address, name in others.items() if address in answered],
+        "missing": [name for address, name in others.items() if address not in answered],
+        "unexpected": sorted(set(answered) - set(computers)),
+    }
+
+
+# A sentence for each case; {names} and {port} are filled in, and a case without names is left out.
+CAUSES = (
+    ("silent", "Not heard on the group: {names}."),
+    ("deaf", "Do not hear this computer on the group: {names}."),
+    ("elsewhere", "Heard on another interface than the planned one: {names}; check the addresses and the cabling."),
+    (
+        "reachable",
+        (
+            "Unicast datagrams reach {names}, so something drops only the group: IGMP snooping without a querier, "
+            "an access point's multicast filter, or a firewall rule for the group."
+        ),
+    ),
+    (
+        "unreachable",
+        (
+            "No answer came from {names}: the computer is down, no helper was started there, its address or interface "
+            "is not the planned one, or a firewall closes UDP port {port}."
+        ),
+    ),
+    (
+        "unanswered",
+        "Heard, but whether they hear this computer is open, as no count came back: {names}; their own result tells.",
+    ),
+)
+
+
+def explain(result: typing.Dict[str, typing.Any], port: int) -> str:
+    """Say in one message which computers are missing, and what usually causes just this."""
+    udp = result["udp"]
+    if not result["missing"] and not result["unanswered"]:
+        alone = sum(1 for entry in udp if not entry["multicast"])
+        more = f", {alone} of them by unicast, since the group does not pass between them" if alone else ""
+        return f"Every other computer ({len(udp)}) is heard on the group and hears this one{more}."
+    cases = _cases(result)
+    return " ".join(text.format(names=", ".join(cases[case]), port=port) for case, text in CAUSES if cases[case])
+
+
+def _cases(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.List[str]]:
+    """List the computers of each case of CAUSES."""
+    udp, missing = result["udp"], result["missing"]
+    silent = [entry for entry in udp if entry["multicast"] and not entry["heard_from"]]
+    apart = [entry for entry in udp if not entry["multicast"] and not entry["unicast"]]
+    elsewhere = [entry for entry in silent if entry["other_interfaces"]]
+    return {
+        "silent": _names(silent, lambda entry: True),
+        "deaf": _names(udp, lambda entry: entry["heard_by"] is False),
+        "elsewhere": [f"{entry['name']} ({', '.join(entry['other_interfaces'])})" for entry in elsewhere],
+        "reachable": _names(udp, lambda entry: entry["name"] in missing and entry["unicast"]),
+        "unreachable": _names(silent + apart, lambda entry: entry["heard_by"] is None),
+        "unanswered": result["unanswered"],
+    }
+
+
+def _names(
+    entries: typing.Iterable[typing.Dict[str, typing.Any]],
+    wanted: typing.Callable[[typing.Dict[str, typing.Any]], bool],
+) -> typing.List[str]:
+    return [entry["name"] for entry in entries if wanted(entry)]

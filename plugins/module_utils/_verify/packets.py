@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Packets of IPv4 and ICMP: the echo request, and the reader of its replies."""
+
+import socket
+import struct
+import typing
+
+# RFC 792: (type, code) of the messages that come back instead of an echo reply
+_REFUSALS = {
+    (3, 0): "network unreachable",
+    (3, 1): "host unreachable",
+    (3, 9): "network administratively prohibited",
+    (3, 10): "host administratively prohibited",
+    (3, 13): "communication administratively prohibited",
+    (11, 0): "time to live exceeded: the routers pass it round in a circle",
+}
+
+
+class Packet(typing.NamedTuple):
+    """One IPv4 packet as a raw socket returns it."""
+
+    source: str
+    destination: str
+    body: bytes
+
+
+class Echo(typing.NamedTuple):
+    """The answer to an echo request: a reply (`error` is empty), or the refusal of a router."""
+
+    source: str
+    sequence: int
+    error: str
+
+
+def packet(data: bytes) -> typing.Optional[Packet]:
+    """Split an IPv4 packet (RFC 791, section 3.1); None where it is too short to be one."""
+    length = (data[0] & 0x0F) * 4 if data else 0
+    if length < 20 or len(data) < length:
+        return None
+    return Packet(socket.inet_ntoa(data[12:16]), socket.inet_ntoa(data[16:20]), data[length:])
+
+
+def checksum(data: bytes) -> int:
+    """Compute the Internet checksum (RFC 1071)."""
+    data += b"\0" * (len(data) % 2)
+    total = sum(struct.unpack(f"!{len(data) // 2}H", data))
+    while total >> 16:
+        total = (total & 0xFFFF) + (total >> 16)
+    return ~total & 0xFFFF
+
+
+def echo_request(identifier: int, sequence: int) -> bytes:
+    """Make an ICMP echo request (RFC 792) without data; both numbers have 16 bits."""
+    head = struct.pack("!BBHHH", 8, 0, 0, identifier, sequence)
+    return head[:2] + struct.pack("!H", checksum(head)) + head[4:]
+
+
+def echo(received: bytes, identifier: int) -> typing.Optional[Echo]:
+    """Read the answer to an echo request of ours out of an IPv4 packet; None for anything else."""
+    outer = packet(received)
+    if outer is None or len(outer.body) < 8:
+        return None
+    kind, code, echoed, sequence = struct.unpack("!BB2xHH", outer.body[:8])
+    if (kind, code) == (0, 0):
+        return Echo(outer.source, sequence, "") if echoed == identifier else None
+    inner = packet(outer.body[8:]) if (kind, code) in _REFUSALS else None
+    if inner is None or len(inner.body) < 8:
+        return None
+    kind_sent, echoed, sequence = struct.unpack("!B3xHH", inner.body[:8])
+    if (kind_sent, echoed) != (8, identifier):
+        return None
+    return Echo(outer.source, sequence, f"{outer.source} reports: {_REFUSALS[kind, code]}")

@@ -1,0 +1,46 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The services of the collection on this computer: their state, and the environment of their processes."""
+
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import processes, systemd
+
+_PROPERTIES = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "MainPID")
+
+
+def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Look at services of the collection: their state, and the variables that differ from the environment file."""
+    found = []
+    for name in names:
+        unit = f"multimaster-{name}.service"
+        seen = state_of(unit)
+        entry: typing.Dict[str, typing.Any] = {
+            "name": name,
+            "unit": unit,
+            "load_state": seen.get("LoadState", ""),
+            "active_state": seen.get("ActiveState", ""),
+            "sub_state": seen.get("SubState", ""),
+            "restarts": int(seen.get("NRestarts") or 0),
+            "differing": [],
+        }
+        pid = seen.get("MainPID", "0")
+        if pid != "0":
+            try:
+                entry["differing"] = differing(processes.environment(pid), variables)
+            except OSError:
+                entry["differing"] = None  # it ended since, or is not ours to look at
+        found.append(entry)
+    return found
+
+
+def state_of(unit: str) -> typing.Dict[str, str]:
+    """Read the properties of a unit; empty where systemd does not answer."""
+    shown = systemd.show([unit], _PROPERTIES).units
+    return shown[0] if shown else {}
+
+
+def differing(process: typing.Dict[str, str], wanted: typing.Dict[str, str]) -> typing.List[str]:
+    """Name the wanted variables that have another value, or none, in the environment of a process."""
+    return sorted(name for name, value in wanted.items() if process.get(name) != value)

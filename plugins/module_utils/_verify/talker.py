@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The talker of this computer: an ordinary `rostopic pub` in a unit that ends by itself. Also the names that it uses."""
+
+import re
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import FAREWELL, Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.services import state_of
+
+TALKER = "multimaster-verify-talker.service"
+
+
+def topic_of(computer: str) -> str:
+    """Return the topic of a computer's talker: its name in the letters of a ROS graph name."""
+    return "/multimaster_verify/" + re.sub(r"\W", "_", computer)
+
+
+def node_of(run: str, computer: str) -> str:
+    """Return the node name of a computer's talker; no other node of the fleet has it, also if many start together."""
+    return re.sub(r"\W", "_", f"multimaster_verify_talker_{computer}_{run}")
+
+
+def sentence_of(run: str, computer: str) -> str:
+    """Return the text that a talker publishes: the label of the run, which an older talker has not, and its computer."""
+    return f"{run} {computer}"
+
+
+def start(ros: Ros, label: str, computer: str, lifetime: int) -> str:
+    """Start `rostopic pub` as a unit that ends by itself; an older one of ours ends first. Returns an error or ''."""
+    stop()
+    folder = TALKER[: -len(".service")]
+    options = {
+        "DynamicUser": "yes",
+        "RuntimeDirectory": folder,
+        "EnvironmentFile": ros.file,
+        "RuntimeMaxSec": str(lifetime),
+        "KillSignal": "SIGINT",  # so that its node unregisters
+        "TimeoutStopSec": str(FAREWELL),
+    }
+    argv = ["systemd-run", "--quiet", "--collect", "--unit=" + TALKER]
+    argv += ["--description=Talker of the verification of rosfleet.multimaster"]
+    argv += [f"--property={name}={value}" for name, value in sorted(options.items())]
+    argv += [f"--setenv={name}=/run/{folder}" for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR")]
+    argv += ["--setenv=PYTHONDONTWRITEBYTECODE=1", "--"]
+    message = f"data: '{sentence_of(label, computer)}'"
+    argv += [ros.command("rostopic"), "pub", "-r", "5", topic_of(computer), "std_msgs/String", message]
+    argv.append("__name:=" + node_of(label, computer))
+    answer = run(argv, limit=30)
+    return "" if answer.status == 0 else answer.error or f"systemd-run ended with status {answer.status}"
+
+
+def stop() -> None:
+    """End the talker, if there is one."""
+    run(["systemctl", "stop", TALKER], limit=30)
+
+
+def state() -> typing.Dict[str, typing.Any]:
+    """Say if the talker runs, and the last line that it wrote where it does not."""
+    state = state_of(TALKER).get("ActiveState", "")
+    if state == "active":
+        return {"running": True, "error": ""}
+    lines = run(["journalctl", "--quiet", "--no-pager", "--output=cat", "--lines=5", "--unit=" + TALKER])
+    said = lines.output.decode("utf-8", "replace").strip().splitlines()
+    return {"running": False, "error": said[-1] if said else "it did not run"}

@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The discovery nodes of masters: real sockets."""
+
+import socket
+import threading
+import time
+import xmlrpc.server
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import masters
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import awaited
+
+
+@pytest.fixture
+def discovery():
+    """A discovery node whose clock is an hour ahead."""
+    server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
+    server.register_function(lambda: ["http://kobuki2computer:11311/", time.time() + 3600], "getCurrentTime")
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield server.server_address[1]
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def master(port):
+    return {
+        "computer": "kobuki2computer",
+        "address": "127.0.0.1",
+        "rpc_port": port,
+        "monitor_uri": f"http://127.0.0.1:{port}",
+    }
+
+
+def test_discovery_node_and_its_clock(discovery):
+    found = masters.discovery(master(discovery), 0)
+    assert found["open"] and not found["error"]
+    assert abs(found["clock_offset_s"] - 3600) <= found["clock_uncertainty_s"] + 1e-3
+
+
+def test_discovery_that_refuses_or_is_something_else():
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        found = masters.discovery(master(closed.getsockname()[1]), 0)
+        assert not found["open"] and "refused" in found["error"]
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        thread = threading.Thread(target=lambda: [_greet(other) for turn in range(2)], daemon=True)
+        thread.start()
+        found = masters.discovery(master(other.getsockname()[1]), 0)
+        assert found["open"] and found["clock_offset_s"] is None and "getCurrentTime failed" in found["clock_error"]
+
+
+def _greet(listener):
+    connection = listener.accept()[0]
+    connection.sendall(b"SSH-2.0-OpenSSH\r\n")
+    connection.close()
+
+
+def test_discovery_that_comes_late_is_awaited():
+    with socket.socket() as late:
+        late.bind(("127.0.0.1", 0))
+        port = late.getsockname()[1]
+        threading.Timer(0.7, late.listen).start()
+        assert masters.discovery(master(port), time.monotonic() + 0)["open"] is False
+        found = {}
+        began = time.monotonic()
+        found.update(awaited(lambda: masters._connect("127.0.0.1", port), lambda seen: seen["open"], began + 10))
+        assert found["open"] and time.monotonic() - began < 5
