@@ -118,6 +118,15 @@ def test_no_arrow_goes_up(tree):
         below[room] = arrows
 
 
+@pytest.mark.parametrize("tree", ROOMS)
+def test_the_picture_in_the_documentation_is_this_table(tree):
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    table = text.partition(f"\n`{tree}`, ")[2].partition("\n\n")[2].partition("\n\n")[0]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[2:]]
+    shown = {name.strip("`"): {room.strip("` ") for room in rooms.split(",") if room} for name, _content, rooms in rows}
+    assert shown == {room or "the programs": arrows for room, arrows in ROOMS[tree].items()}
+
+
 def test_the_halves_do_not_know_each_other():
     for path in sources(MODULE_UTILS) + sources("plugins/modules"):
         assert not any("plugin_utils" in name for name in imports(path)), path
