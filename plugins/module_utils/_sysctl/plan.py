@@ -189,7 +189,8 @@ def _one_taken_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) ->
 
 def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
     """Plan the value from before, and those of the keys beside it as they were, or as somebody else has set them since."""
-    assert entry.before is not None  # a setting without a key is refused, so it has no record
+    if entry.before is None:
+        raise AssertionError("a setting without a key is refused, so it has no record")
     followed, others = beside(entry.key, kernel.values[entry.key], kernel.values), dict(kernel.values)
     kernel.write(entry.key, entry.before)
     for other, value in beside(entry.key, entry.before, kernel.values).items():

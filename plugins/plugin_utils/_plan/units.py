@@ -239,7 +239,8 @@ StartLimitIntervalSec=0
 Environment=ROSFLEET_INPUTS={inputs}
 # smcrouted goes on without routes where another program has the kernel's multicast routing, or an interface is not there,
 # so both are looked at.
-ExecStartPre=/bin/sh -c '! grep -q "^ *[0-9]" /proc/net/ip_mr_vif || {{ echo "Another program routes multicast already, perhaps smcroute.service: stop and disable it." >&2; exit 1; }}'
+ExecStartPre=/bin/sh -c '! grep -q "^ *[0-9]" /proc/net/ip_mr_vif || \
+{{ echo "Another program routes multicast already, perhaps smcroute.service: stop and disable it." >&2; exit 1; }}'
 ExecStart={command} -n -N -s -f {file}
 ExecStartPost=/bin/sh -c 'for try in $$(seq 25); do {tests}exit; sleep 0.2; done; echo "smcrouted does not route between {names}: are both up?" >&2; exit 1'
 Restart=always
