@@ -132,7 +132,7 @@ class Other:
 
 
 class SyncNode:
-    """What the program has of rospy."""
+    """The part of rospy that the program uses."""
 
     def __init__(self, roscore, held):
         self.held, self.callback, self.topic, self.diagnoses = held, None, "", []
@@ -180,7 +180,7 @@ class Lab:
         return self
 
     def own(self, method, *arguments):
-        """What an own node does; the discovery of this robot says that something has changed."""
+        """Let an own node do something; the discovery of this robot says that something has changed."""
         self.roscore.call(method, *arguments)
         self.changed(Announced("robot1", self.roscore.uri, "", "", time.monotonic(), time.monotonic(), True))
 

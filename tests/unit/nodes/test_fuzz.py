@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What nobody should send: datagrams, filters and state documents of strangers."""
+"""Hostile input: datagrams, filters and state documents of strangers."""
 
 import contextlib
 import math
@@ -83,7 +83,7 @@ class Bystander:
                 return
 
     def carry_out(self):
-        """What the core wants done; bounded, however much has arrived. Whoever is nobody answers only after two seconds."""
+        """Carry out the actions of the core. They are bounded, however much has arrived. A stranger answers after two seconds."""
         for due, action in [item for item in self.asked if item[0] <= self.now]:
             self.asked.remove((due, action))
             contact = self.contacts.get(action.monitor_uri)

@@ -501,7 +501,7 @@ def test_an_answer_brings_a_change_whose_datagrams_were_lost_but_no_old_state():
 
 
 def seen(robot, other):
-    """What a robot was told of another one: (time, change, online)."""
+    """The events of a robot about another one: (time, change, online)."""
     return [(now, change, master.online) for now, change, master in robot.events if master.uri == other.uri]
 
 

@@ -182,7 +182,7 @@ def test_a_white_list_restricts_topics_and_services(values, topic, service):
 
 
 def upstream_server(wire, names, kind):
-    """What upstream's masterInfoFiltered lets through, written down from its description: "" is "no list"."""
+    """Upstream's masterInfoFiltered, written down from its description: "" is "no list"."""
     _remote, _ignore_nodes, sync_nodes, _ignored, sync_topics, _ignored, sync_services, *_rest = wire
     lists = [sync_nodes, sync_topics if kind == "topic" else sync_services]
     hits = [text and re.match(text, name, re.IGNORECASE) for text, name in zip(lists, names)]

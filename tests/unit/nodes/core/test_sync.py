@@ -31,7 +31,7 @@ def view(*items, node_uris=(), types=()):
 
 
 class Roscore:
-    """What a roscore does with registrations, and which nodes it shuts down."""
+    """A roscore: registrations, and the nodes that it shuts down."""
 
     def __init__(self, *own):
         self.items, self.shut_down = set(own), []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is said of names that lead elsewhere."""
+"""Sentences about names that lead elsewhere."""
 
 from rosfleet_multimaster.core.discovery import Contact
 from rosfleet_multimaster.edge.loop import Loop, Workers

@@ -19,11 +19,11 @@ PAUSE = 0.2  # seconds between two looks
 
 
 class NotYet(Exception):
-    """What is waited for is not there."""
+    """The awaited thing is not there yet."""
 
 
 class Transport(xmlrpc.client.Transport):
-    """A roscore that takes a connection and says nothing must not stop the waiting."""
+    """Connections with a time limit: a roscore may take one and say nothing."""
 
     def make_connection(self, host: Any) -> Any:
         connection = super().make_connection(host)

@@ -80,7 +80,7 @@ class Settings:
 
 
 class Patience(NamedTuple):
-    """What silence of a master leads to, in seconds since its last sign of life."""
+    """The consequences of silence, in seconds since the last sign of life of a master."""
 
     ask: float  # it is asked by datagrams,
     pause: float  # so often,
@@ -98,7 +98,7 @@ class Patience(NamedTuple):
 
 
 def misnamed(contact: Contact, heard: str, address: str, there: Optional[Contact]) -> str:
-    """Why the nodes of a master cannot be reached by its name, or an empty text.
+    """The reason why the nodes of a master cannot be reached by its name; empty where they can.
 
     `heard` is the address that it sends from, `address` that of its name ("" for none), `there` who answers at the latter.
     A gateway has two: its name leads to the one in the robot's network, and it is heard from the other.
@@ -211,7 +211,7 @@ class Discovery:
     # What the program tells
 
     def own_state(self, master: Master, now: float) -> None:
-        """The roscore answers, and this is the state of the own master. A changed one is announced, several times."""
+        """Take the state of the own master: its roscore answers. A changed state is announced, several times."""
         before, self._own, self._left = self._own, master, False
         if before is None:
             self._own_since = now
@@ -223,7 +223,7 @@ class Discovery:
         self.tick(now)
 
     def own_failed(self, since: float, now: float) -> bool:
-        """The roscore has not answered since then. True where that has lasted, so that it is offline."""
+        """Note that the roscore has not answered since then. True where it counts as offline by now."""
         if now - since <= DEAD_AFTER:
             return False
         if self._own is not None and self._own.online:
@@ -237,7 +237,7 @@ class Discovery:
         return True
 
     def own_moved(self, own_addresses: Iterable[str]) -> None:
-        """These are the addresses of this computer now: nobody there is another master."""
+        """Take the new addresses of this computer: no peer at one of them is another master."""
         self.own_addresses = frozenset(own_addresses)
         for table in (self._entries, self._strangers):
             for key in [key for key in table if self._is_own(key[0]) and key[2] == self.rpc_port]:
@@ -245,12 +245,12 @@ class Discovery:
         self._publish()
 
     def greet(self, now: float) -> None:
-        """This master, or its network, has just come: tell the others, and ask them."""
+        """Tell the others and ask them, since this master or its network has just come."""
         self._announce = [now + after for after in REPEAT_CHANGES]
         self._request = [now + after for after in REPEAT_REQUESTS]
 
     def leave(self) -> None:
-        """The node ends."""
+        """Tell the others that this node ends."""
         self._to_all(self._record(Kind.LEAVE))
 
     def refresh(self, now: float) -> None:
@@ -261,7 +261,7 @@ class Discovery:
         self.tick(now)
 
     def datagram(self, data: bytes, source: Tuple[str, int], multicast: bool, now: float) -> None:
-        """A datagram arrived. An empty one is a probe of somebody's verification."""
+        """Take a datagram. An empty one is a probe of somebody's verification."""
         if not data:
             return
         try:
@@ -288,7 +288,7 @@ class Discovery:
             self._heard(entry, beat, now)
 
     def contacted(self, key: Key, contact: Optional[Contact], problem: str, now: float, *, gone: bool = False) -> None:
-        """The result of an Ask: the answer, or None and why. `gone`: it was answered, and there is no master."""
+        """Take the result of an Ask: the answer, or None and why. `gone`: it was answered that there is no master."""
         self._asked.discard(key)
         entry = self._entries.get(key) or self._strangers.get(key)
         if entry is None:
@@ -430,7 +430,7 @@ class Discovery:
         entry.contact_due = entry.contacted + FORGET_STRANGER
 
     def _admit(self, entry: Peer, news: News) -> None:
-        """List a stranger. Of too many of one address, that goes which sent nothing for the longest time."""
+        """List a stranger. Where one address has too many peers, the one goes that sent nothing for the longest time."""
         same = self._of_address(entry)
         if len(same) >= MAX_PER_ADDRESS:
             del self._entries[min(same, key=lambda other: other.beats[-1] if other.beats else other.since).key]
@@ -476,7 +476,7 @@ class Discovery:
         self._publish()
 
     def _steps(self, entry: Peer) -> Iterator[Step]:
-        """What is to be done about a master that stays silent, and when."""
+        """The steps about a master that stays silent, each with its time."""
         heard, patience = entry.heard, Patience.with_rate(entry.beat.rate, self.settings)
         if self._online():
             pause = patience.pause if entry.online else max(self.settings.active_request_after, patience.ask)
@@ -497,7 +497,7 @@ class Discovery:
         self._send(self._record(Kind.REQUEST), None if to_group else entry.key[0])
 
     def _crowded(self, entry: Peer) -> bool:
-        """Whether several masters share its address, so that unicast reaches only one of them."""
+        """True where several masters share its address, so that unicast reaches only one of them."""
         return any(key[0] == entry.key[0] and key[2] != entry.key[2] for key in self._entries)
 
     def _probe(self, entry: Peer, now: float) -> None:
@@ -575,7 +575,7 @@ class Discovery:
         return self._own.uri if self._own else None
 
     def _online(self) -> bool:
-        """Whether there is an own state to tell of."""
+        """True where there is an own state to tell of."""
         return self._own is not None and self._own.online
 
     def _is_own(self, address: str) -> bool:

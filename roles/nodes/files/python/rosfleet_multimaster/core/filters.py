@@ -184,7 +184,7 @@ def _choices(tree: Any) -> int:
 
 @dataclass(frozen=True)
 class Rules:
-    """What is exchanged with one master.
+    """The rules of the exchange with one master.
 
     The fields are the filters. Their order is that of the list which masterInfoFiltered takes.
     """

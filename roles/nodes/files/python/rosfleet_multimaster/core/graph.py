@@ -62,7 +62,7 @@ class State:
 
 
 class Graph(NamedTuple):
-    """What getSystemState and getTopicTypes of a roscore say."""
+    """The answers of a roscore to getSystemState and getTopicTypes."""
 
     publishers: Dict[str, Tuple[str, ...]]
     subscribers: Dict[str, Tuple[str, ...]]
@@ -130,12 +130,12 @@ def stamped(state: State, before: Optional[State], wall: float) -> State:
 
 
 def _other(wall: float, before: float) -> float:
-    """A stamp says "changed" by being another one; the clock may have stepped back to exactly the old one."""
+    """A stamp that differs from the one before, even if the clock has stepped back to exactly that one."""
     return wall if abs(wall - before) > 1e-6 else wall + 1e-5
 
 
 def own(state: State) -> State:
-    """The part of a state that is of its own master."""
+    """The part of a state that belongs to its own master."""
 
     def mine(endpoints: Endpoints) -> Dict[str, Tuple[str, ...]]:
         left = {name: tuple(node for node in users if node in nodes) for name, users in endpoints.items()}
@@ -159,7 +159,7 @@ def own(state: State) -> State:
 
 @dataclass(frozen=True)
 class Policy:
-    """What this master keeps to itself, and what it gives to whom. This computer itself is told everything."""
+    """Rules about what others are told. This computer itself is told everything."""
 
     hidden: Rules = Rules()
     exports: Optional[Mapping[str, Rules]] = None  # by address, "*" for all others; None: everything to everybody
@@ -187,7 +187,7 @@ class Policy:
 
 
 def _exports(entries: Sequence[Mapping[str, Any]]) -> Dict[str, Rules]:
-    """What is given to each address that is named, and to all others."""
+    """The rules for each address that is named, and for all others."""
     addresses = dict.fromkeys(["*", *(address for entry in entries for address in entry["to"])])
     return {
         address: _given([entry for entry in entries if "*" in entry["to"] or address in entry["to"]])
@@ -223,7 +223,7 @@ def stamp_text(stamp: float) -> str:
 
 
 def document(state: State, rules: Iterable[Rules] = ()) -> List[Any]:
-    """The ten elements of masterInfo; what one of the rules does not want is left out."""
+    """The ten elements of masterInfo. A thing that any of the rules refuses is left out."""
     every = list(rules)
 
     def topics(endpoints: Endpoints, publisher: bool) -> List[Any]:

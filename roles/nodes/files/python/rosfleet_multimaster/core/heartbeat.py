@@ -42,7 +42,7 @@ class Stamp(NamedTuple):
 
 
 class Kind(Enum):
-    """What a record says."""
+    """The meaning of a record."""
 
     STATE = "state"  # I am here, and my state has this stamp
     REQUEST = "request"  # tell me your state

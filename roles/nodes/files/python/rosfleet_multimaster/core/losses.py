@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which TCP connections end when a master is lost and when it comes back: events in, what to note and to end out.
+"""The TCP connections that end when a master is lost, and when it comes back: events in, connections to note and to end out.
 
 TCP waits. A connect() to a robot without power takes two minutes to fail, and holds a thread of the roscore so long; a
 connection that was cut sends again at ever longer intervals, and rospy reads from it for ever. So, while a master is
@@ -47,7 +47,7 @@ class Ending(NamedTuple):
     silent: float
 
     def wants(self, local_port: int, remote: Tuple[str, int], silent: float) -> bool:
-        """Whether this connection is to be ended."""
+        """True where this connection is to be ended."""
         if remote[0] not in self.addresses or silent < self.silent:
             return False
         return any(Connection(local_port, port) in self.connections for port in (remote[1], None))
@@ -63,14 +63,14 @@ class _Master:
 
 
 class Losses:
-    """What is known of each master for the time when it is lost."""
+    """The notes about each master, for the time when it is lost."""
 
     def __init__(self) -> None:
         self._masters: Dict[str, _Master] = {}
         self._addresses: Dict[str, Tuple[float, FrozenSet[str]]] = {}  # host -> when, and its addresses
 
     def registered(self, held: Mapping[Registration, str], view: View, claims: Mapping[NodeKey, str]) -> None:
-        """What is registered now, for whom; what was registered for a lost master is kept in mind."""
+        """Take what is registered now, and for whom. The registrations of a lost master are remembered."""
         nodes: Dict[str, Set[NodeKey]] = {}
         sharing: Dict[str, Set[NodeKey]] = {}
         users = view.own_nodes(claims)
@@ -86,7 +86,7 @@ class Losses:
                 master.nodes, master.sharing = frozenset(nodes.get(uri, ())), frozenset(sharing.get(uri, ()))
 
     def to_resolve(self, now: float) -> List[str]:
-        """The hosts of registered nodes whose address is to be looked up: now, since later it may not be possible."""
+        """The hosts of registered nodes to look up. Now: when a master is lost, name servers may be too."""
         hosts = {
             host
             for master in self._masters.values()
@@ -102,11 +102,11 @@ class Losses:
         return due
 
     def resolved(self, host: str, addresses: FrozenSet[str], now: float) -> None:
-        """The addresses of a host that are not this computer's own."""
+        """Take the addresses of a host that are not this computer's own."""
         self._addresses[host] = now, addresses
 
     def seen(self, online: Mapping[str, bool], now: float) -> Tuple[List[Look], List[Ending]]:
-        """The masters that discovery knows, and whether they are online."""
+        """Take the masters that discovery knows. Return what to look at, and what to end."""
         looks, endings = [], []
         for uri, master in list(self._masters.items()):
             if master.lost is None and online.get(uri) is False:
@@ -124,7 +124,7 @@ class Losses:
         return looks, endings
 
     def noted(self, uri: str, connections: Set[Connection]) -> None:
-        """What a look has found."""
+        """Take the connections that a look has found."""
         master = self._masters.get(uri)
         if master is not None and master.lost is not None:
             master.noted |= connections

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether a shared topic has the same type here and there: answers of nodes and masters in, questions and refusals out.
+"""Types of shared topics, compared here and there: answers of nodes and masters in, questions and refusals out.
 
 The roscore cannot say it. It keeps one type per topic, that of the publisher who registered last (a subscriber that
 comes later changes nothing), and keeps it when all of them are gone. So the own nodes that share a topic with another
@@ -42,7 +42,7 @@ class Question(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What of the wanted may be registered now, what is in conflict, and what is to be asked."""
+    """The wanted registrations that may be made now, the conflicts, and the questions to ask."""
 
     wanted: List[Wanted]
     refused: List[Refusal]
@@ -50,7 +50,7 @@ class Verdict(NamedTuple):
 
 
 class _Book(Generic[Key]):
-    """Who was asked for what, and the answers."""
+    """The questions that were asked, and the answers."""
 
     def __init__(self) -> None:
         self.answers: Dict[Key, Mapping[str, str]] = {}
@@ -60,7 +60,7 @@ class _Book(Generic[Key]):
         self._open: Set[Key] = set()
 
     def to_ask(self, key: Key, names: FrozenSet[str], stamp: float, now: float) -> bool:
-        """Whether to ask for these names now: they are new, or the stamp is; then the question is open."""
+        """True where these names are to be asked for now: they are new, or the stamp is. Then the question is open."""
         asked, before, until = self._asked.get(key, (frozenset(), stamp, -math.inf))
         if key in self._open:
             return False
@@ -74,11 +74,11 @@ class _Book(Generic[Key]):
         return True
 
     def waits(self, key: Key, name: str) -> bool:
-        """Whether an answer is still to come, and there is none from before."""
+        """True where an answer is still to come, and there is none from before."""
         return key in self._open and name not in self.answers.get(key, ())
 
     def answer(self, key: Key, answer: Optional[Mapping[str, str]], now: float) -> None:
-        """The answer, or None where there is none: then the earlier one counts."""
+        """Take the answer. Without one (None) the earlier answer counts."""
         self._open.discard(key)
         if answer is not None:
             self.answers[key] = answer
@@ -93,7 +93,7 @@ class _Book(Generic[Key]):
 
 
 class TypeGuard:
-    """Refuses what another master has on a topic of own nodes with another type, or another md5 sum of it."""
+    """Refuses registrations on topics that own nodes have with another type, or with another md5 sum of it."""
 
     def __init__(self) -> None:
         self._nodes: _Book[NodeKey] = _Book()  # own node -> topic -> type
@@ -140,18 +140,18 @@ class TypeGuard:
         return Verdict(left, refused, questions)
 
     def told_by_node(self, node: NodeKey, types: Optional[Mapping[str, str]], now: float) -> None:
-        """What an own node says of its topics: topic -> type; None where it does not answer."""
+        """Take the answer of an own node: topic -> type; None where it does not answer."""
         self._nodes.answer(node, types, now)
 
     def told_by_master(
         self, master: str, there: Optional[Mapping[str, str]], here: Mapping[str, str], now: float
     ) -> None:
-        """The md5 sums of types there (None: no answer) and here."""
+        """Take the md5 sums of types there (None: no answer) and here."""
         self._masters.answer(master, there, now)
         self._own_md5.update(here)
 
     def _named(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
-        """Type -> the own node that takes the topic for it."""
+        """Type -> the own node that has the topic with it."""
         found: Dict[str, str] = {}
         for node in users:
             kind = self._nodes.answers.get((node, view.node_uris.get(node, "")), {}).get(topic, "")
@@ -166,7 +166,7 @@ class TypeGuard:
         named: Mapping[str, Dict[str, str]],
         view: View,
     ) -> Dict[Tuple[str, str], Tuple[str, str]]:
-        """(topic, master) -> what it is there and here."""
+        """(topic, master) -> its type there, and here."""
         there: Dict[Tuple[str, str], List[Wanted]] = {}
         for item in shared:
             there.setdefault((item.registration.name, item.master), []).append(item)
@@ -186,7 +186,7 @@ class TypeGuard:
         return found
 
     def _said(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
-        """What the roscore says, where no own node says anything; one that takes whatever comes contradicts nobody."""
+        """The type in the roscore, where no own node names one. A node that takes any type contradicts nobody."""
         answers = (self._nodes.answers.get((node, view.node_uris.get(node, "")), {}) for node in users)
         kind = view.types.get(topic, "")
         if kind in UNKNOWN_TYPES or self._silent(topic, users, view) or any(topic in answer for answer in answers):
@@ -199,7 +199,7 @@ class TypeGuard:
         return item.type in named and self._masters.waits(item.master_uri, item.type)
 
     def _silent(self, topic: str, users: Sequence[str], view: View) -> bool:
-        """Whether an own node is still to say what it takes the topic for."""
+        """True where an own node has not answered yet with which type it has the topic."""
         return any(self._nodes.waits((node, view.node_uris.get(node, "")), topic) for node in users)
 
 

@@ -20,7 +20,7 @@ MAX_NAME = 1024  # characters of a name or URI in an answer
 
 
 class State(Enum):
-    """What is known of a peer."""
+    """The state of a peer."""
 
     STRANGER = "it sends heartbeats, and has not said yet who it is"
     ONLINE = "it has said who it is, and is heard"
@@ -31,7 +31,7 @@ class State(Enum):
 
 
 class Sign(Enum):
-    """What can happen to a peer."""
+    """An event in the life of a peer."""
 
     HEARD = "a heartbeat of a peer whose state has a stamp"
     HEARD_EMPTY = "a heartbeat of a peer that has no state yet"
@@ -47,7 +47,7 @@ class Sign(Enum):
 
 
 class Act(Enum):
-    """What is to be done then."""
+    """The reaction to a sign."""
 
     NOTHING = "nothing"
     ADMIT = "list it among the masters, and remember who it is"

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is registered for other masters: lists and documents in, calls to the own roscore out.
+"""Registrations for other masters: lists and documents in, calls to the own roscore out.
 
-There is no bookkeeping beside the roscore itself. What we registered is what the roscore holds for the nodes that we
-claim; the claims are written to the parameter server before the registrations, so they live exactly as long, and outlive
-a killed master_sync. Every round compares what is wanted with what the roscore holds.
+The roscore itself is the only record. Claims say which nodes we registered; what the roscore holds for these nodes is
+ours. Claims are written to the parameter server before the registrations. So they live exactly as long, and outlive a
+killed master_sync. Every round compares what is wanted with what the roscore holds.
 
 Free of sockets, threads and clocks: times are arguments, in seconds of a clock that never steps.
 """
@@ -43,7 +43,7 @@ class Registration(NamedTuple):
 
 @dataclass
 class View:
-    """What the own roscore holds; URIs only of the nodes and services that were asked for."""
+    """The registrations in the own roscore. URIs are there only for the nodes and services that were asked for."""
 
     publishers: Mapping[str, Sequence[str]]
     subscribers: Mapping[str, Sequence[str]]
@@ -81,7 +81,7 @@ class View:
 
 
 class Refusal(NamedTuple):
-    """What is not registered: another node or service has the name here, or own nodes the topic with another type."""
+    """A conflict, so nothing is registered: the name is taken here, or own nodes have the topic with another type."""
 
     kind: str  # node, service, type
     name: str  # of the node, the service, the topic
@@ -92,7 +92,7 @@ class Refusal(NamedTuple):
 
 @dataclass
 class Plan:
-    """What to do now."""
+    """The difference to carry out: calls, and what will be held then."""
 
     claims: Claims
     unregister: List[Registration]
@@ -112,7 +112,7 @@ class Wanted(NamedTuple):
 
 
 def plan(wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str]) -> Plan:
-    """Wanted, held and foreign registrations in, calls out.
+    """Plan a round: wanted, held and foreign registrations in, calls out.
 
     A node whose name another node has is refused (a roscore would shut down the older one, on whichever robot it runs);
     so is a service whose name another provider has. Among several masters the one that holds a name keeps it.
@@ -279,7 +279,7 @@ class Remote:
 
 
 class Sync:
-    """Which masters there are, whose state is to be fetched, and what is wanted of them."""
+    """The masters that are there, the states to fetch, and the registrations wanted of them."""
 
     def __init__(
         self,
@@ -296,7 +296,7 @@ class Sync:
         self.remotes: Dict[str, Remote] = {}
 
     def listed(self, masters: Sequence[Announced], now: float) -> None:
-        """The complete list of discovery. Who is missing is kept for a while: discovery may have just started."""
+        """Take the complete list of discovery. A missing master is kept for a while: discovery may have just started."""
         for master in masters:
             self.announced(master, now)
         present = {master.uri for master in masters}
@@ -309,11 +309,11 @@ class Sync:
                 del self.remotes[uri]
 
     def removed(self, uri: str) -> None:
-        """Discovery says that a master is gone."""
+        """Forget a master: discovery says that it is gone."""
         self.remotes.pop(uri, None)
 
     def announced(self, master: Announced, now: float) -> None:
-        """Discovery says that a master is there, or changed."""
+        """Take the news of discovery that a master is there, or changed."""
         if master.uri == self.own_uri or not self.filters.wants_host(master.name):
             self.remotes.pop(master.uri, None)  # it may have been wanted under another name
             return
@@ -360,7 +360,7 @@ class Sync:
         )
 
     def fetched(self, fetch: Fetch, state: Optional[State], problem: str, now: float) -> bool:
-        """The result of a fetch: a state, or None and why. True where there is a new state; without one the old is kept."""
+        """Take the result of a fetch: a state, or None and why. True for a new state; without one the old is kept."""
         remote = self.remotes.get(fetch.uri)
         if remote is None:
             return False
@@ -381,14 +381,14 @@ class Sync:
         return state is not None
 
     def settled(self) -> bool:
-        """Every master that is online has been asked for its state."""
+        """True where every master that is online has been asked for its state."""
         return all(
             remote.state is not None or remote.failures or not remote.announced.online
             for remote in self.remotes.values()
         )
 
     def wanted(self, now: float, own_topics: Optional[Iterable[str]] = None) -> List[Wanted]:
-        """What is to be registered here. `own_topics`: those of the own nodes, for synchronisation on demand; None for any."""
+        """The registrations to make here. `own_topics`: topics of own nodes, for synchronisation on demand; None for any."""
         demanded = None if own_topics is None or not self.on_demand else set(own_topics)
         found = []
         for uri, remote in sorted(self.remotes.items()):
@@ -404,7 +404,7 @@ class Sync:
         return found
 
     def stamps(self) -> Dict[str, float]:
-        """Master -> stamp of the state that is had of it."""
+        """Master -> stamp of the state that was fetched last."""
         return {uri: remote.state.local_stamp for uri, remote in self.remotes.items() if remote.state}
 
     def publishers_for(self, item: Registration, master_uri: str, here: Sequence[str]) -> List[str]:
@@ -441,7 +441,7 @@ class Sync:
         )
 
     def _outdated(self, remote: Remote) -> bool:
-        """A state that was fetched after an announcement contains what was announced, whatever stamps both carry."""
+        """True where a newer state was announced. A state fetched after an announcement has what was announced, whatever its stamp."""
         return remote.state is None or remote.announced.local_stamp not in (
             remote.state.local_stamp,
             remote.answered_for,

@@ -53,7 +53,7 @@ def end(connection: Tcp) -> bool:
 
 
 def end_all(wanted: Callable[[Tcp], bool]) -> List[Tcp]:
-    """End all connections between nodes that are wanted to end; these. Raises OSError where none could be ended."""
+    """End the connections between nodes that `wanted` names, and return them. Raises OSError where none could be ended."""
     ended, problem = [], None
     for connection in connections():
         if min(connection.local[1], connection.remote[1]) >= _LOWEST and wanted(connection):
@@ -67,7 +67,7 @@ def end_all(wanted: Callable[[Tcp], bool]) -> List[Tcp]:
 
 
 def check() -> None:
-    """Raises OSError where connections cannot be ended here; tried with one of its own."""
+    """Raise OSError where connections cannot be ended here. It is tried with an own one."""
     with contextlib.ExitStack() as opened:
         server = opened.enter_context(socket.socket())
         server.bind(("127.0.0.1", 0))
@@ -87,7 +87,7 @@ def addresses_of(host: str) -> FrozenSet[str]:
 
 
 def _ask(kind: int, flags: int, body: bytes) -> Iterator[bytes]:
-    """The messages with which the kernel answers. Raises OSError."""
+    """Ask the kernel, and yield the messages of its answer. Raises OSError."""
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, _NETLINK_SOCK_DIAG) as kernel:
         kernel.settimeout(2.0)
         kernel.send(struct.pack("=IHHII", 16 + len(body), kind, flags, 1, 0) + body)

@@ -44,7 +44,7 @@ def master_uri() -> str:
 
 
 def hostname() -> str:
-    """How this computer is called in URIs: ROS_HOSTNAME, ROS_IP or its own name."""
+    """The name of this computer in URIs: ROS_HOSTNAME, ROS_IP or its own name."""
     return str(rosgraph.network.get_host_name())
 
 
@@ -56,13 +56,13 @@ def node_name(default: str) -> str:
 
 
 def start(default_name: str) -> Tuple[str, str]:
-    """Become a ROS node; its name and URI. Signals stay with the program."""
+    """Become a ROS node. Return its name and URI. Signals stay with the program."""
     rospy.init_node(default_name, disable_signals=True, log_level=rospy.WARN)
     return rospy.get_name(), str(rospy.get_node_uri())
 
 
 def ended_by(callback: Callable[[str], None]) -> None:
-    """Tell why somebody else ended the node (another node with its name, `rosnode kill`)."""
+    """Call back with the reason when somebody else ends the node (another node with its name, `rosnode kill`)."""
     rospy.core.add_preshutdown_hook(lambda reason: callback(str(reason)))
 
 

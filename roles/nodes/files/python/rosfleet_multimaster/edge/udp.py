@@ -24,7 +24,7 @@ class Datagram(NamedTuple):
 
 
 class Udp:
-    """The sockets of discovery: everything is sent from, and expected at, the port of the protocol."""
+    """The sockets of discovery. They send from the port of the protocol, and receive at it."""
 
     def __init__(self, group: str, port: int, interface: str, multicast: bool) -> None:
         """`interface`: the address to which discovery is pinned, "" for the kernel's choice. Raises OSError."""
@@ -71,7 +71,7 @@ class Udp:
         self._sender.sendto(datagram, (self.group if host is None else host, self.port))
 
     def receive(self, readable: socket.socket, most: int = 64) -> List[Datagram]:
-        """What has arrived, at most so many. Multicast of another interface than the pinned one is dropped."""
+        """Read the datagrams that have arrived, `most` at a time. Multicast of other interfaces than the pinned one is dropped."""
         found: List[Datagram] = []
         for _count in range(most):
             try:

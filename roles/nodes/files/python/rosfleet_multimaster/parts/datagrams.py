@@ -21,7 +21,7 @@ RESOLVE_AGAIN = 5.0  # the same where one of them has none
 
 
 class Datagrams:
-    """The datagrams of discovery, whatever becomes of the network."""
+    """The datagrams of discovery. Sockets come and go with the network."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class Datagrams:
         moved: Callable[[], None],
         opened: Callable[[float], None],
     ) -> None:
-        """Who is told of datagrams, of changed own addresses, and of sockets that were opened again."""
+        """Set the callbacks: a datagram arrived, the own addresses changed, the sockets were opened again."""
         self._received, self._moved, self._opened = received, moved, opened
 
     def tick(self, now: float) -> Optional[float]:

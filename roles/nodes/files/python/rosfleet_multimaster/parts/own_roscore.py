@@ -46,18 +46,18 @@ def refuse_second(roscore: Roscore, node: str) -> None:
 
 
 class Identity:
-    """Whether the roscore is still the one that this node registered with."""
+    """Proof that the roscore is still the one that this node registered with."""
 
     def __init__(self) -> None:
         self._pid: Any = None
         self.service = ("", "")  # name and URI of a service of this node
 
     def calls(self) -> List[Tuple[str, ...]]:
-        """What to ask the roscore for `check`."""
+        """The calls to the roscore whose answers `check` takes."""
         return [("getPid",), ("lookupService", self.service[0] or "/-")]
 
     def check(self, service: Tuple[str, str], pid: Any, service_uri: Any) -> None:
-        """The answers, and `service` as it was when they were asked for. Raises program.Fatal where the roscore is another one."""
+        """Compare the answers. `service`: the own one when they were asked for. Raises program.Fatal where the roscore is another."""
         if pid is None:
             raise OSError("the roscore does not tell its process id")
         if self._pid is None:

@@ -28,7 +28,7 @@ LINES = 50  # log lines of one round
 
 
 class Reading:
-    """What the own roscore holds, as far as a round needs it: who has the names of what was wanted when it began."""
+    """The part of the own roscore that a round needs: who has the names of what was wanted when the round began."""
 
     def __init__(self, wanted: Sequence[Wanted], view: View, claims: Claims) -> None:
         self.wanted, self.view, self.claims = {item.registration for item in wanted}, view, claims
