@@ -186,7 +186,7 @@ def _choices(tree: Any) -> int:
 class Rules:
     """The rules of the exchange with one master.
 
-    The fields are the filters. Their order is that of the list which masterInfoFiltered takes.
+    The fields are the filters: a new one stands at the end. The first ten are the list that masterInfoFiltered takes.
     """
 
     ignore_nodes: Pattern = Pattern()
@@ -237,12 +237,12 @@ class Rules:
 
         The other master may refuse a costly pattern, so that one is left empty. All rules are applied again here.
         """
-        costly = {name for name in NAMES if not getattr(self, name).cheap}
-        if sum(len(getattr(self, name).text) for name in NAMES) > MAX_TEXT:
-            costly = set(NAMES)
+        costly = {name for name in _ON_THE_WIRE if not getattr(self, name).cheap}
+        if sum(len(getattr(self, name).text) for name in _ON_THE_WIRE) > MAX_TEXT:
+            costly = set(_ON_THE_WIRE)
         if costly.intersection(WHITE_LISTS):  # one of them without another would admit less
             costly.update(WHITE_LISTS)
-        return [sync_remote_nodes] + ["" if name in costly else getattr(self, name).text for name in NAMES]
+        return [sync_remote_nodes] + ["" if name in costly else getattr(self, name).text for name in _ON_THE_WIRE]
 
     @classmethod
     def from_wire(cls, value: Any) -> "Rules":
@@ -251,12 +251,13 @@ class Rules:
             raise InvalidPattern("the filter is no array of 8 to 11 elements")
         if sum(len(text) for text in value[1:] if isinstance(text, str)) > MAX_TEXT:
             raise InvalidPattern(f"the patterns are longer than {MAX_TEXT} characters")
-        return cls(**{name: Pattern.from_wire(text) for name, text in zip(NAMES, value[1:])})
+        return cls(**{name: Pattern.from_wire(text) for name, text in zip(_ON_THE_WIRE, value[1:])})
 
 
 # The names of the filters
 
 NAMES = tuple(rule.name for rule in fields(Rules))
+_ON_THE_WIRE = NAMES[:10]  # as upstream reads them; further ones apply here only
 HOSTS = ("ignore_hosts", "sync_hosts")
 WHITE_LISTS = ("sync_nodes", "sync_topics", "sync_services")
 #: Parameters of master_discovery that hide something from every other master -> the filter that each of them is.

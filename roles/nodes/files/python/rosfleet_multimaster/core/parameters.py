@@ -6,6 +6,7 @@ import difflib
 import ipaddress
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
 
+from .discovery import Settings
 from .filters import HIDDEN, HOSTS, NAMES, Filters, InvalidPattern, Pattern
 
 SHORTEST = 2.0  # seconds of ~offline_after: less leaves no time to ask
@@ -56,6 +57,8 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
     "level": ("DEBUG, INFO, WARN, ERROR or FATAL", lambda value: value in ("DEBUG", "INFO", "WARN", "ERROR", "FATAL")),
 }
 
+_CORE = Settings()  # has the defaults of what the core needs
+
 DISCOVERY: Mapping[str, Parameter] = {
     "name": Parameter("", "text"),
     "mcast_group": Parameter("226.0.0.0", "text"),
@@ -64,14 +67,14 @@ DISCOVERY: Mapping[str, Parameter] = {
     "rpc_port": Parameter(None, "port"),
     "rpc_addr": Parameter("", "text"),
     "rosmaster_hz": Parameter(2.0, "rate"),
-    "heartbeat_hz": Parameter(0.02, "rate"),
-    "measurement_intervals": Parameter(5, "count"),
-    "offline_after": Parameter(5.0, "seconds"),
-    "remove_after": Parameter(300.0, "seconds"),
-    "active_request_after": Parameter(60.0, "seconds"),
+    "heartbeat_hz": Parameter(_CORE.heartbeat_hz, "rate"),
+    "measurement_intervals": Parameter(_CORE.measurement_intervals, "count"),
+    "offline_after": Parameter(_CORE.offline_after, "seconds"),
+    "remove_after": Parameter(_CORE.remove_after, "seconds"),
+    "active_request_after": Parameter(_CORE.active_request_after, "seconds"),
     "robot_hosts": Parameter([], "texts"),
-    "send_mcast": Parameter(True, "flag"),
-    "listen_mcast": Parameter(True, "flag"),
+    "send_mcast": Parameter(_CORE.send_mcast, "flag"),
+    "listen_mcast": Parameter(_CORE.listen_mcast, "flag"),
     **{name: Parameter([], "names") for name in HIDDEN},
     "exports": Parameter(None, "exports"),
     "do_not_sync": Parameter([], "names"),
