@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Computer, Fleet, Robot, Router
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import parameters, providers
@@ -28,7 +27,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
     Route,
     Setting,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
 
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
 LOOKED_AT = ("system", "owned", "interfaces", "ways", "multicast_routing")
@@ -70,12 +68,6 @@ def fleet_plan(fleet: Fleet) -> FleetPlan:
         listeners=_listeners(members),
         computers=computers,
     )
-
-
-def plan(fleet: Fleet) -> dict[str, Any]:
-    """Return the plan of the fleet as plain data."""
-    plain: dict[str, Any] = to_plain(fleet_plan(fleet))
-    return plain
 
 
 # What all computers share

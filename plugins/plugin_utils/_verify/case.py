@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
     ComputerPlan,
     FleetPlan,
@@ -26,7 +27,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     SeenMaster,
     SeenMember,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import Hop, Way, Ways
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import Way, Ways
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ class Case:
         return self.ways.way(self.observer.plan, self.target)
 
     @property
-    def gateways(self) -> tuple[Hop | None, Hop | None]:
+    def gateways(self) -> tuple[Gateway | None, Gateway | None]:
         """The gateways on the way to the target; in a check of one computer the gateway of its network, and None."""
         if self.target in self.ways.members and self.target != self.observer.name:
             return self.way.own, self.way.its

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from ipaddress import IPv4Address
 from typing import NamedTuple
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
     ComputerPlan,
     FleetPlan,
@@ -20,26 +21,13 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
 )
 
 
-class Hop(NamedTuple):
-    """A gateway on a way: its computer (empty for a device outside the inventory) and its two addresses."""
-
-    name: str
-    address: IPv4Address  # in the robot's network
-    common_address: IPv4Address
-
-    @property
-    def title(self) -> str:
-        """The name by which a person finds it."""
-        return self.name or str(self.address)
-
-
 class Way(NamedTuple):
     """A way from an observer to a target; a gateway is None where the way does not cross it."""
 
     source: IPv4Address
     next_hop: IPv4Address | None  # None on the same network
-    own: Hop | None  # of the observer's network
-    its: Hop | None  # of the target's network
+    own: Gateway | None  # of the observer's network
+    its: Gateway | None  # of the target's network
 
     @property
     def crosses(self) -> bool:
@@ -52,11 +40,7 @@ class Ways:
 
     def __init__(self, fleet: FleetPlan) -> None:
         self.members: Mapping[str, Member] = {member.name: member for member in fleet.members}
-        computers = {plan.robot: name for name, plan in fleet.computers.items() if plan.is_gateway}
-        self.gateways: Mapping[str, Hop] = {  # robot -> gateway
-            entry.robot: Hop(computers.get(entry.robot, ""), entry.gateway, entry.common_address)
-            for entry in fleet.networks
-        }
+        self.gateways: Mapping[str, Gateway] = fleet.gateways  # robot -> gateway
         self.masters: Mapping[str, Master] = fleet.master_of
         self.names: Mapping[IPv4Address, frozenset[str]] = {
             entry.address: frozenset(name.lower() for name in entry.names) for entry in fleet.hosts_entries

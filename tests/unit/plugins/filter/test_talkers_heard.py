@@ -6,6 +6,7 @@
 from ansible_collections.rosfleet.multimaster.plugins.filter.talkers_heard import talkers_heard
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
 
 ADDRESSES = {"a-pc": "192.168.1.1", "b-pc": "192.168.1.2", "c-pc": "192.168.1.3"}
 RUNNING = {"started": {"talker": {"running": True}}}
@@ -20,7 +21,7 @@ def heard(exports, **hostvars):
     for robot, entries in exports.items():
         variables[f"{robot}-pc"]["multimaster_exports"] = entries
     robots = {name[0]: [name] for name in ADDRESSES}
-    planned = plan.plan(read.read_fleet(read.Inventory(robots=robots, variables=variables)))
+    planned = to_plain(plan.fleet_plan(read.read_fleet(read.Inventory(robots=robots, variables=variables))))
     registered = dict.fromkeys(ADDRESSES, RUNNING) | {f"{robot}-pc": found for robot, found in hostvars.items()}
     return talkers_heard(planned, hostvars=registered, hosts=list(ADDRESSES), registered="started")
 

@@ -16,6 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -78,7 +79,7 @@ def exports(*entries, **filters_of_robot):
 
 def both_sides(model):
     """(exports, hide_subscribers) of master_discovery and the parameters of master_sync, by robot."""
-    computers = plan_module.plan(model)["computers"]
+    computers = to_plain(plan_module.fleet_plan(model))["computers"]
     return {
         robot: (
             computers[master]["discovery"].get("exports"),
@@ -339,7 +340,7 @@ def test_a_hundred_robots_with_one_service_are_a_few_sentences():
 
 
 def test_without_a_declaration_everything_is_exchanged():
-    plan = plan_module.plan(fleet())
+    plan = to_plain(plan_module.fleet_plan(fleet()))
     assert plan["flows"] == []
     assert [master["declared"] for master in plan["masters"]] == [False, False, False]
     assert both_sides(fleet()) == {robot: (None, [], {}) for robot in MASTER}
@@ -373,7 +374,7 @@ def test_two_robots_give_to_a_third():
             },
         ),
     }
-    assert plan_module.plan(model)["flows"] == [
+    assert to_plain(plan_module.fleet_plan(model))["flows"] == [
         {"from": ["tibi"], "to": ["dabo"], "topics": ["/pose"], "services": []},
         {"from": ["car"], "to": ["dabo"], "topics": ["/scan*"], "services": ["/reset"]},
     ]
@@ -400,7 +401,7 @@ def test_an_action_flows_in_each_direction():
         "tibi-visio": {"sync_topics": [*server, VERIFY], "sync_services": []},
         "ignore_hosts": ["car"],
     }
-    assert plan_module.plan(model)["flows"][:2] == [
+    assert to_plain(plan_module.fleet_plan(model))["flows"][:2] == [
         {"from": ["tibi"], "to": ["dabo", "car"], "topics": server, "services": []},
         {"from": ["dabo", "car"], "to": ["tibi"], "topics": client, "services": []},
     ]
@@ -408,12 +409,12 @@ def test_an_action_flows_in_each_direction():
 
 def test_beside_a_declaration_the_others_give_everything_but_subscribers():
     model = fleet(tibi=exports({**DOCK, "to": ["dabo"]}))
-    assert [master["declared"] for master in plan_module.plan(model)["masters"]] == [True, False, False]
+    assert [master["declared"] for master in to_plain(plan_module.fleet_plan(model))["masters"]] == [True, False, False]
     sides = both_sides(model)
     assert sides["dabo"][:2] == sides["car"][:2] == (None, ["*"])
     assert sides["car"][2] == {"ignore_subscribers": ["*"], "ignore_hosts": ["tibi-visio"]}
     assert sides["tibi"][2] == {"ignore_subscribers": ["*"]}
-    assert [flow["from"] for flow in plan_module.plan(model)["flows"]] == [["tibi"]]
+    assert [flow["from"] for flow in to_plain(plan_module.fleet_plan(model))["flows"]] == [["tibi"]]
 
 
 @pytest.mark.parametrize("name", ["ignore_services", "ignore_subscribers"])
@@ -574,7 +575,7 @@ def test_both_sides_let_pass_exactly_what_is_declared(robots, filters_of):
             for robot in model.robots
         ),
     )
-    computers = plan_module.plan(model)["computers"]
+    computers = to_plain(plan_module.fleet_plan(model))["computers"]
     for giver in MASTER:
         of_giver, warnings = parameters.overlay(parameters.DISCOVERY, computers[MASTER[giver]]["discovery"])
         assert not warnings
@@ -620,6 +621,8 @@ def test_the_plan_of_a_hundred_robots_that_each_export_to_all_stays_small():
         }
         for number in range(100)
     }
-    plan = plan_module.plan(fleet_module.read_fleet(fleet_module.Inventory(robots=robots, variables=variables)))
+    plan = to_plain(
+        plan_module.fleet_plan(fleet_module.read_fleet(fleet_module.Inventory(robots=robots, variables=variables)))
+    )
     assert len(json.dumps(plan["flows"])) < 200_000
     assert len(json.dumps(plan["computers"]["r7-c"])) < 40_000

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -46,7 +47,7 @@ def fleet(*changes):
 
 
 def computers(*changes):
-    return plan_module.plan(fleet(*changes))["computers"]
+    return to_plain(plan_module.fleet_plan(fleet(*changes)))["computers"]
 
 
 def robot(name, **values):
@@ -84,7 +85,7 @@ def kobuki(data):
 
 
 def test_the_hosts_file_of_figure_12():
-    entries = {entry["address"]: entry["names"] for entry in plan_module.plan(fleet())["hosts_entries"]}
+    entries = {entry["address"]: entry["names"] for entry in to_plain(plan_module.fleet_plan(fleet()))["hosts_entries"]}
     assert entries == {
         "192.168.11.202": ["tibi-monitor"],
         "192.168.11.100": ["tibi-nav"],
@@ -154,7 +155,7 @@ def test_discovery_is_pinned_to_the_common_network_on_a_gateway():
 
 
 def test_peers_are_symmetric():
-    plan = plan_module.plan(fleet())
+    plan = to_plain(plan_module.fleet_plan(fleet()))
     address = {master["computer"]: master["address"] for master in plan["masters"]}
     for name, own in address.items():
         for other in address:
@@ -163,14 +164,14 @@ def test_peers_are_symmetric():
 
 
 def test_the_master_as_the_others_see_it():
-    masters = {master["robot"]: master for master in plan_module.plan(fleet())["masters"]}
+    masters = {master["robot"]: master for master in to_plain(plan_module.fleet_plan(fleet()))["masters"]}
     assert masters["tibi"]["uri"] == "http://tibi-visio:11311/"
     assert masters["tibi"]["monitor_uri"] == "http://192.168.1.201:11611"
     assert masters["dabo"]["monitor_uri"] == "http://192.168.10.100:11611"
 
 
 def test_who_takes_part_in_the_measurement():
-    members = {member["name"]: member for member in plan_module.plan(fleet())["members"]}
+    members = {member["name"]: member for member in to_plain(plan_module.fleet_plan(fleet()))["members"]}
     assert len(members) == 12
     assert [name for name, member in members.items() if member["multicast"]] == [
         "tibi-visio",
@@ -185,7 +186,7 @@ SMCROUTE = {"multimaster_multicast_routing": "smcroute", "multimaster_multicast_
 
 
 def test_multicast_routing_is_the_gateways():
-    plan = plan_module.plan(fleet(everywhere(**SMCROUTE)))
+    plan = to_plain(plan_module.fleet_plan(fleet(everywhere(**SMCROUTE))))
     routing = {name: of["multicast_routing"] for name, of in plan["computers"].items() if of["multicast_routing"]}
     assert sorted(routing) == ["car-visio", "dabo-visio", "tibi-visio"]
     assert routing["dabo-visio"] == {"group": "239.255.0.1", "addresses": ["192.168.10.101", "192.168.1.202"]}
@@ -194,7 +195,7 @@ def test_multicast_routing_is_the_gateways():
 
 def test_a_gateway_of_another_make():
     device = robot("tibi", multimaster_gateway="192.168.11.1")
-    plan = plan_module.plan(fleet(device, robot("tibi", multimaster_master="tibi-nav")))
+    plan = to_plain(plan_module.fleet_plan(fleet(device, robot("tibi", multimaster_master="tibi-nav"))))
     assert plan["networks"][0] == {
         "robot": "tibi",
         "network": "192.168.11.0/24",
@@ -211,7 +212,7 @@ def test_a_router_of_another_make_is_only_named():
         data["routers"] = []
         everywhere(multimaster_router="192.168.1.254")(data)
 
-    plan = plan_module.plan(fleet(change))
+    plan = to_plain(plan_module.fleet_plan(fleet(change)))
     assert plan["router"] == {"name": "", "address": "192.168.1.254"}
     assert len(plan["computers"]) == 12
 

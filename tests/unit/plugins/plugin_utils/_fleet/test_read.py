@@ -9,6 +9,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -48,7 +49,7 @@ def everywhere(**values):
 
 
 def test_plan_of_figure_5():
-    plan = plan_module.plan(fleet())
+    plan = to_plain(plan_module.fleet_plan(fleet()))
     assert plan["hosts_entries"] == [
         {"address": "192.168.1.229", "names": ["kobuki1computer"]},
         {"address": "192.168.1.239", "names": ["kobuki2computer"]},
@@ -90,9 +91,9 @@ def test_plan_of_figure_5():
     [("both", True, ["192.168.1.239"]), ("multicast", True, []), ("unicast", False, ["192.168.1.239"])],
 )
 def test_transport(transport, multicast, peers):
-    discovery = plan_module.plan(fleet(everywhere(multimaster_transport=transport)))["computers"]["kobuki1computer"][
-        "discovery"
-    ]
+    discovery = to_plain(plan_module.fleet_plan(fleet(everywhere(multimaster_transport=transport))))["computers"][
+        "kobuki1computer"
+    ]["discovery"]
     assert (discovery["send_mcast"], discovery["listen_mcast"], discovery["robot_hosts"]) == (
         multicast,
         multicast,
@@ -101,13 +102,17 @@ def test_transport(transport, multicast, peers):
 
 
 def test_advertise_address():
-    computer = plan_module.plan(fleet(everywhere(multimaster_advertise="address")))["computers"]["kobuki1computer"]
+    computer = to_plain(plan_module.fleet_plan(fleet(everywhere(multimaster_advertise="address"))))["computers"][
+        "kobuki1computer"
+    ]
     assert computer["environment"] == {"ROS_MASTER_URI": "http://192.168.1.229:11311", "ROS_IP": "192.168.1.229"}
 
 
 def test_existing_roscore_on_another_port():
-    plan = plan_module.plan(
-        fleet(setting("kobuki2computer", multimaster_roscore="existing", multimaster_roscore_port=11411))
+    plan = to_plain(
+        plan_module.fleet_plan(
+            fleet(setting("kobuki2computer", multimaster_roscore="existing", multimaster_roscore_port=11411))
+        )
     )
     second = plan["computers"]["kobuki2computer"]
     assert second["services"] == ["discovery", "sync"]
@@ -123,7 +128,7 @@ def test_second_computer_of_a_robot_has_the_environment_and_no_services():
         for host in robots["kobuki1"]:
             variables[host]["multimaster_master"] = "kobuki1computer"
 
-    arm = plan_module.plan(fleet(change))["computers"]["kobuki1arm"]
+    arm = to_plain(plan_module.fleet_plan(fleet(change)))["computers"]["kobuki1arm"]
     assert arm["environment"]["ROS_MASTER_URI"] == "http://kobuki1computer:11311"
     assert arm["environment"]["ROS_HOSTNAME"] == "kobuki1arm"
     assert (arm["is_master"], arm["services"], arm["discovery"], arm["ports"]) == (False, [], {}, [])
@@ -131,9 +136,9 @@ def test_second_computer_of_a_robot_has_the_environment_and_no_services():
 
 def test_an_action_in_a_filter_is_its_five_topics():
     filters = {"ignore_actions": ["/dock"], "ignore_topics": ["/tf"], "ignore_types": ["sensor_msgs/Image"]}
-    sync = plan_module.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"][
-        "kobuki1computer"
-    ]["sync"]
+    sync = to_plain(plan_module.fleet_plan(fleet(setting("kobuki1computer", multimaster_filters=filters))))[
+        "computers"
+    ]["kobuki1computer"]["sync"]
     assert sync == {
         "ignore_topics": ["/dock/goal", "/dock/cancel", "/dock/status", "/dock/feedback", "/dock/result", "/tf"],
         "ignore_type": ["sensor_msgs/Image"],
@@ -148,9 +153,9 @@ def test_alternatives_of_an_action_are_alternatives_of_each_of_its_topics():
 @pytest.mark.parametrize("name", ["sync_nodes", "sync_services", "sync_topics"])
 def test_a_white_list_lets_the_verification_pass(name):
     filters = {name: ["/pose"]}
-    sync = plan_module.plan(fleet(setting("kobuki1computer", multimaster_filters=filters)))["computers"][
-        "kobuki1computer"
-    ]["sync"]
+    sync = to_plain(plan_module.fleet_plan(fleet(setting("kobuki1computer", multimaster_filters=filters))))[
+        "computers"
+    ]["kobuki1computer"]["sync"]
     topics = [*filters.get("sync_topics", []), "/multimaster_verify/*"]
     assert sync == {**filters, "sync_topics": topics, "ignore_subscribers": ["*"]}
 
@@ -362,7 +367,7 @@ def test_whatever_the_inventory_says_the_answer_is_a_plan_or_sentences(values):
     except fleet_module.InventoryProblems as found:
         assert all(found.problems)
     else:
-        assert set(plan_module.plan(model)["computers"]) == {"kobuki1computer", "kobuki2computer"}
+        assert set(to_plain(plan_module.fleet_plan(model))["computers"]) == {"kobuki1computer", "kobuki2computer"}
 
 
 def test_the_plan_grows_with_the_number_of_computers():
@@ -380,7 +385,7 @@ def test_the_plan_grows_with_the_number_of_computers():
                     "multimaster_master": f"r{robot}-c0",
                 }
 
-    plan = plan_module.plan(fleet(change))
+    plan = to_plain(plan_module.fleet_plan(fleet(change)))
     assert len(plan["hosts_entries"]) == 500
     inner = plan["computers"]["r7-c3"]
     assert len(str(inner)) < 1000

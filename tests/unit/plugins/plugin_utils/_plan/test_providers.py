@@ -54,7 +54,9 @@ def plan(change=None, **shared):
         values.update({"multimaster_common_network": "192.168.1.0/24", **shared})
     if change:
         change(variables)
-    return plan_module.plan(read.read_fleet(read.Inventory(robots=ROBOTS, variables=variables)))["computers"]
+    return to_plain(plan_module.fleet_plan(read.read_fleet(read.Inventory(robots=ROBOTS, variables=variables))))[
+        "computers"
+    ]
 
 
 def everywhere(robot, **values):
