@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""How a machine is asked without ever waiting for long: commands, functions with a limit, texts of files."""
+"""Commands, functions and files of this machine, each with a limit of time or of size."""
 
 import os
 import pwd
@@ -16,7 +16,13 @@ CLEAN = {"PATH": BASE_PATH, "HOME": "/", "LC_ALL": "C.UTF-8"}
 _LIMIT = 5.0  # seconds; every command asked here answers in a few hundredths
 _NOBODY = 65534
 
-Answer = typing.NamedTuple("Answer", [("status", int), ("output", bytes), ("error", str)])
+
+class Answer(typing.NamedTuple):
+    """The end of a command: its exit status (-1: none), what it wrote to stdout, and what it wrote to stderr."""
+
+    status: int
+    output: bytes
+    error: str
 
 
 def run(
@@ -25,10 +31,10 @@ def run(
     limit: float = _LIMIT,
     unprivileged: bool = False,
 ) -> Answer:
-    """Run a command in a clean environment for at most `limit` seconds, with everything that it leaves behind.
+    """Run a command in a clean environment for at most `limit` seconds, then end all its processes.
 
-    With `unprivileged` root becomes the user nobody first. A command that is not there, or too slow,
-    is an Answer with status -1 and a sentence, never an exception.
+    With `unprivileged`, root becomes the user nobody first. No exception: a command that does not exist, or is too slow,
+    gives an Answer with the status -1 and a sentence as its error.
     """
     # Files instead of pipes: a process that the command leaves in the background holds no pipe that we wait for.
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as error:
@@ -43,7 +49,7 @@ def run(
                 preexec_fn=_become(_nobody()) if unprivileged and os.geteuid() == 0 else os.setsid,
             )
         except (OSError, subprocess.SubprocessError) as problem:
-            return Answer(-1, b"", "%s could not be started: %s" % (argv[0], problem))
+            return Answer(-1, b"", f"{argv[0]} could not be started: {problem}")
         try:
             status = process.wait(timeout=limit)
         except subprocess.TimeoutExpired:
@@ -54,7 +60,7 @@ def run(
             pass
         process.wait()
         if status == -1:
-            return Answer(-1, b"", "%s gave no answer within %g s" % (argv[0], limit))
+            return Answer(-1, b"", f"{argv[0]} gave no answer within {limit:g} s")
         output.seek(0)
         error.seek(0)
         return Answer(status, output.read(), error.read().decode("utf-8", "replace").strip())
@@ -69,7 +75,7 @@ def _nobody() -> typing.Tuple[int, int]:
 
 
 def _become(who: typing.Tuple[int, int]) -> typing.Callable[[], None]:
-    """What a child does between fork(2) and exec(2): system calls only, since other threads may hold any lock."""
+    """Return the steps of a child between fork(2) and exec(2): system calls only, since other threads may hold any lock."""
 
     def become() -> None:
         os.setsid()
@@ -81,7 +87,7 @@ def _become(who: typing.Tuple[int, int]) -> typing.Callable[[], None]:
 
 
 def within(limit: float, function: typing.Callable[..., typing.Any], *arguments: typing.Any) -> typing.Any:
-    """The result of a function, or TimeoutError after `limit` seconds: a file on a dead network disk blocks."""
+    """Call a function; raise TimeoutError after `limit` seconds, since a file on a dead network disk blocks."""
     results: typing.List[typing.Tuple[bool, typing.Any]] = []
 
     def work() -> None:
@@ -95,7 +101,7 @@ def within(limit: float, function: typing.Callable[..., typing.Any], *arguments:
     thread.start()
     thread.join(limit)
     if not results:
-        raise TimeoutError("no answer within %g s" % limit)
+        raise TimeoutError(f"no answer within {limit:g} s")
     good, value = results[0]
     if good:
         return value
@@ -103,7 +109,7 @@ def within(limit: float, function: typing.Callable[..., typing.Any], *arguments:
 
 
 def text(path: str, most: int = 1 << 20) -> str:
-    """The text of a regular file, at most `most` bytes of it; empty where there is none to read."""
+    """Read the text of a regular file, at most `most` bytes of it; empty where there is none to read."""
     try:
         if not os.path.isfile(path):  # never a FIFO: opening one waits for its writer
             return ""

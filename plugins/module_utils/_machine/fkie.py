@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What of multimaster_fkie is on a machine: executables of ROS packages, and Debian packages. Everything is only read."""
+"""The parts of multimaster_fkie on this machine: executables of ROS packages, and Debian packages. Nothing is changed."""
 
 import json
 import os
@@ -61,7 +61,7 @@ print(json.dumps(found))
 def nodes(
     wanted: typing.List[typing.Dict[str, typing.Any]], python: str, environment: typing.Dict[str, str]
 ) -> typing.List[typing.Dict[str, str]]:
-    """Each wanted executable of a ROS package: its path, empty where it is not there, and why it would not run.
+    """Find each wanted executable of a ROS package: its path, empty where it does not exist, and why it would not run.
 
     `environment` is the whole one that the services have.
     """
@@ -79,7 +79,7 @@ def nodes(
 
 
 def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[typing.Dict[str, typing.Any]]:
-    """The wanted Debian packages and those that the collection installed: the versions that are there and to be had."""
+    """Look up the wanted Debian packages, and those that the collection installed: installed and available versions."""
     ours = _recorded(record)
     names = wanted + [name for name in ours if name not in wanted]
     known: typing.Dict[str, typing.Dict[str, str]] = {}
@@ -93,7 +93,7 @@ def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[t
 
 
 def policy(output: str) -> typing.Dict[str, typing.Dict[str, str]]:
-    """{package: versions} out of what apt-cache policy prints; a package that apt does not know is left out."""
+    """Read {package: versions} in the output of apt-cache policy; packages that apt does not know are left out."""
     known: typing.Dict[str, typing.Dict[str, str]] = {}
     name = ""
     for line in output.splitlines():

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Who holds a port: the kernel's tables of sockets, and the processes that have them open (proc(5))."""
+"""The holders of ports: the kernel's tables of sockets, and the processes that have them open (proc(5))."""
 
 import os
 import pwd
@@ -16,13 +16,21 @@ _TABLES = (("tcp", "tcp"), ("tcp", "tcp6"), ("udp", "udp"), ("udp", "udp6"))
 _LISTEN = "0A"  # include/net/tcp_states.h
 _UNIT = re.compile(r"[^/]+\.(?:service|scope|socket)")
 
-Socket = typing.NamedTuple("Socket", [("protocol", str), ("port", int), ("address", str), ("uid", int), ("inode", str)])
+
+class Socket(typing.NamedTuple):
+    """A row of the kernel's tables."""
+
+    protocol: str  # tcp or udp
+    port: int
+    address: str
+    uid: int
+    inode: str
 
 
 def holders(
     wanted: typing.Iterable[typing.Dict[str, typing.Any]], proc: str = "/proc"
 ) -> typing.List[typing.Dict[str, typing.Any]]:
-    """The listening TCP and bound UDP sockets on the wanted {protocol, port}, with process, user and unit."""
+    """Find the listening TCP and bound UDP sockets on the wanted {protocol, port}, with process, user and unit."""
     asked = {(entry["protocol"], entry["port"]) for entry in wanted}
     sockets = [
         entry
@@ -37,7 +45,7 @@ def holders(
 
 
 def parse(protocol: str, table: str) -> typing.List[Socket]:
-    """The sockets of one table of /proc/net that wait for others: TCP in LISTEN, UDP in any state."""
+    """Read the sockets of one table of /proc/net that wait for others: TCP in LISTEN, UDP in any state."""
     sockets = []
     for line in table.splitlines()[1:]:
         fields = line.split()
@@ -52,21 +60,21 @@ def _address(digits: str) -> str:
     # 32-bit words, each printed in the byte order of the machine
     words = [int(digits[start : start + 8], 16) for start in range(0, len(digits), 8)]
     family = socket.AF_INET if len(words) == 1 else socket.AF_INET6
-    return socket.inet_ntop(family, struct.pack("=%dI" % len(words), *words))
+    return socket.inet_ntop(family, struct.pack(f"={len(words)}I", *words))
 
 
 def _owners(
     inodes: typing.Set[str], proc: str
 ) -> typing.Tuple[typing.Dict[str, int], typing.Dict[int, typing.List[int]]]:
-    """Which process has which socket open; of several, the last started, which is not systemd's own copy.
+    """Find the process that has each socket open; of several the last one, since the first may be systemd's own copy.
 
-    Root in a container may not look into the processes of others: these are returned by their user.
+    Root in a container may not look into some processes; these are returned as well, by their user.
     """
     owners: typing.Dict[str, int] = {}
     closed: typing.Dict[int, typing.List[int]] = {}
     if not inodes:
         return owners, closed
-    wanted = {"socket:[%s]" % inode: inode for inode in inodes}
+    wanted = {f"socket:[{inode}]": inode for inode in inodes}
     for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
         folder = os.path.join(proc, str(pid), "fd")
         try:
@@ -95,7 +103,7 @@ def _user_of(pid: int, proc: str) -> int:
 
 
 def _only_one(pids: typing.List[int], proc: str) -> int:
-    """The first of a user's processes where all of them are of one unit, as with a service's own user; else 0."""
+    """Return the first of a user's processes where all of them are of one unit, as with a service's own user; else 0."""
     units = {unit(text(os.path.join(proc, str(pid), "cgroup"))) for pid in pids}
     return pids[0] if len(units) == 1 else 0
 
@@ -118,7 +126,7 @@ def _holder(entry: Socket, pid: int, proc: str) -> typing.Dict[str, typing.Any]:
 
 
 def unit(cgroups: str) -> str:
-    """The systemd unit in the text of /proc/PID/cgroup: of systemd's hierarchy (version 1), or of the only one."""
+    """Read the systemd unit in the text of /proc/PID/cgroup: of systemd's hierarchy (version 1), or of the only one."""
     for line in cgroups.splitlines():
         _number, controllers, path = (line.split(":", 2) + ["", ""])[:3]
         if controllers in ("name=systemd", ""):

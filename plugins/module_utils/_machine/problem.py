@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The one exception that a user is meant to read."""
+"""The exception Problem: its text is a sentence for the user."""
 
 
 class Problem(Exception):
@@ -9,10 +9,8 @@ class Problem(Exception):
 
 
 def sentence(problem: Exception) -> str:
-    """What an exception of a half-done change says to the user: a Problem its own words, an OSError which file."""
+    """Return the sentence for a user about a half-done change: the words of a Problem, or the file of an OSError."""
     if isinstance(problem, OSError):
-        return "%s cannot be written (%s), expected a writable file system with room." % (
-            problem.filename or "A file",
-            problem.strerror,
-        )
+        file = problem.filename or "A file"
+        return f"{file} cannot be written ({problem.strerror}), expected a writable file system with room."
     return str(problem)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Where ROS 1 is on a machine, and what it gives to a program.
+"""The installations of ROS 1 on this machine, and the environment that each gives to a program.
 
-A set-up file is really sourced, and rospy really imported, as the user nobody: the services run as such a user,
-and a person's workspace is no code for root.
+A set-up file is sourced, and rospy is imported, as the user nobody. The services run as such a user, and a person's
+workspace is no code for root.
 """
 
 import glob
@@ -62,13 +62,13 @@ Record = typing.Dict[str, typing.Any]
 
 
 class NotFound(Exception):
-    """One sentence: what was looked for, where, and what to do."""
+    """ROS was not found; one sentence says what was looked for, where, and what to do."""
 
 
 def find(
     choice: str = "auto", nodes: typing.Sequence[Record] = (), root: str = "/opt/ros", debian: str = _DEBIAN
 ) -> Record:
-    """`found`, `chosen` and `problem`: the installations of ROS, the one to use, and one sentence where that fails.
+    """Return `found`, `chosen` and `problem`: the installations of ROS, the one to use, and one sentence where that fails.
 
     `choice` is "auto", "debian", or the path of a set-up file or of the folder that holds it; `nodes` are executables
     that are looked for in the chosen one.
@@ -84,15 +84,14 @@ def find(
 
 
 def candidates(choice: str, root: str = "/opt/ros", debian: str = _DEBIAN) -> typing.List[typing.Tuple[str, str]]:
-    """(kind, set-up file) of what `choice` may mean, in the order of preference. Raises NotFound."""
+    """List (kind, set-up file) of what `choice` may mean, in the order of preference. Raises NotFound."""
     if choice == "auto":
         prefixes = [("prefix", setup_file(os.path.dirname(path))) for path in sorted(glob.glob(root + "/*/setup.sh"))]
         return prefixes + ([("debian", "")] if os.path.isdir(debian) else [])
     if choice == "debian":
         if not os.path.isdir(debian):
             raise NotFound(
-                "multimaster_ros_setup is debian, but %s is not there; install python3-rospy, or name a set-up file."
-                % debian
+                f"multimaster_ros_setup is debian, but {debian} is not there; install python3-rospy, or name a set-up file."
             )
         return [("debian", "")]
     setup = setup_file(choice)
@@ -100,7 +99,7 @@ def candidates(choice: str, root: str = "/opt/ros", debian: str = _DEBIAN) -> ty
 
 
 def setup_file(path: str) -> str:
-    """The set-up file that a path names, itself or as its folder. Raises NotFound."""
+    """Find the set-up file that a path names, itself or as its folder. Raises NotFound."""
     path = os.path.normpath(path)
     if os.path.isfile(path):
         return path
@@ -108,35 +107,31 @@ def setup_file(path: str) -> str:
         if os.path.isfile(os.path.join(path, name)):
             return os.path.join(path, name)
     raise NotFound(
-        "multimaster_ros_setup is %s, but that is neither a file nor a folder with %s; "
-        "name the set-up file that a person sources." % (path, " or ".join(_IN_A_FOLDER))
+        f"multimaster_ros_setup is {path}, but that is neither a file nor a folder with {' or '.join(_IN_A_FOLDER)}; "
+        "name the set-up file that a person sources."
     )
 
 
 def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[typing.Any, str]:
-    """The installation to use, or None, and the sentence that says what is wrong with it."""
+    """Return the installation to use, or None, and the sentence that says what is wrong with it."""
     ros1 = [record for record in found if record["version"] != "2"]
     prefixes = [record for record in ros1 if record["kind"] == "prefix"]
     if not ros1:
         others = ", ".join(record["setup"] for record in found)
+        neither = f"neither {root}/<distro>/setup.sh nor Debian's python3-rospy"
+        seen = f"only ROS 2 ({others})" if others else neither
         return (
             None,
-            "There is no ROS 1: %s; install it, or name a workspace's set-up file in multimaster_ros_setup."
-            % (
-                "only ROS 2 (%s)" % others
-                if others
-                else "neither %s/<distro>/setup.sh nor Debian's python3-rospy" % root
-            ),
+            f"There is no ROS 1: {seen}; install it, or name a workspace's set-up file in multimaster_ros_setup.",
         )
     if len(prefixes) > 1:
-        return None, "ROS 1 is here more than once (%s); name the one to use in multimaster_ros_setup." % ", ".join(
-            record["setup"] for record in prefixes
-        )
+        setups = ", ".join(record["setup"] for record in prefixes)
+        return None, f"ROS 1 is here more than once ({setups}); name the one to use in multimaster_ros_setup."
     return ros1[0], ros1[0]["problem"]
 
 
 def examine(kind: str, setup: str) -> Record:
-    """One installation: its environment, its commands, and whether rospy is there for an unprivileged user."""
+    """Look at one installation: its environment, its commands, and if an unprivileged user can import rospy."""
     environment, problem = source(setup) if setup else ({}, "")
     fallback = {"prefix": os.path.basename(os.path.dirname(setup)), "workspace": "", "debian": "debian"}
     version = "2" if environment.get("ROS_VERSION") == "2" else "1"
@@ -161,20 +156,20 @@ def examine(kind: str, setup: str) -> Record:
 
 
 def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
-    """What sourcing a set-up file as nobody adds to a clean environment, and one sentence where it fails."""
+    """Source a set-up file as nobody; return what it adds to a clean environment, and one sentence where it fails."""
     shell = _SHELLS.get(os.path.splitext(setup)[1], "bash")
     # No positional parameters: catkin's files hand theirs on. What they print is not the environment.
-    script = "{ . %s; } >&2; exec /usr/bin/env -0" % shlex.quote(setup)
+    script = f"{{ . {shlex.quote(setup)}; }} >&2; exec /usr/bin/env -0"
     answer = run([shell, "-c", script], limit=_SOURCING, unprivileged=True)
     variables = added(answer.output)
     if answer.status == 0 and variables:
         return variables, ""
     said = (answer.error.splitlines() or ["it says nothing"])[-1].rstrip(".")
-    return {}, closed([setup]) or "The set-up file %s, sourced by %s, sets no variables: %s." % (setup, shell, said)
+    return {}, closed([setup]) or f"The set-up file {setup}, sourced by {shell}, sets no variables: {said}."
 
 
 def added(output: bytes) -> typing.Dict[str, str]:
-    """The variables in the output of `env -0` that a set-up file made; of PATH only the entries that it added.
+    """Read the variables in the output of `env -0` that a set-up file made; of PATH only the entries that it added.
 
     A value with a line break or another control character fits into no file of an environment and is left out.
     """
@@ -192,13 +187,13 @@ def added(output: bytes) -> typing.Dict[str, str]:
 
 
 def full(environment: typing.Dict[str, str]) -> typing.Dict[str, str]:
-    """A whole environment for a process out of the variables that a set-up file adds."""
+    """Make a whole environment for a process out of the variables that a set-up file adds."""
     path = ":".join(filter(None, [environment.get("PATH", ""), BASE_PATH]))
     return dict(environment, **dict(CLEAN, PATH=path))
 
 
 def hooks(environment: typing.Dict[str, str]) -> str:
-    """The folder of shell files that the prefix's set-up file sources at its end, or an empty text."""
+    """Find the folder of shell files that the prefix's set-up file sources at its end; empty where there is none."""
     for prefix in reversed(environment.get("CMAKE_PREFIX_PATH", "").split(":")):
         if prefix and os.path.isdir(os.path.join(prefix, HOOKS)):
             return os.path.join(prefix, HOOKS)
@@ -211,14 +206,13 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
     python = PYTHON2 if old else PYTHON
     if not os.path.exists(python):
         return {
-            "problem": "The rospy of %s is made for Python 2, but there is no %s; install it (python2.7)."
-            % (where, python)
+            "problem": f"The rospy of {where} is made for Python 2, but there is no {python}; install it (python2.7)."
         }
     answer = run([python, "-c", _ASK] + list(MODULES), full(environment), _IMPORTING, unprivileged=True)
     try:
         told = json.loads(answer.output.decode("utf-8").splitlines()[-1])
     except (ValueError, IndexError):
-        return {"problem": "The modules of %s cannot be imported: %s." % (where, answer.error or "no answer")}
+        return {"problem": f"The modules of {where} cannot be imported: {answer.error or 'no answer'}."}
     result = {
         "python": python,
         "python_version": told["version"],
@@ -228,24 +222,21 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
     if told["missing"]:
         folders = [item for item in environment.get("PYTHONPATH", "").split(":") if os.path.isabs(item)]
         packages = ", ".join("python3-" + name.replace("_", "-") for name in told["missing"])
-        result["problem"] = closed(folders) or "%s cannot import %s out of %s; %s." % (
-            python,
-            ", ".join(told["missing"]),
-            where,
-            "install what is missing" if setup else "install " + packages,
-        )
+        advice = "install what is missing" if setup else f"install {packages}"
+        missing = ", ".join(told["missing"])
+        result["problem"] = closed(folders) or f"{python} cannot import {missing} out of {where}; {advice}."
     return result
 
 
 def closed(paths: typing.Iterable[str]) -> str:
-    """A sentence about the first folder or file on the way to these paths that is closed to the user nobody."""
+    """Name the first folder or file on the way to these paths that is closed to the user nobody, in a sentence."""
     answer = run([PYTHON, "-c", _CLOSED] + [path for path in paths if os.path.exists(path)], unprivileged=True)
     part = answer.output.decode("utf-8", "replace").strip()
     if not part:
         return ""
-    folder = os.path.isdir(part)
+    kind, right = ("folder", "x") if os.path.isdir(part) else ("file", "r")
+    mode = os.stat(part).st_mode & 0o7777
     return (
-        "The %s %s (mode %04o) is closed to other users, but the services run as an unprivileged one: "
-        "open it (chmod o+%s %s), or use a ROS that is installed for everybody."
-        % ("folder" if folder else "file", part, os.stat(part).st_mode & 0o7777, "x" if folder else "r", part)
+        f"The {kind} {part} (mode {mode:04o}) is closed to other users, but the services run as an unprivileged one: "
+        f"open it (chmod o+{right} {part}), or use a ROS that is installed for everybody."
     )

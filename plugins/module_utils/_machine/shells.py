@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Where shells get their variables from on a machine: older assignments, sshd's SetEnv, and what really arrives."""
+"""The variables of shells on this machine: older assignments in files, SetEnv of sshd, and the variables that arrive."""
 
 import fnmatch
 import glob
@@ -21,7 +21,7 @@ VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME")
 _OURS = ("/etc/profile.d/rosfleet-multimaster.sh", "/etc/environment.d/90-rosfleet-multimaster.conf")
 OUR_DROP_IN = "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf"
 
-# What shells and sessions read, and of whom.
+# The files that shells and sessions read: of the system, and of each person.
 _SYSTEM = (
     "/etc/bash.bashrc",
     "/etc/profile",
@@ -44,15 +44,16 @@ _PERSONAL = (
     ".config/environment.d/*.conf",
 )
 _NO_LOGIN = ("nologin", "false", "sync", "")
-_SETENV = re.compile(r"\s*(?:.*[;&\s])?setenv\s+(%s)\s+(\S+)" % "|".join(VARIABLES))
-_PAM = re.compile(r"\s*(%s)\s+(?:DEFAULT|OVERRIDE)=(\S+)" % "|".join(VARIABLES))
+_ANY_OF_THEM = "|".join(VARIABLES)
+_SETENV = re.compile(rf"\s*(?:.*[;&\s])?setenv\s+({_ANY_OF_THEM})\s+(\S+)")
+_PAM = re.compile(rf"\s*({_ANY_OF_THEM})\s+(?:DEFAULT|OVERRIDE)=(\S+)")
 _GENERATOR = "/systemd/user-environment-generators/30-systemd-environment-d-generator"
 _DEEPEST = 16  # sshd refuses files that include each other more deeply
 _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "TERM")
 
 
 def exports(root: str = "/") -> Found:
-    """Older assignments of the variables that name a master or this computer, in the files that shells read."""
+    """Find older assignments of the variables that name a master or this computer, in the files that shells read."""
     under = os.path.join(root, "")
     people = homes(text(under + "etc/passwd"))
     patterns = list(_SYSTEM) + [os.path.join(home, name) for home in people for name in _PERSONAL]
@@ -63,7 +64,7 @@ def exports(root: str = "/") -> Found:
 
 
 def homes(passwd: str) -> typing.List[str]:
-    """The home folders of root and of the people in the text of /etc/passwd."""
+    """List the home folders of root and of people in the text of /etc/passwd."""
     found = []
     for line in passwd.splitlines():
         fields = line.split(":")
@@ -75,7 +76,7 @@ def homes(passwd: str) -> typing.List[str]:
 
 
 def assignments(content: str) -> Found:
-    """The lines of a shell's file (sh, csh, pam_env.conf(5)) that assign one of VARIABLES."""
+    """Find the lines of a shell's file (sh, csh, pam_env.conf(5)) that assign one of VARIABLES."""
     found = []
     for number, line in enumerate(content.splitlines(), 1):
         if any(name in line for name in VARIABLES):
@@ -103,7 +104,7 @@ def _words(line: str) -> typing.List[str]:
 
 
 def sshd(root: str = "/") -> typing.Dict[str, typing.Any]:
-    """Whether sshd is here and reads drop-ins, which SetEnv lines it has, and whether it has read our file as it is."""
+    """Look at sshd: is it installed, does it read drop-ins, its SetEnv lines, and has it read our file as it is now."""
     directives = list(_directives(os.path.join(root, "etc/ssh/sshd_config"), os.path.join(root, ""), False))
     path = re.search(r"^PATH=[\"']?([^\"'\n]+)", text(os.path.join(root, "etc/environment")), re.MULTILINE)
     service, since = _listener() if root == "/" else ("", 0.0)
@@ -130,7 +131,7 @@ def sshd(root: str = "/") -> typing.Dict[str, typing.Any]:
 def _directives(
     path: str, root: str, match: bool, depth: int = 0
 ) -> typing.Iterator[typing.Tuple[str, int, str, str, bool]]:
-    """(file, line, keyword, arguments, inside a Match) of sshd_config(5) and its includes, in the order of reading."""
+    """Yield (file, line, keyword, arguments, inside a Match) of sshd_config(5) and its includes, in the order of reading."""
     for number, line in enumerate(text(path).splitlines(), 1):
         found = re.match(r"\s*([A-Za-z]+)[\s=]+(.*?)\s*$", line)
         if not found:
@@ -150,7 +151,7 @@ def _patterns(rest: str) -> typing.List[str]:
 
 
 def _listener() -> typing.Tuple[str, float]:
-    """The active unit of sshd's daemon, or an empty text, and when (s since 1970) it last read its files."""
+    """Return the active unit of sshd's daemon, or an empty text, and the time (s since 1970) of its last reading."""
     properties = ("Id", "ActiveState", "StateChangeTimestampMonotonic")
     for unit in systemd.show(("ssh.service", "sshd.service"), properties).units:
         if unit.get("ActiveState") == "active":
@@ -161,7 +162,7 @@ def _listener() -> typing.Tuple[str, float]:
 
 
 def _changed(path: str) -> float:
-    """When a file was last written, or removed from its folder; a time in the future tells nothing."""
+    """Return the time (s since 1970) of the last change of a file, or of its folder; 0 for a time in the future."""
     for place in (path, os.path.dirname(path)):
         try:
             changed = os.stat(place).st_mtime
@@ -172,10 +173,10 @@ def _changed(path: str) -> float:
 
 
 def seen() -> typing.Dict[str, typing.Optional[typing.Dict[str, str]]]:
-    """The variables that really reach a new login shell, a command by ssh and a desktop's terminal.
+    """Return the variables that reach a new login shell, a command by ssh and a terminal of a desktop.
 
-    They are read by the programs that read the files; as the user nobody, who has no files of his own.
-    None stands for a program that is not there, or cannot be asked.
+    The programs themselves read their files, as the user nobody, who has no files of his own. None stands for a program
+    that does not exist, or cannot be asked.
     """
     return {"login": _login(), "ssh": _ssh(), "desktop": _desktop()}
 
@@ -215,7 +216,7 @@ def _desktop() -> typing.Optional[typing.Dict[str, str]]:
 
 
 def unquoted(output: str) -> typing.Dict[str, str]:
-    """Variables out of what an environment generator of systemd prints (systemd.environment-generator(7))."""
+    """Read the variables in the output of an environment generator of systemd (systemd.environment-generator(7))."""
     variables = {}
     for line in output.splitlines():
         name, _equals, value = line.partition("=")

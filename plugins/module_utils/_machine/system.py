@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.comm
 
 
 def system(root: str = "/") -> typing.Dict[str, typing.Any]:
-    """Host name, Python, operating system (os-release(5)) and systemd."""
+    """Read the host name, Python, operating system (os-release(5)) and systemd."""
     release = {}
     for word in _words(text(os.path.join(root, "etc/os-release"))):
         name, _equals, value = word.partition("=")
@@ -47,7 +47,7 @@ _MULTICAST_ROUTERS = ("smcroute.service", "mrouted.service", "pimd.service", "ig
 
 
 def multicast_routing() -> typing.Dict[str, typing.Any]:
-    """Where smcrouted is, and which units of others pass multicast on."""
+    """Find smcrouted, and the active units of other programs that pass multicast on."""
     places = (os.path.join(folder, "smcrouted") for folder in ("/usr/sbin", "/usr/local/sbin", "/sbin"))
     states = run(["systemctl", "is-active"] + list(_MULTICAST_ROUTERS)).output.decode("utf-8", "replace").split()
     return {

@@ -35,7 +35,7 @@ WORST = (FAILED, UNKNOWN, WARNING, OK)
 
 @dataclass
 class Summary:
-    """What is kept of a stream of findings: numbers, what is not ok, and the matrix where it is small enough."""
+    """The summary of a stream of findings: numbers, the findings that are not ok, and the matrix where it is small."""
 
     computers: Sequence[str]  # of this run
     fleet: int  # computers of the fleet
@@ -44,12 +44,12 @@ class Summary:
     cells: dict[tuple[str, str], Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
 
     def number(self, verdict: str) -> int:
-        """How many findings have a verdict."""
+        """Count the findings with a verdict."""
         return sum(counts[verdict] for counts in self.counts.values())
 
     @property
     def total(self) -> int:
-        """How many findings there are."""
+        """Count all findings."""
         return sum(counts.total() for counts in self.counts.values())
 
 

@@ -110,7 +110,7 @@ def outside(robot):
 
 
 def good(fleet, name):
-    """What a computer sees of a fleet in which everything works."""
+    """Make the observation of a computer in a fleet in which everything works."""
     own = fleet.computers[name]
     me = next((member for member in fleet.members if member.name == name), None)
     return Observation(
@@ -240,7 +240,7 @@ def topic(name, kind, publishers=(), subscribers=()):
 
 
 def registered(robot):
-    """What the nodes of a robot have registered: a base with a service, a talker on a topic that all have, and rosout."""
+    """List the registrations of a robot's nodes: a base with a service, a talker on a topic that all have, and rosout."""
     base, talker = f"/{robot}/base", f"/{robot}/talker"
     topics = (
         topic(f"/{robot}/odom", "nav_msgs/Odometry", [base]),
@@ -252,7 +252,7 @@ def registered(robot):
 
 
 def imported(flows, master, robot):
-    """What a robot gets of another one, given by its master."""
+    """List the registrations that a robot gets of another one, given by its master."""
     its_topics, its_services = registered(master.robot)
     rules = flows.rules(master.robot, robot)
 
@@ -277,7 +277,7 @@ def imported(flows, master, robot):
 
 
 def exchange(fleet, robot):
-    """What the roscore of a robot holds where everything works: what the plan lets pass, and one connection with each."""
+    """Fill the roscore of a robot where everything works: what the plan lets pass, and one connection with each robot."""
     flows = exchange_module.Flows(fleet)
     topics, services = registered(robot)
     imports, connections = [], []
