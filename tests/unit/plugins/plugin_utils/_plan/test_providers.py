@@ -3,7 +3,7 @@
 
 """Providers: the units and parameters of each distribution, upstream's decisions, and what it cannot do.
 
-The files in golden/providers are written anew by UPDATE_GOLDEN=1 pytest tests/unit/test_providers.py
+The files in golden/providers are written anew by UPDATE_GOLDEN=1 pytest tests/unit/plugins/plugin_utils/_plan/test_providers.py
 """
 
 import copy

@@ -3,7 +3,7 @@
 
 """Configuration for routers and gateways of other makes: golden files, and each dialect as its device reads it.
 
-The files in golden/router_config are written anew by UPDATE_GOLDEN=1 pytest tests/unit/test_router_config.py
+The files in golden/router_config are written anew by UPDATE_GOLDEN=1 pytest tests/unit/plugins/plugin_utils/_plan/test_router_config.py
 """
 
 import copy
