@@ -380,7 +380,11 @@ def main() -> int:
     shutil.rmtree(REPORTS, ignore_errors=True)
     REPORTS.mkdir(parents=True)
     runner = Runner(suites)
-    runner.run()
+    try:
+        runner.run()
+    except KeyboardInterrupt:
+        runner.say("interrupted: the commands have been ended, and their labs are removed")
+        return 130
     failed = [(suite, name) for suite in suites for name in runner.outcomes[suite].failed]
     passed = sum(outcome.passed for outcome in runner.outcomes.values())
     runner.say(f"all {len(suites)} suites have ended")
