@@ -91,7 +91,7 @@ class ManagedFiles(ModuleRun):
         return files.differences(self.plan, self.machine, self.options["brief"])
 
     def summary(self, check_mode: bool) -> str:
-        """What was done in one sentence, with the notes."""
+        """One sentence on all that was done, with the notes."""
         right = len(self.plan.items) - len(self.plan.writes)
         be, are = ("would be", "are") if check_mode else ("were", "were")
         text = (

@@ -149,7 +149,7 @@ class ManagedServices(ModuleRun):
         return dict(before=before, after=after, before_header=header, after_header=header)
 
     def summary(self, check_mode: bool) -> str:
-        """What was done in one sentence, with the notes."""
+        """One sentence on all that was done, with the notes."""
         items = self._items()
         be = "would be" if check_mode else "was"
         parts = [f"{name} {be} removed" for name in self.removed]

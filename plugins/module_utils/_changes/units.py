@@ -73,7 +73,7 @@ PROPERTIES = (
 
 
 class Action(typing.NamedTuple):
-    """What is to be done with one unit, and why."""
+    """A change of the state of one unit, with the reason."""
 
     name: str
     switch: str  # enable, reenable, disable or ""
@@ -175,7 +175,7 @@ def _listed(unit: Unit, state: State, text: str, pending: bool, restarted: typin
 
 
 def _run(unit: Unit, state: State, text: str, pending: bool, restarted: typing.Set[str]) -> typing.Tuple[str, str]:
-    """What is to be done with the process of a planned unit, and why."""
+    """The `run` and `why` of the action for a planned unit."""
     running = state.active in RUNNING
     if not unit.started:
         return ("stop", "it is planned to be stopped") if running else ("", "")

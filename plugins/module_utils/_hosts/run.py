@@ -115,7 +115,7 @@ class Run(ModuleRun):
         }
 
     def summary(self, check_mode: bool) -> str:
-        """What was found and done, in sentences, the counts first."""
+        """A report in sentences, the counts first."""
         said = [self._counts()]
         if self.file.torn:
             said.append(
