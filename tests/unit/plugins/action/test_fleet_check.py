@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The action fleet_check: plain data in, plain data out."""
+
+import types
+
+from ansible.playbook.task import Task
+from ansible_collections.rosfleet.multimaster.plugins.action.fleet_check import ActionModule
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Interface
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain, to_plain
+
+ROUTER = {
+    "computer": "router",
+    "address": "192.168.1.1",
+    "common_address": "192.168.1.1",
+    "network": "192.168.1.0/24",
+    "is_router": True,
+}
+MACHINE = {
+    "hostname": "router",
+    "systemd": {"running": True},
+    "interfaces": [
+        {
+            "name": "eth0",
+            "up": True,
+            "multicast": True,
+            "loopback": False,
+            "addresses": [{"address": "192.168.1.1", "prefix": 24}],
+        }
+    ],
+}
+
+
+def check(plan):
+    task = Task()
+    task.action, task.async_val = "rosfleet.multimaster.fleet_check", 0
+    task.args = {"plan": plan, "machine": MACHINE}
+    task.check_mode = False
+    connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
+    return ActionModule(task, connection, None, None, None, None).run(task_vars={})
+
+
+def test_the_plan_comes_back_as_plain_data():
+    plan = from_plain(ComputerPlan, ROUTER)
+    given = to_plain(plan)
+    given["networks"] = [to_plain(Interface(plan.network, plan.address))]
+    given["sysctl"] = [{"name": "net.ipv4.conf.{common}.send_redirects", "value": "0"}]
+    result = check(given)
+    assert (result.get("failed", False), result["problems"], result["warnings"]) == (False, [], [])
+    assert result["plan"]["sysctl"] == [{"name": "net.ipv4.conf.eth0.send_redirects", "value": "0"}]
+    assert list(result["plan"])[: len(given)] == list(given)
+    assert result["plan"]["packages"] == []
+
+
+def test_another_thing_than_a_plan_is_one_sentence():
+    result = check({**ROUTER, "address": "here"})
+    assert result["failed"]
+    assert result["msg"] == (
+        "The option plan is no entry of computers of fleet_plan: address is 'here'; expected an IPv4 address."
+    )
