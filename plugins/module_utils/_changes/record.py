@@ -12,6 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 RECORDS = "/var/lib/rosfleet-multimaster"
+T = typing.TypeVar("T")
 
 
 class Record:
@@ -41,6 +42,18 @@ class Record:
         if not isinstance(data, dict):
             raise Problem(f"The record {self.path} holds no JSON object; remove it to start without a memory.")
         return data
+
+    def parse(
+        self, parser: typing.Callable[[typing.Dict[str, typing.Any]], T], data: typing.Dict[str, typing.Any]
+    ) -> T:
+        """The content of the record as the type of its module. Raises Problem where `parser` fails on it."""
+        try:
+            return parser(data)
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as problem:
+            raise Problem(
+                f"The record {self.path} does not hold what this version of the module writes "
+                f"({type(problem).__name__}); restore it from a backup, or remove it and what it owned by hand."
+            ) from problem
 
     def save(self, data: typing.Dict[str, typing.Any]) -> None:
         """Save an object; an empty one removes the file, and the folder with the last file. Raises OSError."""

@@ -167,4 +167,5 @@ def route_from_text(output: str, destination: str) -> RouteTo:
         match = re.search(rf"\b{word} (\S+)", output)
         return match.group(1) if match else None
 
-    return RouteTo(destination, after("via"), after("dev"), after("src"), after("metric"))
+    # A route to an IPv4 address may go by a gateway that has an IPv6 address: `via inet6 fe80::1`.
+    return RouteTo(destination, after("via(?: inet6)?"), after("dev"), after("src"), after("metric"))

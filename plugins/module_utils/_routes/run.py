@@ -70,7 +70,7 @@ class Run(ModuleRun):
         self.routes = [item.route for item in listed]
         self.record = Record("routes", options["records"])
         self.stored = self.record.load()
-        self.recorded = self._recorded(self.stored if memory is None else memory)
+        self.recorded = self.record.parse(record.read, self.stored if memory is None else memory)
         self.kernel = Kernel()
         self.keys = [route.key for route in self.routes] + list(self.recorded.entries)
         self.current = self._read()
@@ -81,15 +81,6 @@ class Run(ModuleRun):
         self.boot = Boot(self.machine, options["root"], self.recorded.boot)
         self.items = self._items([self._with_boot_device(item, listed) for item in listed])
         self.changed = bool(self.plan.changes or self.boot.changes)
-
-    def _recorded(self, data: Data) -> RoutesRecord:
-        try:
-            return record.read(data)
-        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as problem:
-            raise Problem(
-                f"The record {self.record.path} does not hold what this version of the module writes "
-                f"({type(problem).__name__}); restore it from a backup, or remove it and what it owned by hand."
-            ) from problem
 
     def _read(self) -> plan.Current:
         """The kernel's routes in the tables of our keys."""

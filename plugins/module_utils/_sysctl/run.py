@@ -67,7 +67,7 @@ class Run(ModuleRun):
         self.kernel = Kernel(options["proc"])
         self.record = Record("sysctl", options["records"])
         self.stored = self.record.load()
-        self.recorded = record.read(self.stored if memory is None else memory)
+        self.recorded = self.record.parse(record.read, self.stored if memory is None else memory)
         self.tree = Tree(options["root"])
         self.file = self._place(self.drop_in)
         self.before = self._own_text()

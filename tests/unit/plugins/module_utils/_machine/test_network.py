@@ -77,6 +77,7 @@ def test_interfaces_from_text():
             "multicast 226.0.0.0 dev eth0 src 192.168.1.229 uid 0 \n    cache <mc> \n",
             RouteTo("x", None, "eth0", "192.168.1.229"),
         ),
+        ("10.0.0.2 via inet6 fe80::1 dev eth0 src 10.0.0.1", RouteTo("x", "fe80::1", "eth0", "10.0.0.1")),
         ("default via 10.0.0.1 dev wlan0 proto dhcp metric 600", RouteTo("x", "10.0.0.1", "wlan0", None, "600")),
         ("", RouteTo("x")),
     ],

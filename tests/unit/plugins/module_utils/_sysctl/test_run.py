@@ -277,6 +277,13 @@ def test_a_record_that_is_no_json_is_named(machine):
     assert "is not readable as JSON" in machine.run(REPORT)["msg"]
 
 
+def test_a_record_of_another_shape_is_named(machine):
+    machine.records.mkdir()
+    (machine.records / "sysctl.json").write_text('{"settings": {"net/ipv4/ip_forward": {}}}')
+    message = machine.run(REPORT)["msg"]
+    assert "does not hold what this version of the module writes (KeyError)" in message and "sysctl.json" in message
+
+
 @as_root
 def test_a_full_disk_leaves_the_machine_as_it_was(tmp_path):
     """The folder of the drop-in is a file system without room, mounted in a mount namespace."""
