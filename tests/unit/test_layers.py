@@ -40,27 +40,13 @@ ROOMS = {
 }
 COLLECTION = "ansible_collections.rosfleet.multimaster."
 
-NOT_IN_THE_CORE = {
-    *(
-        "socket",
-        "socketserver",
-        "select",
-        "selectors",
-        "http",
-        "xmlrpc",
-        "subprocess",
-        "signal",
-        "os",
-        "sys",
-        "logging",
-    ),
-    *("time", "datetime", "threading", "queue", "asyncio", "concurrent", "multiprocessing"),
-    *("random", "secrets", "uuid"),
-}
-ROS = {
-    *("rospy", "rosgraph", "roslib", "rospkg", "genpy", "std_msgs", "std_srvs", "diagnostic_msgs"),
-    "fkie_multimaster_msgs",
-}
+NOT_IN_THE_CORE = set(
+    """
+    socket socketserver select selectors http xmlrpc subprocess signal os sys logging
+    time datetime threading queue asyncio concurrent multiprocessing random secrets uuid
+    """.split()
+)
+ROS = set("rospy rosgraph roslib rospkg genpy std_msgs std_srvs diagnostic_msgs fkie_multimaster_msgs".split())
 
 
 def sources(tree):

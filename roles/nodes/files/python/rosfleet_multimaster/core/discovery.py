@@ -597,7 +597,13 @@ class Discovery:
         return encode(Heartbeat(kind, self.rpc_port, self.settings.heartbeat_hz, stamp, local))
 
     def _speak(self, now: float) -> None:
-        """Tell the others what is due: the state, that it has gone, or a request for theirs."""
+        """Tell the others what is due: the state, that it has gone, and a request for theirs."""
+        self._announce_state(now)
+        if self._online() and any(due <= now for due in self._request):
+            self._request = [due for due in self._request if due > now]
+            self._request_states()
+
+    def _announce_state(self, now: float) -> None:
         announce = self._own is not None and any(due <= now for due in self._announce)
         self._announce = [due for due in self._announce if due > now]
         if self._online() and (announce or now >= self._next_beat):
@@ -605,12 +611,12 @@ class Discovery:
             self._to_all(self._record(Kind.STATE))
         elif announce:
             self._to_all(self._record(Kind.LEAVE))
-        if self._online() and any(due <= now for due in self._request):
-            self._request = [due for due in self._request if due > now]
-            if self.settings.listen_mcast and self.settings.send_mcast:
-                self._send(self._record(Kind.REQUEST), None)
-            for host in self.settings.robot_hosts:
-                self._send(self._record(Kind.REQUEST), host)
+
+    def _request_states(self) -> None:
+        if self.settings.listen_mcast and self.settings.send_mcast:
+            self._send(self._record(Kind.REQUEST), None)
+        for host in self.settings.robot_hosts:
+            self._send(self._record(Kind.REQUEST), host)
 
     def _answer(self, host: str, multicast: bool, now: float) -> None:
         if not self._online() or len(self._answered) > MAX_ANSWERED:

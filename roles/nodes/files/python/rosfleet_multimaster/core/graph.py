@@ -9,7 +9,7 @@ it runs; what master_sync registered for another master carries that master's UR
 import math
 import re
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from .filters import HIDDEN, NOTHING, Pattern, Rules
 
@@ -226,24 +226,18 @@ def document(state: State, rules: Iterable[Rules] = ()) -> List[Any]:
     """The ten elements of masterInfo. A thing that any of the rules refuses is left out."""
     every = list(rules)
 
-    def topics(endpoints: Endpoints, publisher: bool) -> List[Any]:
-        found = []
-        for topic, users in endpoints.items():
-            kind = state.types.get(topic, "")
-            left = [node for node in users if all(rule.topic(node, topic, kind, publisher) for rule in every)]
-            if left:
-                found.append([topic, left])
-        return found
+    def published(node: str, topic: str) -> bool:
+        return all(rule.topic(node, topic, state.types.get(topic, ""), True) for rule in every)
 
-    def services() -> List[Any]:
-        found = []
-        for service, users in state.services.items():
-            left = [node for node in users if all(rule.service(node, service) for rule in every)]
-            if left:
-                found.append([service, left])
-        return found
+    def subscribed(node: str, topic: str) -> bool:
+        return all(rule.topic(node, topic, state.types.get(topic, ""), False) for rule in every)
 
-    publishers, subscribers, provided = topics(state.publishers, True), topics(state.subscribers, False), services()
+    def offered(node: str, service: str) -> bool:
+        return all(rule.service(node, service) for rule in every)
+
+    publishers = _allowed(state.publishers, published)
+    subscribers = _allowed(state.subscribers, subscribed)
+    provided = _allowed(state.services, offered)
     names = dict.fromkeys(name for name, _nodes in publishers + subscribers)
     used = dict.fromkeys(node for _name, nodes in publishers + subscribers + provided for node in nodes)
     return [
@@ -261,6 +255,12 @@ def document(state: State, rules: Iterable[Rules] = ()) -> List[Any]:
             for name, provider in _pick(state.providers, (service for service, _nodes in provided))
         ],
     ]
+
+
+def _allowed(endpoints: Endpoints, allows: Callable[[str, str], bool]) -> List[List[Any]]:
+    """The names with those of their nodes that are allowed; names without any are left out."""
+    left = ([name, [node for node in users if allows(node, name)]] for name, users in endpoints.items())
+    return [entry for entry in left if entry[1]]
 
 
 def _pick(table: Mapping[str, Any], names: Iterable[str]) -> List[Tuple[str, Any]]:

@@ -115,29 +115,39 @@ class TypeGuard:
         users = view.own_nodes(claims)
         shared = [item for item in wanted if _type(item) and item.registration.name in users]
         nodes = _by_node(shared, users, view)
-        questions = [
-            Question(node) for node, topics in nodes.items() if self._nodes.to_ask(node, frozenset(topics), 0.0, now)
-        ]
+        questions = self._ask_nodes(nodes, now)
         named = {topic: self._named(topic, users[topic], view) for topics in nodes.values() for topic in topics}
         types = _by_master(shared, named)
-        questions += [
-            Question(None, master, asked)
-            for master, asked in types.items()
-            if self._masters.to_ask(master, asked, stamps.get(master, 0.0), now)
-        ]
-        self._nodes.keep(nodes)
-        self._masters.keep(types)
+        questions += self._ask_masters(types, stamps, now)
         held, conflicts = view.registrations(claims), self._conflicts(shared, users, named, view)
-        left = []
-        for item in wanted:
+
+        def ready(item: Wanted) -> bool:
             topic = item.registration.name
             if not _type(item) or topic not in users:
-                left.append(item)
-            elif (topic, item.master) not in conflicts:
-                if item.registration in held or not self._waits(item, users[topic], named.get(topic, {}), view):
-                    left.append(item)
+                return True
+            if (topic, item.master) in conflicts:
+                return False
+            return item.registration in held or not self._waits(item, users[topic], named.get(topic, {}), view)
+
+        left = [item for item in wanted if ready(item)]
         refused = [Refusal("type", topic, master, *sides) for (topic, master), sides in conflicts.items()]
         return Verdict(left, refused, questions)
+
+    def _ask_nodes(self, nodes: Mapping[NodeKey, Set[str]], now: float) -> List[Question]:
+        asked = [node for node, topics in nodes.items() if self._nodes.to_ask(node, frozenset(topics), 0.0, now)]
+        self._nodes.keep(nodes)
+        return [Question(node) for node in asked]
+
+    def _ask_masters(
+        self, types: Mapping[str, FrozenSet[str]], stamps: Mapping[str, float], now: float
+    ) -> List[Question]:
+        asked = [
+            (master, names)
+            for master, names in types.items()
+            if self._masters.to_ask(master, names, stamps.get(master, 0.0), now)
+        ]
+        self._masters.keep(types)
+        return [Question(None, master, names) for master, names in asked]
 
     def told_by_node(self, node: NodeKey, types: Optional[Mapping[str, str]], now: float) -> None:
         """Take the answer of an own node: topic -> type; None where it does not answer."""

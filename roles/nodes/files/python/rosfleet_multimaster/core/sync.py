@@ -10,10 +10,10 @@ Free of sockets, threads and clocks: times are arguments, in seconds of a clock 
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from .filters import UNKNOWN_TYPES, Filters, Pattern, Rules
-from .graph import LOCAL, State
+from .graph import LOCAL, Endpoints, State
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
 RETRY = (0.2, 1.0, 3.0, 10.0, 30.0)  # seconds after failed fetches
@@ -209,32 +209,46 @@ def _call(verb: str, item: Registration, kind: str = "*") -> Tuple[Any, ...]:
 
 def select(state: State, rules: Rules, own_uri: str, sync_remote_nodes: bool) -> List[Registration]:
     """The registrations of a master that are wanted here: of its own nodes, and not filtered."""
+    uris = _own_nodes(state, own_uri, sync_remote_nodes)
+    return [
+        *_topics(state, rules, uris, "publisher", state.publishers),
+        *_topics(state, rules, uris, "subscriber", state.subscribers),
+        *_services(state, rules, uris),
+    ]
 
-    def node_uri(name: str) -> Optional[str]:
-        node = state.nodes.get(name)
-        if node is None or node.uri is None or node.origin == own_uri:
-            return None
-        if node.locality == LOCAL or (sync_remote_nodes and node.origin == state.uri):
-            return node.uri
-        return None
 
-    found = []
-    for kind, endpoints in (("publisher", state.publishers), ("subscriber", state.subscribers)):
-        for topic, nodes in endpoints.items():
-            type_name = state.types.get(topic, "")
-            if kind == "publisher" and type_name in UNKNOWN_TYPES:
-                continue
-            for node in nodes:
-                uri = node_uri(node)
-                if uri and rules.topic(node, topic, type_name, kind == "publisher"):
-                    found.append(Registration(kind, topic, node, uri))
+def _own_nodes(state: State, own_uri: str, sync_remote_nodes: bool) -> Dict[str, str]:
+    """The URIs of the nodes that count as the master's own, by name."""
+    return {
+        name: node.uri
+        for name, node in state.nodes.items()
+        if node.uri
+        and node.origin != own_uri
+        and (node.locality == LOCAL or (sync_remote_nodes and node.origin == state.uri))
+    }
+
+
+def _topics(
+    state: State, rules: Rules, uris: Mapping[str, str], kind: str, endpoints: Endpoints
+) -> Iterator[Registration]:
+    publisher = kind == "publisher"
+    for topic, nodes in endpoints.items():
+        type_name = state.types.get(topic, "")
+        if publisher and type_name in UNKNOWN_TYPES:
+            continue
+        for node in nodes:
+            if node in uris and rules.topic(node, topic, type_name, publisher):
+                yield Registration(kind, topic, node, uris[node])
+
+
+def _services(state: State, rules: Rules, uris: Mapping[str, str]) -> Iterator[Registration]:
     for service, nodes in state.services.items():
         provider = state.providers.get(service)
+        if provider is None or not provider.uri:
+            continue
         for node in nodes:
-            uri = node_uri(node)
-            if uri and provider is not None and provider.uri and rules.service(node, service):
-                found.append(Registration("service", service, node, uri, provider.uri))
-    return found
+            if node in uris and rules.service(node, service):
+                yield Registration("service", service, node, uris[node], provider.uri)
 
 
 # The other masters

@@ -120,22 +120,25 @@ class Poller:
         unsure = False
         for service, users in graph.services.items():
             provider = (users[0], self._node_uris.get(users[0], ""))
-            if not service.endswith(GET_SYNC_INFO) or users[0] == ours or provider in self._origins:
-                continue
-            silent = monotonic() - self._silent.setdefault(provider, monotonic())
-            if POSTPONE < silent < GIVE_UP:
-                continue
-            try:
-                found: Optional[Dict[Tuple[str, str], str]] = self._sync_info(service)
-            except Exception as problem:  # rospy raises many
-                program.LOG.debug("%s: %s", service, problem)
-                found = None
-            if found is not None:
-                self._origins.update({key: master for key, master in found.items() if master != self._uri})
-            unsure = unsure or (found is None and silent <= POSTPONE)
-            if found is not None or silent >= GIVE_UP:
-                del self._silent[provider]
+            if service.endswith(GET_SYNC_INFO) and users[0] != ours and provider not in self._origins:
+                unsure = self._ask_foreign(service, provider) or unsure
         return unsure
+
+    def _ask_foreign(self, service: str, provider: Tuple[str, str]) -> bool:
+        """Ask one of them. True while it should answer, but does not yet; a silent one is asked again after GIVE_UP."""
+        silent = monotonic() - self._silent.setdefault(provider, monotonic())
+        if POSTPONE < silent < GIVE_UP:
+            return False
+        try:
+            found = self._sync_info(service)
+        except Exception as problem:  # rospy raises many
+            program.LOG.debug("%s: %s", service, problem)
+            if silent >= GIVE_UP:
+                del self._silent[provider]
+            return silent <= POSTPONE
+        self._origins.update({key: master for key, master in found.items() if master != self._uri})
+        del self._silent[provider]
+        return False
 
 
 def _some(names: Any, known: Dict[str, str], count: int) -> List[str]:

@@ -6,7 +6,7 @@ Rounds follow each other when something changed, and regularly. Each one begins 
 one needs no repair: the next one sees what became of it.
 """
 
-from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
@@ -25,6 +25,8 @@ AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load ref
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
 LINES = 50  # log lines of one round
+
+Nodes = Tuple[str, ...]  # the names of those that have a topic or a service
 
 
 class Reading:
@@ -114,16 +116,7 @@ class Rounds:
         if types is None or system is None:
             raise OSError("the roscore does not tell its state")
         publishers, subscribers, services = ({name: tuple(nodes) for name, nodes in part} for part in system)
-        claimed = {node for node, _uri in claims}
-        nodes = sorted({item.registration.node for item in wanted} | claimed)
-        asked = {item.registration.name for item in wanted if item.registration.kind == "service"}
-        names = sorted(name for name, users in services.items() if name in asked or claimed.intersection(users))
-        # A node that provides a wanted service here, or has a wanted topic, matters too: is it one of ours?
-        users = {user for name in names for user in services[name]}
-        topics = {item.registration.name for item in wanted if item.registration.kind != "service"}
-        for table in (publishers, subscribers):
-            users.update(user for topic in topics.intersection(table) for user in table[topic])
-        nodes = sorted({*nodes, *users})
+        nodes, names = _matter(wanted, {node for node, _uri in claims}, (publishers, subscribers), services)
         answers = self._roscore.ask(
             *[("lookupNode", node) for node in nodes], *[("lookupService", name) for name in names]
         )
@@ -250,3 +243,19 @@ class Rounds:
             lambda: problem is None and self._roscore.ask(("deleteParam", imports.IMPORTS)),
             lambda *_result: done(farewell),
         )
+
+
+def _matter(
+    wanted: Sequence[Wanted], claimed: Set[str], topics: Sequence[Mapping[str, Nodes]], services: Mapping[str, Nodes]
+) -> Tuple[List[str], List[str]]:
+    """The nodes and the services whose URIs a round needs, sorted.
+
+    A node that provides a wanted service here, or has a wanted topic, matters too: is it one of ours?
+    """
+    asked = {item.registration.name for item in wanted if item.registration.kind == "service"}
+    named = {item.registration.name for item in wanted if item.registration.kind != "service"}
+    provided = sorted(name for name, users in services.items() if name in asked or claimed.intersection(users))
+    nodes = {item.registration.node for item in wanted} | claimed
+    nodes.update(user for name in provided for user in services[name])
+    nodes.update(user for table in topics for name in named.intersection(table) for user in table[name])
+    return sorted(nodes), provided
