@@ -23,7 +23,7 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +37,7 @@ CORES = float(max(2, os.cpu_count() or 1))
 HEARTBEAT = 60.0  # seconds between two lines about what is still running
 LIMIT = 1200.0  # seconds that a suite may take, also on a busy machine
 LONG_LIMIT = 6 * 3600.0
+REMOVAL = 300.0  # seconds for removing a lab
 TAIL = 40  # lines of the log that are shown when a suite fails
 
 
@@ -99,7 +100,11 @@ def pytest_cases(suite: Suite, status: int, _output: str) -> Outcome:
     if not suite.report.exists():
         return Outcome(0, (suite.label,))
     passed, failed = 0, []
-    for case in ET.parse(suite.report).getroot().iter("testcase"):
+    try:
+        report = ET.parse(suite.report)
+    except ET.ParseError:  # pytest was ended while it wrote
+        return Outcome(0, (suite.label,))
+    for case in report.getroot().iter("testcase"):
         results = {result.tag for result in case}
         if results & {"failure", "error"}:
             failed.append(f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}")
@@ -300,11 +305,15 @@ class Runner:
 
     def _end(self, future: Future[Outcome]) -> None:
         suite, began = self._running.pop(future)
-        outcome = self.outcomes[suite] = future.result()
+        try:
+            outcome = future.result()
+        except Exception as problem:  # a defect of this program costs no other suite its result
+            outcome = Outcome(0, (f"{suite.label} ({type(problem).__name__}: {problem})",))
+        self.outcomes[suite] = outcome
         verdict = "FAILED" if outcome.failed else "ok"
         counts = f"{outcome.passed} passed, {len(outcome.failed)} failed"
         self.say(f"{suite.label}: {verdict}, {counts} ({time.monotonic() - began:.1f} s)")
-        if outcome.failed:
+        if outcome.failed and suite.log.exists():
             lines = suite.log.read_text(errors="replace").splitlines()
             print("\n".join([f"--- the end of {suite.log.relative_to(ROOT)}", *lines[-TAIL:], "---"]), flush=True)
 
@@ -314,7 +323,11 @@ class Runner:
         try:
             status = self._command(suite)
         finally:
-            take_down(suite.labs)
+            stayed = take_down(suite.labs)
+        if stayed:
+            with suite.log.open("a") as log:
+                log.write("".join(f"\nThe lab {lab} could not be removed.\n" for lab in stayed))
+            status = status or 1
         return suite.judge(suite, status, suite.log.read_text(errors="replace"))
 
     def _command(self, suite: Suite) -> int:
@@ -324,8 +337,8 @@ class Runner:
                 process = subprocess.Popen(
                     suite.command, cwd=ROOT, env=environment(), stdout=log, stderr=log, start_new_session=True
                 )
-            except FileNotFoundError:
-                log.write(f"{suite.command[0]} was not found: run 'make setup'.\n".encode())
+            except OSError as problem:
+                log.write(f"{suite.command[0]} cannot be started ({problem.strerror}): run 'make setup'.\n".encode())
                 return 127
             self._processes.add(process)
             try:
@@ -362,11 +375,16 @@ def environment() -> dict[str, str]:
     }
 
 
-def take_down(labs: Iterable[str]) -> None:
-    """Remove labs, as far as there are any."""
+def take_down(labs: Iterable[str]) -> list[str]:
+    """Remove labs, as far as there are any; return those that could not be removed."""
+    stayed = []
     for lab in labs:
         command = (sys.executable, "tests/lab/lab.py", "down", "--name", lab)
-        subprocess.run(command, cwd=ROOT, check=False, stdout=subprocess.DEVNULL)
+        try:
+            subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL, timeout=REMOVAL)
+        except (OSError, subprocess.SubprocessError):
+            stayed.append(lab)
+    return stayed
 
 
 def _interrupted(_number: int, _frame: object) -> None:
@@ -384,14 +402,21 @@ def main() -> int:
         runner.run()
     except KeyboardInterrupt:
         runner.say("interrupted: the commands have been ended, and their labs are removed")
+        summary(runner.outcomes)
         return 130
-    failed = [(suite, name) for suite in suites for name in runner.outcomes[suite].failed]
-    passed = sum(outcome.passed for outcome in runner.outcomes.values())
     runner.say(f"all {len(suites)} suites have ended")
+    passed, failed = summary(runner.outcomes)
+    return int(bool(failed) or not passed)
+
+
+def summary(outcomes: Mapping[Suite, Outcome]) -> tuple[int, int]:
+    """Print what failed and where its log is, then the counts; return these."""
+    failed = [(suite, name) for suite, outcome in outcomes.items() for name in outcome.failed]
+    passed = sum(outcome.passed for outcome in outcomes.values())
     for suite, name in failed:
         print(f"FAILED {name}: see {suite.log.relative_to(ROOT)}")
-    print(f"{passed} passed, {len(failed)} failed")
-    return int(bool(failed) or not passed)
+    print(f"{passed} passed, {len(failed)} failed", flush=True)
+    return passed, len(failed)
 
 
 if __name__ == "__main__":

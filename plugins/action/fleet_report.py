@@ -47,7 +47,7 @@ class ActionModule(ActionBase):
                 if host in fleet.computers
             }
         except Mismatch as problem:
-            result.update(failed=True, msg=f"The results cannot be read: {problem}")
+            result.update(failed=True, msg=f"The plan of the fleet cannot be read: {problem}")
             return result
         findings: Iterable[Finding] = evaluate(CHECKS, fleet, observations)
         everything = list(findings) if path else []  # otherwise only what is not ok is kept
@@ -76,12 +76,17 @@ def observation(variables: Mapping[str, Any], multicast: str, probe: str, earlie
     """Read the registered results of one computer; the message of the first one that failed is its problem."""
     results = [variables[name] for name in (*earlier, multicast, probe) if name in variables]
     bad = [entry for entry in results if entry.get("unreachable") or entry.get("failed")]
-    return Observation(
-        multicast=complete(Multicast, variables, multicast, "udp"),
-        probe=complete(Probe, variables, probe, "members"),
-        unreachable=any(entry.get("unreachable") for entry in bad),
-        problem=" ".join(str(bad[0].get("msg", "")).split()) if bad else "",
-    )
+    problem = " ".join(str(bad[0].get("msg", "")).split()) if bad else ""
+    unreachable = any(entry.get("unreachable") for entry in bad)
+    try:
+        return Observation(
+            multicast=complete(Multicast, variables, multicast, "udp"),
+            probe=complete(Probe, variables, probe, "members"),
+            unreachable=unreachable,
+            problem=problem,
+        )
+    except Mismatch as found:  # what one computer was told by strangers must not cost the others their report
+        return Observation(unreachable=unreachable, problem=problem or f"its results cannot be read: {found}")
 
 
 def complete(kind: type[T], variables: Mapping[str, Any], name: str, part: str) -> T | None:

@@ -88,7 +88,7 @@ class ManagedServices(ModuleRun):
         """Carry out the actions, or bring the previous state back and raise NotDone."""
         if not self.changed:
             if not self.remembered:  # a run that was killed after the last file may have left the folder of records
-                self.record.save({})
+                self.record.tidy()
             return
         fresh = [name for name in self.names if name in self.texts or name in self.pending]
         memory = dict(

@@ -70,8 +70,20 @@ class Record:
         """Save an object unless it is saved already: a run that only removes things works on a full disk, too."""
         if data and atomic.read_bytes(self.path) == _encoded(data):
             atomic.remove_leftovers(self.path)
-        else:
+        elif data or os.path.lexists(self.path):
             self.save(data)
+        else:
+            self.tidy()
+
+    def tidy(self) -> None:
+        """Remove what a killed run left of an empty record. That it cannot be removed is no failure."""
+        folder = os.path.dirname(self.path)
+        try:
+            atomic.remove_leftovers(self.path)
+            if os.path.isdir(folder) and not os.listdir(folder):
+                atomic.remove_folder_if_empty(folder)
+        except OSError:  # a read-only root, or a folder of somebody else
+            return
 
 
 def _encoded(data: typing.Dict[str, typing.Any]) -> bytes:

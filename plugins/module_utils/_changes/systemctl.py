@@ -126,9 +126,10 @@ def _inputs_of(pid: str) -> str:
     if pid in ("", "0"):
         return ""
     try:
-        return processes.environment(pid).get(INPUTS, "")
+        inputs = processes.environment(pid).get(INPUTS, "")
     except (FileNotFoundError, NotADirectoryError, ProcessLookupError):  # it has ended since
         return ""
+    return inputs.encode("utf-8", "surrogateescape").decode("utf-8", "replace")  # it goes into results
 
 
 # The folders of a unit

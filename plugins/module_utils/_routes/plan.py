@@ -122,9 +122,9 @@ def plan(
     }
     parts = collections.OrderedDict([*listed.items(), *taken_back.items()])
     after = {key: part.after for key, part in parts.items()}
-    adds = _flat(part.adds for part in listed.values())
+    replaced = [changes for part in listed.values() for changes in (part.adds, part.removals)]
     returns = _flat(part.adds for part in taken_back.values())
-    changes = adds + _links_first(returns) + _flat(part.removals for part in parts.values())
+    changes = _flat(replaced) + _links_first(returns) + _flat(part.removals for part in taken_back.values())
     return Plan(
         changes=changes,
         undo=_undo(routes, current, after) if changes else [],

@@ -263,7 +263,9 @@ class Run(ModuleRun):
         if self.boot.changes:
             interim = RoutesRecord(self.plan.interim, self.boot.interim())
             steps.append(Step(self.record.path, do=lambda: self._save(interim.plain())))
-            steps.append(Step("the boot part", do=self._change_boot, undo=self.boot.undo))
+            before: plan.Current = {}
+            steps.append(Step(RUN_TIME, do=lambda: before.update(self._read())))
+            steps.append(Step("the boot part", do=lambda: self._change_boot(before), undo=self.boot.undo))
         final = RoutesRecord(self.plan.final, self.boot.final())
         steps.append(Step(self.record.path, do=lambda: self._save(final.plain())))
         carry_out(steps)
@@ -332,8 +334,7 @@ class Run(ModuleRun):
             if item["after"] not in now:
                 item.update(state="lost")
 
-    def _change_boot(self) -> None:
-        before = self._read()
+    def _change_boot(self, before: plan.Current) -> None:
         self.boot.apply()
         self._settle(before)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
@@ -35,33 +35,39 @@ class Variable:
     example: str
 
 
-def variable(read: Callable[[Any], Any], default: Any, description: str, example: str) -> Any:
-    """Return the field of a variable. `default` is a value as an inventory would have it."""
-    return dataclasses.field(metadata={"row": (read, default, description, example)})
+def row(read: Callable[[Any], Any], default: Any, description: str, example: str) -> dict[str, Any]:
+    """Return the metadata of a variable's field. `default` is a value as an inventory would have it."""
+    return {"row": (read, default, description, example)}
 
 
 @dataclass(frozen=True)
 class ComputerVariables:
     """The variables of one computer."""
 
-    address: IPv4Address = variable(
-        kinds.address,
-        None,
-        "Required. The address of the computer that the other computers reach it by.",
-        "192.168.1.229",
+    address: IPv4Address = field(
+        metadata=row(
+            kinds.address,
+            None,
+            "Required. The address of the computer that the other computers reach it by.",
+            "192.168.1.229",
+        )
     )
-    aliases: list[str] = variable(
-        kinds.names,
-        [],
-        "Further names of the computer, for the hosts file of every computer.",
-        "[kobuki1]",
+    aliases: list[str] = field(
+        metadata=row(
+            kinds.names,
+            [],
+            "Further names of the computer, for the hosts file of every computer.",
+            "[kobuki1]",
+        )
     )
-    ros_setup: str = variable(
-        kinds.setup,
-        "auto",
-        "Where ROS is: `auto` finds /opt/ros or Debian's packages, `debian` takes Debian's packages, "
-        "a path is a prefix or the set-up file of a workspace.",
-        "/home/robot/ws/devel/setup.bash",
+    ros_setup: str = field(
+        metadata=row(
+            kinds.setup,
+            "auto",
+            "Where ROS is: `auto` finds /opt/ros or Debian's packages, `debian` takes Debian's packages, "
+            "a path is a prefix or the set-up file of a workspace.",
+            "/home/robot/ws/devel/setup.bash",
+        )
     )
 
 
@@ -69,69 +75,89 @@ class ComputerVariables:
 class FleetVariables:
     """The variables that are equal on all computers of the fleet."""
 
-    common_network: IPv4Network = variable(
-        kinds.network,
-        None,
-        "Required. The network that all robots share (section 3.1 of the report).",
-        "192.168.1.0/24",
+    common_network: IPv4Network = field(
+        metadata=row(
+            kinds.network,
+            None,
+            "Required. The network that all robots share (section 3.1 of the report).",
+            "192.168.1.0/24",
+        )
     )
-    router: IPv4Address | None = variable(
-        kinds.address,
-        None,
-        "The address in the common network of the router that manages it, where that is a device of another make: "
-        "`playbooks/router_config.yml` writes its configuration. Default: the host of the group `routers`, if there is one.",
-        "192.168.1.1",
+    router: IPv4Address | None = field(
+        metadata=row(
+            kinds.address,
+            None,
+            "The address in the common network of the router that manages it, where that is a device of another make: "
+            "`playbooks/router_config.yml` writes its configuration. Default: the host of the group `routers`, if there is one.",
+            "192.168.1.1",
+        )
     )
-    transport: str = variable(
-        kinds.choice("both", "multicast", "unicast"),
-        "both",
-        "How the discovery nodes find each other: by the multicast group, by unicast to the master of every robot, or both.",
-        "unicast",
+    transport: str = field(
+        metadata=row(
+            kinds.choice("both", "multicast", "unicast"),
+            "both",
+            "How the discovery nodes find each other: by the multicast group, by unicast to the master of every robot, or both.",
+            "unicast",
+        )
     )
-    multicast_group: IPv4Address = variable(
-        kinds.group,
-        "226.0.0.0",
-        "The multicast group of the discovery nodes. The report uses 224.0.0.1, which no switch ever prunes.",
-        "224.0.0.1",
+    multicast_group: IPv4Address = field(
+        metadata=row(
+            kinds.group,
+            "226.0.0.0",
+            "The multicast group of the discovery nodes. The report uses 224.0.0.1, which no switch ever prunes.",
+            "224.0.0.1",
+        )
     )
-    multicast_port: int = variable(
-        kinds.number(int, 1024, 65535),
-        11511,
-        "The UDP port of the discovery nodes.",
-        "11511",
+    multicast_port: int = field(
+        metadata=row(
+            kinds.number(int, 1024, 65535),
+            11511,
+            "The UDP port of the discovery nodes.",
+            "11511",
+        )
     )
-    multicast_routing: str = variable(
-        kinds.choice("none", "smcroute"),
-        "none",
-        "Whether the gateways pass the multicast group on between the networks (by smcroute, which must be installed there). "
-        "It takes a group outside 224.0.0.0/24. Without it, masters behind gateways are found by unicast.",
-        "smcroute",
+    multicast_routing: str = field(
+        metadata=row(
+            kinds.choice("none", "smcroute"),
+            "none",
+            "Whether the gateways pass the multicast group on between the networks (by smcroute, which must be installed there). "
+            "It takes a group outside 224.0.0.0/24. Without it, masters behind gateways are found by unicast.",
+            "smcroute",
+        )
     )
-    answer_broadcast_pings: bool = variable(
-        kinds.switch,
-        True,
-        "Whether the computers answer pings to broadcast and multicast addresses, so that `ping 224.0.0.1` shows them. "
-        "The report asks for it; discovery does not need it.",
-        "false",
+    answer_broadcast_pings: bool = field(
+        metadata=row(
+            kinds.switch,
+            True,
+            "Whether the computers answer pings to broadcast and multicast addresses, so that `ping 224.0.0.1` shows them. "
+            "The report asks for it; discovery does not need it.",
+            "false",
+        )
     )
-    advertise: str = variable(
-        kinds.choice("name", "address"),
-        "name",
-        "Whether ROS on the computers advertises host names (ROS_HOSTNAME) or addresses (ROS_IP).",
-        "address",
+    advertise: str = field(
+        metadata=row(
+            kinds.choice("name", "address"),
+            "name",
+            "Whether ROS on the computers advertises host names (ROS_HOSTNAME) or addresses (ROS_IP).",
+            "address",
+        )
     )
-    heartbeat_hz: float = variable(
-        kinds.number(float, 0.02, 25.5),
-        1.0,
-        "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.",
-        "0.5",
+    heartbeat_hz: float = field(
+        metadata=row(
+            kinds.number(float, 0.02, 25.5),
+            1.0,
+            "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.",
+            "0.5",
+        )
     )
-    offline_after: float = variable(
-        kinds.number(float, 3, 3600),
-        None,
-        "Seconds after the loss of a robot until its topics and services are withdrawn from the others. They return with it. "
-        "Default: 5, or the time of two heartbeats where that is longer; 65 below 0.1 heartbeats a second.",
-        "30",
+    offline_after: float = field(
+        metadata=row(
+            kinds.number(float, 3, 3600),
+            None,
+            "Seconds after the loss of a robot until its topics and services are withdrawn from the others. They return with it. "
+            "Default: 5, or the time of two heartbeats where that is longer; 65 below 0.1 heartbeats a second.",
+            "30",
+        )
     )
 
 
@@ -139,81 +165,103 @@ class FleetVariables:
 class RobotVariables:
     """The variables that are equal on all computers of a robot."""
 
-    network: IPv4Network | None = variable(
-        kinds.network,
-        None,
-        "The robot's own network, where it has several computers behind a gateway. Default: none, its computers are in the "
-        "common network.",
-        "192.168.11.0/24",
+    network: IPv4Network | None = field(
+        metadata=row(
+            kinds.network,
+            None,
+            "The robot's own network, where it has several computers behind a gateway. Default: none, its computers are in the "
+            "common network.",
+            "192.168.11.0/24",
+        )
     )
-    gateway: str | IPv4Address | None = variable(
-        kinds.gateway,
-        None,
-        "What connects the robot's own network with the common network: the name of a computer of the robot, or the address "
-        "in the robot's network of a device that is no computer of the inventory. Required with `multimaster_network`.",
-        "tibi-visio",
+    gateway: str | IPv4Address | None = field(
+        metadata=row(
+            kinds.gateway,
+            None,
+            "What connects the robot's own network with the common network: the name of a computer of the robot, or the address "
+            "in the robot's network of a device that is no computer of the inventory. Required with `multimaster_network`.",
+            "tibi-visio",
+        )
     )
-    common_address: IPv4Address | None = variable(
-        kinds.address,
-        None,
-        "The address of the robot's gateway in the common network. Required with `multimaster_network`.",
-        "192.168.1.201",
+    common_address: IPv4Address | None = field(
+        metadata=row(
+            kinds.address,
+            None,
+            "The address of the robot's gateway in the common network. Required with `multimaster_network`.",
+            "192.168.1.201",
+        )
     )
-    routes: str = variable(
-        kinds.choice("default", "networks", "existing"),
-        "default",
-        "Which routes the computers of the robot get: `default` is the report's, a default route by the gateway on each inner "
-        "computer; `networks` only routes to the common network and the other robots, where the default route leads elsewhere; "
-        "`existing` none, because something else makes them.",
-        "networks",
+    routes: str = field(
+        metadata=row(
+            kinds.choice("default", "networks", "existing"),
+            "default",
+            "Which routes the computers of the robot get: `default` is the report's, a default route by the gateway on each inner "
+            "computer; `networks` only routes to the common network and the other robots, where the default route leads elsewhere; "
+            "`existing` none, because something else makes them.",
+            "networks",
+        )
     )
-    master: str | None = variable(
-        kinds.name,
-        None,
-        "The computer of the robot that runs the roscore. Default: the only computer; required where there are several.",
-        "kobuki1computer",
+    master: str | None = field(
+        metadata=row(
+            kinds.name,
+            None,
+            "The computer of the robot that runs the roscore. Default: the only computer; required where there are several.",
+            "kobuki1computer",
+        )
     )
-    roscore: str = variable(
-        kinds.choice("managed", "existing"),
-        "managed",
-        "Whether the collection runs the roscore as a service, or uses one that something else starts.",
-        "existing",
+    roscore: str = field(
+        metadata=row(
+            kinds.choice("managed", "existing"),
+            "managed",
+            "Whether the collection runs the roscore as a service, or uses one that something else starts.",
+            "existing",
+        )
     )
-    roscore_port: int = variable(
-        kinds.number(int, 1024, 65235),
-        11311,
-        "The TCP port of the roscore.",
-        "11311",
+    roscore_port: int = field(
+        metadata=row(
+            kinds.number(int, 1024, 65235),
+            11311,
+            "The TCP port of the roscore.",
+            "11311",
+        )
     )
-    rpc_port: int = variable(
-        kinds.number(int, 1024, 65535),
-        None,
-        "The TCP port on which the discovery node answers the others. Default: the port of the roscore + 300.",
-        "11611",
+    rpc_port: int = field(
+        metadata=row(
+            kinds.number(int, 1024, 65535),
+            None,
+            "The TCP port on which the discovery node answers the others. Default: the port of the roscore + 300.",
+            "11611",
+        )
     )
-    filters: Mapping[str, list[str]] = variable(
-        kinds.filters,
-        {},
-        "What this robot takes from the others: lists of regular expressions in which `*` stands for any text, by "
-        + ", ".join(f"`{name}`" for name in kinds.FILTERS)
-        + ". An action is its five topics.",
-        "{ignore_topics: [/tf], sync_actions: [/move_base]}",
+    filters: Mapping[str, list[str]] = field(
+        metadata=row(
+            kinds.filters,
+            {},
+            "What this robot takes from the others: lists of regular expressions in which `*` stands for any text, by "
+            + ", ".join(f"`{name}`" for name in kinds.FILTERS)
+            + ". An action is its five topics.",
+            "{ignore_topics: [/tf], sync_actions: [/move_base]}",
+        )
     )
-    exports: tuple[exports_module.Export, ...] | None = variable(
-        exports_module.read,
-        None,
-        "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` "
-        "stands for any text) and `to`, a list of robots (default: every other). Default: everything to everybody, as in the "
-        "report; `[]` is nothing. See docs/data_flow.md.",
-        "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
+    exports: tuple[exports_module.Export, ...] | None = field(
+        metadata=row(
+            exports_module.read,
+            None,
+            "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` "
+            "stands for any text) and `to`, a list of robots (default: every other). Default: everything to everybody, as in the "
+            "report; `[]` is nothing. See docs/data_flow.md.",
+            "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
+        )
     )
-    provider: str = variable(
-        kinds.choice("bundled", "fkie_apt", "fkie_existing"),
-        "bundled",
-        "Whose discovery and sync nodes run: the collection's own (`bundled`), multimaster_fkie from the package sources that the "
-        "robot has (`fkie_apt`), or an installation of it that `multimaster_ros_setup` leads to (`fkie_existing`). See "
-        "docs/providers.md.",
-        "fkie_existing",
+    provider: str = field(
+        metadata=row(
+            kinds.choice("bundled", "fkie_apt", "fkie_existing"),
+            "bundled",
+            "Whose discovery and sync nodes run: the collection's own (`bundled`), multimaster_fkie from the package sources that the "
+            "robot has (`fkie_apt`), or an installation of it that `multimaster_ros_setup` leads to (`fkie_existing`). See "
+            "docs/providers.md.",
+            "fkie_existing",
+        )
     )
 
 

@@ -12,13 +12,10 @@ from actionlib.msg import TestAction, TestGoal
 feedbacks = []
 rospy.init_node("action_client", anonymous=True)
 client = actionlib.SimpleActionClient("/" + sys.argv[1] + "/double", TestAction)
-if not client.wait_for_server(rospy.Duration(20)):
-    sys.exit("the action server did not appear within 20 s")
-for _attempt in range(3):  # the first goal or result may find a connection that is being made, as anywhere in ROS
-    feedbacks.clear()
-    client.send_goal(TestGoal(goal=21), feedback_cb=feedbacks.append)
-    if client.wait_for_result(rospy.Duration(10)):
-        print(len(feedbacks), client.get_result().result)
-        break
-else:
-    sys.exit("the action gave no result within 10 s, three times")
+if not client.wait_for_server(rospy.Duration(60)):
+    sys.exit("the action server did not appear within 60 s")
+# One goal only: a second one would hide that messages get lost between two robots.
+client.send_goal(TestGoal(goal=21), feedback_cb=feedbacks.append)
+if not client.wait_for_result(rospy.Duration(60)):
+    sys.exit("the action gave no result within 60 s")
+print(len(feedbacks), client.get_result().result)

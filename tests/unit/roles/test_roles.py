@@ -57,6 +57,14 @@ def test_a_role_reads_no_variable_of_another_role(role):
         assert foreign <= (HANDED_ON if path.parent.name == "defaults" else set()), path
 
 
+@pytest.mark.parametrize("role", ROLES, ids=lambda role: role.name)
+def test_no_result_of_a_task_hides_an_option(role):
+    """A registered result and a fact outlive the role, and have precedence over the default of an option."""
+    texts = [path.read_text(encoding="utf-8") for path in (role / "tasks").glob("*.yml")]
+    registered = {name for text in texts for name in re.findall(r"register: (\w+)", text)}
+    assert not registered & set(read(role / "defaults/main.yml"))
+
+
 def test_a_role_says_which_facts_it_hands_on():
     for fact in HANDED_ON:
         role = next(role for role in ROLES if fact.startswith(f"{role.name}_"))

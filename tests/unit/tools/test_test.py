@@ -59,6 +59,28 @@ def test_what_fails_is_named_and_stops_nothing(reports, capsys):
     assert "group:two: FAILED, 0 passed, 1 failed" in shown and "\nwhy\n" in shown and "fine" not in shown
 
 
+def test_a_suite_that_cannot_run_costs_no_other_its_result(reports, tmp_path, capsys):
+    def defective(suite, status, output):
+        raise ValueError("half a report")
+
+    good, absent = python("", name="good"), suite(str(tmp_path), name="absent")  # a folder is no command
+    broken = python("", judge=defective, name="broken")
+    runner_of_all = runner.Runner([absent, broken, good])
+    runner_of_all.run()
+    assert runner_of_all.outcomes[good] == (1, ())
+    assert runner.summary(runner_of_all.outcomes) == (1, 2)
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[-1] == "1 passed, 2 failed"
+    assert any(line.startswith("FAILED group:broken (ValueError: half a report)") for line in shown)
+
+
+def test_a_lab_that_cannot_be_removed_fails_its_suite(reports):
+    found = runner.Runner([runner.Suite("group", "one", ("true",), runner.one_test, labs=("none",))])  # no lab.py here
+    found.run()
+    (outcome,) = found.outcomes.values()
+    assert outcome.failed == ("group:one",)
+
+
 def test_suites_run_side_by_side_as_far_as_the_processors_allow(reports, monkeypatch):
     monkeypatch.setattr(runner, "CORES", 2.0)
     # Each waits until both are there.

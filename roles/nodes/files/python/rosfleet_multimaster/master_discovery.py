@@ -53,12 +53,10 @@ class MasterDiscovery:
         ros.ended_by(lambda reason: self.loop.post(self._ended_by_ros, reason))
         values = program.settle_parameters(self.roscore, name, read, parameters.DISCOVERY)
         rpc_port = values["rpc_port"] or (urllib.parse.urlsplit(env_uri).port or 11311) + 300
-        self.own = OwnMaster(uri, values["name"] or ros.master_name(uri), node_name, lambda: ros.hostname(), rpc_port)
+        self.own = OwnMaster(uri, values["name"] or ros.master_name(uri), node_name, ros.hostname, rpc_port)
         self._wire(values)
         self.identity = own_roscore.Identity()
-        poller = Poller(
-            Roscore(env_uri, name), uri, self.own.name, self.identity, lambda service: ros.sync_info(service)
-        )
+        poller = Poller(Roscore(env_uri, name), uri, self.own.name, self.identity, ros.sync_info)
         self._serve(values, poller)
         program.on_signals(self.loop, self._end)
         poll_in_thread(

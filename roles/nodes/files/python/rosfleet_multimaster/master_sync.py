@@ -86,7 +86,7 @@ class MasterSync:
             Workers(loop, 2),
             limited,
             lambda: self.rounds.claims,
-            lambda service: ros.list_masters(service),
+            ros.list_masters,
             self._subscribe,
             self._listed,
         )

@@ -3,6 +3,7 @@
 
 """The records and the files written by rename."""
 
+import errno
 import os
 import signal
 import time
@@ -72,6 +73,21 @@ def test_what_is_saved_already_is_not_written_again(tmp_path):
     kept.save_if_changed({"x": 2})
     assert kept.load() == {"x": 2}
     kept.save_if_changed({})
+    assert not tmp_path.exists()
+
+
+def test_nothing_to_save_and_nothing_saved_touches_no_disk(tmp_path, monkeypatch):
+    """A robot with a read-only root: nothing is ours there, and nothing has to be written."""
+
+    def read_only(path):
+        raise OSError(errno.EROFS, "Read-only file system", path)
+
+    monkeypatch.setattr(os, "rmdir", read_only)
+    monkeypatch.setattr(os, "unlink", read_only)
+    Record("none", str(tmp_path / "absent")).save_if_changed({})
+    Record("none", str(tmp_path)).save_if_changed({})  # an empty folder that cannot be removed is no failure
+    monkeypatch.undo()
+    Record("none", str(tmp_path)).save_if_changed({})
     assert not tmp_path.exists()
 
 

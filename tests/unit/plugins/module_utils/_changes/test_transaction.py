@@ -119,8 +119,10 @@ def test_a_record_that_cannot_be_put_back_is_told(tmp_path, monkeypatch):
     def readonly(data):
         raise OSError(errno.EROFS, "Read-only file system", record.path)
 
-    monkeypatch.setattr(record, "save", readonly)
-    assert failure(transaction.intent(record, {"a": 1}, {})).left == [f"{record.path} (Read-only file system)"]
-    assert failure(transaction.intent(record, {"a": 1}, {}, "the record")).left == [
-        "the record (Read-only file system)"
-    ]
+    def failing(*words):
+        monkeypatch.undo()
+        breaks = Step("", lambda: monkeypatch.setattr(record, "save", readonly))
+        return failure(transaction.intent(record, {"a": 1}, {}, *words), breaks, Step("", lambda: int("x"))).left
+
+    assert failing() == [f"{record.path} (Read-only file system)"]
+    assert failing("the record") == ["the record (Read-only file system)"]

@@ -182,6 +182,12 @@ def test_registered_results_become_an_observation():
     )
 
 
+def test_an_answer_of_strangers_costs_one_computer_its_result_and_no_other_the_report():
+    odd = {"verify_probe": {"members": 3}}
+    seen = fleet_report.observation(odd, "verify_multicast", "verify_probe", [])
+    assert seen.probe is None and seen.problem.startswith("its results cannot be read: members is 3")
+
+
 def test_report_is_written_whole_or_not_at_all(tmp_path):
     path = tmp_path / "report.json"
     fleet_report.write(str(path), {"verdict": "ok"})

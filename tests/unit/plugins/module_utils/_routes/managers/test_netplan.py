@@ -11,8 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import netplan as netplan
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract, netplan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager as nm
 
 ROUTES = [
