@@ -25,7 +25,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.export
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import (
     BUILT_IN,
     WHITE_LISTS,
-    Filters,
     matches,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import nearest
@@ -213,7 +212,10 @@ def _ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts: S
 
 
 def _host_ignored(filters: Mapping[str, Sequence[str]], master: str) -> bool:
-    return bool(master) and not Filters(filters, lenient=True).wants_host(master)
+    wanted = filters.get("sync_hosts", ())
+    if not master:
+        return False
+    return not matches(wanted, master) if wanted else matches(filters.get("ignore_hosts", ()), master)
 
 
 def _some(names: Sequence[str]) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import NamedTuple, cast
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import filters
@@ -53,25 +54,25 @@ class Conflict(NamedTuple):
     other: tuple[str, str, str]
 
 
+@dataclass(frozen=True)
 class Rules(filters.Rules):
     """The rules for a pair of robots: the filters of the receiving one, and the declared flow where there is one."""
 
+    hide_subscribers: filters.Pattern = filters.Pattern()  # a parameter of the giving robot
+
     @classmethod
     def of(cls, patterns: Mapping[str, Iterable[str]]) -> Rules:
-        """Make rules of patterns as people write them. `hide_subscribers` is a parameter of the giving robot."""
-        texts = {**patterns, "ignore_subscribers": _subscribers(patterns)}
-        rules = cls(**{name: filters.usable(texts.get(name, ())) for name in filters.NAMES})
+        """Make rules of patterns as people write them, by the names of the fields."""
+        rules = cls(**{rule.name: filters.usable(patterns.get(rule.name, ())) for rule in fields(cls)})
         return cast(Rules, rules.closed())  # closed() keeps the class
 
     def passes(self, item: Item, type_name: str) -> bool:
         """Say if a registration is to be known to the receiving robot."""
         if item.kind == "service":
             return self.service(item.node, item.name)
+        if item.kind == "subscriber" and self.hide_subscribers.matches(item.name):
+            return False
         return self.topic(item.node, item.name, type_name, item.kind == "publisher")
-
-
-def _subscribers(patterns: Mapping[str, Iterable[str]]) -> list[str]:
-    return [*patterns.get("ignore_subscribers", ()), *patterns.get("hide_subscribers", ())]
 
 
 NOTHING = Rules.of({"ignore_nodes": ("*",)})

@@ -211,6 +211,17 @@ WRONG = {
             "filters that take it: correct them in group_vars/dabo.yml, or 'to' in group_vars/tibi.yml."
         ],
     ),
+    "an ignored topic beside a pattern that the nodes refuse": (
+        {"tibi": exports({**POSE, "to": ["dabo"]}), "dabo": {"filters": {"ignore_topics": ["(?i)/x", "/pose"]}}},
+        ["dabo-nav: multimaster_filters leaves out the topic /pose"],
+    ),
+    "an ignored topic beside patterns that do not stand together": (
+        {
+            "tibi": exports({**POSE, "to": ["dabo"]}),
+            "dabo": {"filters": {"ignore_topics": ["/(?P<a>x)", "/(?P<a>y)", "/pose"]}},
+        },
+        ["dabo-nav: multimaster_filters leaves out the topic /pose"],
+    ),
     "an ignored service": (
         {"tibi": exports({**RESET, "to": ["dabo"]}), "dabo": {"filters": {"ignore_services": ["*set"]}}},
         ["dabo-nav: multimaster_filters leaves out the service /reset"],
@@ -310,6 +321,11 @@ def test_without_a_value_a_slow_rate_is_waited_for(rate, after):
         {"tibi": exports(POSE), "dabo": exports(POSE)},  # a topic may have many publishers
         {"tibi": exports(POSE), "dabo": {"filters": {"ignore_topics": ["/pose"]}}},  # for all who want it
         {"tibi": exports(POSE), "dabo": {"filters": {"sync_hosts": ["tibi-visio"], "sync_topics": []}}},
+        {"tibi": exports({**POSE, "to": ["dabo"]}), "dabo": {"filters": {"sync_hosts": ["(?i)Tibi-visio"]}}},
+        {
+            "tibi": exports({**POSE, "to": ["dabo"]}),
+            "dabo": {"filters": {"sync_hosts": ["(?P<a>car)", "(?P<a>tibi)-visio"]}},
+        },
         {"tibi": exports({**POSE, "to": ["car"]}), "dabo": {"filters": {"sync_topics": ["/pose"]}}},  # gets nothing
         {
             "tibi": exports({**POSE, "to": ["dabo"]}),

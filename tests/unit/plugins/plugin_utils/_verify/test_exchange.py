@@ -72,6 +72,8 @@ def texts(found):
         (("/a", "/b|/c"), "/c", True),
         (("/a|/b",), "/a/b", False),
         (("(",), "(", False),  # no node starts with such a pattern
+        (("(", "/b"), "/b", True),  # each pattern counts by itself
+        (("(?i)/A",), "/a", True),  # a flag comes first
     ],
 )
 def test_a_pattern_means_the_whole_name(patterns, name, meant):
@@ -94,6 +96,8 @@ TALK, EAR, CALL = (
         ({"ignore_publishers": ("/chat",)}, [EAR, CALL]),
         ({"ignore_subscribers": ("*",)}, [TALK, CALL]),
         ({"hide_subscribers": ("*",)}, [TALK, CALL]),
+        ({"hide_subscribers": ("*",), "ignore_subscribers": ("(",)}, [TALK, CALL]),  # lists of two robots
+        ({"hide_subscribers": ("(",), "ignore_subscribers": ("*",)}, [TALK, CALL]),
         ({"ignore_services": ("/reset",)}, [TALK, EAR]),
         ({"ignore_type": ("std_msgs/*",)}, [CALL]),
         ({"do_not_sync": ("/reset", "std_msgs/String")}, []),

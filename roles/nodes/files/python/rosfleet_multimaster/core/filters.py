@@ -54,7 +54,7 @@ class Pattern:
             if not isinstance(item, str):
                 raise InvalidPattern(f"{what}: {reprlib.repr(item)} is no text")
             if item.strip():
-                text = item.strip().replace("*", ".*")
+                text = expression(item)
                 _check(text, f"{what}: the pattern {item.strip()!r}")
                 texts.append(rf"\A(?:{text})\Z" if "|" in text else rf"\A{text}\Z")
                 _check(texts[-1], f"{what}: the pattern {item.strip()!r} in its anchors")  # (?i) may only come first
@@ -96,9 +96,25 @@ NO_NAME = "(?!)"  # as people write it: a pattern that matches no name
 NOTHING = Pattern(rf"\A{NO_NAME}\Z")
 
 
+def expression(item: str) -> str:
+    """The regular expression of one pattern as people write it. It is meant for the whole name, in upper or lower case."""
+    return item.strip().replace("*", ".*")
+
+
 def matches(items: Iterable[str], name: str) -> bool:
-    """True where one of the patterns, as people write them, matches the name. Unusable patterns match nothing."""
-    return usable(items).matches(name)
+    """True where one of the patterns, as people write them, matches the name.
+
+    Each pattern counts by itself, and an unusable one matches nothing. In `usable`, it would spoil the whole list.
+    """
+    return any(_matches_alone(item, name) for item in items)
+
+
+@lru_cache(maxsize=65536)
+def _matches_alone(item: str, name: str) -> bool:
+    try:
+        return re.fullmatch(expression(item), name, re.IGNORECASE) is not None
+    except (re.error, ValueError, RecursionError, OverflowError):
+        return False
 
 
 def usable(items: Iterable[str]) -> Pattern:
