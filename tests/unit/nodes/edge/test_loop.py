@@ -35,6 +35,17 @@ def test_a_recurring_job_has_one_run_at_a_time():
     assert job.tick(99.0) is None and not done, "there is nothing to run for"
 
 
+def test_runs_of_an_overlapping_job_start_while_an_earlier_one_hangs():
+    started = []
+
+    class Hangs:
+        def submit(self, job, ended):
+            started.append(job)
+
+    job = Recurring(Hangs(), lambda: 5.0, lambda: 42, overlapping=True)
+    assert job.tick(10.0) == 15.0 and job.tick(12.0) == 15.0 and job.tick(15.0) == 20.0 and len(started) == 2
+
+
 def test_a_recurring_job_in_the_loop_has_ended_when_it_returns():
     seen = []
     job = Recurring(InLoop(), lambda: 1.0, lambda: seen.append(1))

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The life of the sockets, without sockets."""
 
+import threading
 import types
 
 from rosfleet_multimaster.core.discovery import Send
@@ -19,9 +20,11 @@ VALUES = {
 }
 
 
-def made(errors=None):
+def made(errors=None, threads=1, **values):
     loop = Loop()
-    return module.Datagrams(VALUES, loop, Workers(loop, 1), program.Limited(), {} if errors is None else errors)
+    return module.Datagrams(
+        {**VALUES, **values}, loop, Workers(loop, threads), program.Limited(), {} if errors is None else errors
+    )
 
 
 def udp(send=lambda *arguments: None):
@@ -53,3 +56,25 @@ def test_a_network_that_has_gone_makes_new_sockets_and_is_told(monkeypatch):
     assert "unreachable" in errors["send None"] and node.tick(0.0) > 0.0
     node.tick(1e12)
     assert opened == [1e12]
+
+
+def test_a_name_server_that_hangs_does_not_stop_later_looks(monkeypatch):
+    asked, second, release = [], threading.Event(), threading.Event()
+
+    def look(hosts):
+        asked.append(hosts)
+        if len(asked) == 1:
+            release.wait(30)
+        else:
+            second.set()
+        return {}
+
+    monkeypatch.setattr(module, "Udp", lambda *arguments: udp())
+    monkeypatch.setattr(module, "addresses_of_all", look)
+    node = made(threads=2, robot_hosts=["third"])
+    try:
+        assert node.tick(100.0) == 100.0 + module.RESOLVE
+        node.tick(100.0 + module.RESOLVE)
+        assert second.wait(10) and not release.is_set()
+    finally:
+        release.set()

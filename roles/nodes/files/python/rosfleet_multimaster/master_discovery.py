@@ -98,13 +98,19 @@ class MasterDiscovery:
 
     def _tick(self, now: float) -> float:
         """One pass: do what is due, and carry out whatever the core wants since the last pass."""
-        due = [self.datagrams.tick(now), self.every_second.tick(now)]
+        self.datagrams.tick(now)
         self.core.tick(now)
         self._carry_out()
-        return min(time for time in [*due, self.core.next_tick()] if time is not None)
+        second = self.every_second.tick(now)
+        # Asked last: what was done in this pass may have closed the sockets.
+        due = [second, self.core.next_tick(), self.datagrams.tick(now)]
+        return min(time for time in due if time is not None)
 
     def _carry_out(self) -> None:
-        """Carry out the actions of the core. Nothing else does, and `_tick` runs after each callback of the loop."""
+        """Carry out the actions of the core. Nothing else does, and `_tick` runs after the callbacks of the loop.
+
+        Callbacks that cannot wait for it call this themselves: before the sockets may close, and before READY.
+        """
         events = False
         while self.core.actions:
             action = self.core.actions.popleft()
@@ -151,9 +157,13 @@ class MasterDiscovery:
             notify(f"STATUS={text}")
 
     def _look_around(self) -> None:
-        self.datagrams.look_at_addresses()
+        self._look_at_addresses()
         if self.node is not None:
             self.node.links(self.own.name, self.core.links(monotonic()), wall_clock())
+
+    def _look_at_addresses(self) -> None:
+        self._carry_out()  # first: a look may close the sockets, and what is to be sent would be lost
+        self.datagrams.look_at_addresses()
 
     # What the parts hear
 
@@ -162,6 +172,7 @@ class MasterDiscovery:
 
     def _moved(self) -> None:
         self.core.own_moved(self.datagrams.own_addresses)
+        self._carry_out()
 
     def _opened(self, now: float) -> None:
         self._moved()
@@ -170,7 +181,7 @@ class MasterDiscovery:
 
     def _contacted(self, key: Key, contact: Optional[Contact], problem: str, gone: bool) -> None:
         if contact is not None and contact.uri == self.own.uri:  # perhaps this node itself, at a new address
-            self.datagrams.look_at_addresses()
+            self._look_at_addresses()
         self.core.contacted(key, contact, problem, monotonic(), gone=gone)
 
     def _polled(self, state: State) -> None:
@@ -188,6 +199,7 @@ class MasterDiscovery:
         master = self.own.announced(self.datagrams.place[0])
         if master is not None:
             self.core.own_state(master, now)
+            self._carry_out()  # at once: who sees READY=1 or the node finds the own master
 
     def _no_roscore(self, problem: str, since: float) -> None:
         """Nothing of a dead roscore is announced or served; but one that fails once is not dead."""

@@ -118,8 +118,9 @@ class MasterSync:
         self.node.subscribe(topic, lambda change, master: self.loop.post(self._announced, change, master))
 
     def _listed(self, masters: List[Announced], first: bool) -> None:
-        before = self._online()
-        self.core.listed(masters, monotonic())
+        now, before = monotonic(), self._online()
+        self.core.listed(masters, now)
+        self.lost.look(now)
         if first or self._online() != before:
             self._changed()
 
@@ -130,7 +131,9 @@ class MasterSync:
             self.core.removed(master.uri)
             self._changed()
             return
-        self.core.announced(master, monotonic())
+        now = monotonic()
+        self.core.announced(master, now)
+        self.lost.look(now)
         own_changed = master.uri == self.uri and master.local_stamp != self.own_local_stamp
         if own_changed or not master.online:
             self._changed()

@@ -113,7 +113,7 @@ class InLoop:
 
 
 class Recurring:
-    """A job that recurs. It has one run at a time.
+    """A job that recurs. It has one run at a time, unless its runs may overlap.
 
     The program asks `tick` on each pass of its loop. `due` (a time of the monotonic clock) may be changed at any time.
     """
@@ -125,10 +125,14 @@ class Recurring:
         job: Callable[[], Any],
         done: Callable[[Any, Optional[Exception]], Any] = lambda _result, _problem: None,
         wanted: Callable[[], bool] = lambda: True,
+        overlapping: bool = False,
     ) -> None:
-        """`every`: seconds from the start of a run to the next; `wanted`: False while there is nothing to run for."""
+        """`every`: seconds from the start of a run to the next; `wanted`: False while there is nothing to run for.
+
+        `overlapping`: a run also starts while an earlier one hangs.
+        """
         self.due = 0.0
-        self._running = False
+        self._running, self._overlapping = False, overlapping
         self._runner, self._every, self._job, self._done, self._wanted = runner, every, job, done, wanted
 
     def tick(self, now: float) -> Optional[float]:
@@ -136,10 +140,13 @@ class Recurring:
 
         None: no run can start now. The end of a run wakes the loop.
         """
-        if not self._running and self._wanted() and now >= self.due:
+        if self._may_start() and now >= self.due:
             self.due, self._running = now + self._every(), True
             self._runner.submit(self._job, self._ended)
-        return self.due if not self._running and self._wanted() else None
+        return self.due if self._may_start() else None
+
+    def _may_start(self) -> bool:
+        return (self._overlapping or not self._running) and self._wanted()
 
     def _ended(self, result: Any, problem: Optional[Exception]) -> None:
         self._running = False

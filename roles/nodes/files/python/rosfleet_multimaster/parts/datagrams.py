@@ -43,8 +43,13 @@ class Datagrams:
         self._problem = ""
         self._hosts: Dict[str, str] = {}  # ~robot_hosts -> address
         hosts = values["robot_hosts"]
-        self._lookups = Recurring(
-            resolvers, lambda: RESOLVE, lambda: addresses_of_all(hosts), self._resolved, lambda: bool(hosts)
+        self._lookups = Recurring(  # a name server knows no time limit, and the next look may be answered
+            resolvers,
+            lambda: RESOLVE,
+            lambda: addresses_of_all(hosts),
+            self._resolved,
+            lambda: bool(hosts),
+            overlapping=True,
         )
         self._received: Callable[[Datagram, float], None] = lambda _datagram, _now: None
         self._moved: Callable[[], None] = lambda: None

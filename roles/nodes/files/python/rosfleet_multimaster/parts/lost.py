@@ -39,10 +39,10 @@ class Lost:
         self._endpoints: Set[Tuple[str, int]] = set()  # what leads there is ended
         self._sweeps = Recurring(self._enders, lambda: SWEEP, self._sweep, self._swept, lambda: bool(self._endpoints))
 
-    def tick(self, now: float) -> Optional[float]:
-        """See which masters were lost or have come back, and do what is due; the time of the next call."""
+    def look(self, now: float) -> None:
+        """See which masters were lost or have come back. Called after each news of them: two may come in one pass."""
         if not self._active:
-            return None
+            return
         looks, endings = self._losses.seen(self._online(), now)
         for look in looks:
             self._sweeps.due = now
@@ -50,6 +50,11 @@ class Lost:
                 self._askers.submit(partial(_connections_with, look, uri), partial(self._noted, look.master))
         for ending in endings:
             self._enders.submit(partial(_end, ending), self._ended)
+
+    def tick(self, now: float) -> Optional[float]:
+        """End what leads to lost masters where that is due; the time of the next call."""
+        if not self._active:
+            return None
         self._endpoints = self._losses.endpoints()
         return self._sweeps.tick(now)
 

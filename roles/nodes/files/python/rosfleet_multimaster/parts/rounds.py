@@ -58,7 +58,6 @@ class Rounds:
         self._calls, self._updaters, self._limited = roscore_calls, updaters, limited
         self._due: Optional[float] = None
         self._failed = 0
-        self._started = monotonic()
         self._withdrawn: Optional[Callable[[str], None]] = None
 
     def connect(
@@ -69,9 +68,13 @@ class Rounds:
         refused: Callable[[List[Refusal]], None],
         over: Callable[[Optional[Exception]], None],
     ) -> None:
-        """The other parts. `listed()`: the list of masters was had; `refused` and `over` are called at the end of a round."""
+        """Set the other parts, last of all: the time that leftovers wait begins now.
+
+        `listed()`: the list of masters was had; `refused` and `over` are called at the end of a round.
+        """
         self._questions, self._lost, self._listed = questions, lost, listed
         self._refused, self._over = refused, over
+        self._started = monotonic()
 
     def take_over(self) -> None:
         """Read what an earlier life registered, and say from now on who keeps the record."""
@@ -81,7 +84,6 @@ class Rounds:
             program.LOG.info("%d nodes of other masters are registered here since before this start", len(self.claims))
         # Also an empty record tells who keeps it: discovery and the verification then ask nobody else.
         self._roscore.ask(("setParam", imports.IMPORTS, self._record(self.claims)))
-        self._started = monotonic()
 
     def soon(self, at: float) -> None:
         """Have a round at this time, or earlier."""

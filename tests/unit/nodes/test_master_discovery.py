@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The wiring of master_discovery, without rospy and without its loop; sockets and addresses are played."""
+
+import importlib
+import sys
+import types
+
+import pytest
+import rosfleet_multimaster
+from rosfleet_multimaster.core import parameters
+from rosfleet_multimaster.core.discovery import Contact, Send
+from rosfleet_multimaster.core.graph import State
+from rosfleet_multimaster.core.heartbeat import Kind, decode
+from rosfleet_multimaster.edge.clock import monotonic
+from rosfleet_multimaster.parts import datagrams
+from rosfleet_multimaster.parts.served import OwnMaster
+
+URI = "http://robot1:11311/"
+CONTACT = Contact(2000.0, URI, "robot1", "/master_discovery")
+STATE = State(URI, "robot1", 1000.0, 1000.0)
+
+
+class Lab:
+    """The program, what it sends, and what it does in ROS."""
+
+    def __init__(self, monkeypatch):
+        self.addresses, self.sent, self.made = {"127.0.0.1": 1, "192.168.1.1": 2}, [], []
+        ros = types.ModuleType("rosfleet_multimaster.edge.ros")
+        ros.hostname = lambda: "robot1"
+        ros.DiscoveryNode = self.discovery_node
+        monkeypatch.setitem(sys.modules, "rosfleet_multimaster.edge.ros", ros)
+        monkeypatch.setattr(rosfleet_multimaster.edge, "ros", ros, raising=False)
+        monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_discovery", raising=False)
+        module = importlib.import_module("rosfleet_multimaster.master_discovery")
+        monkeypatch.setattr(module, "notify", lambda text: self.made.append(text))
+        monkeypatch.setattr(datagrams, "Udp", self.udp)
+        monkeypatch.setattr(datagrams, "addresses", lambda: list(self.addresses.items()))
+        monkeypatch.setattr(datagrams, "source_address", lambda group, port, own: max(self.addresses))
+        monkeypatch.delenv("ROS_HOSTNAME", raising=False)
+        monkeypatch.delenv("ROS_IP", raising=False)
+        self.program = module.MasterDiscovery()
+        self.program.roscore = types.SimpleNamespace(ask=lambda *calls: [0])
+        self.program.identity = types.SimpleNamespace(service=("", ""))
+        self.program.own = OwnMaster(URI, "robot1", "/master_discovery", ros.hostname, 11611)
+        values, _warnings = parameters.overlay(parameters.DISCOVERY, {})
+        self.program._wire(values)
+
+    def udp(self, *arguments):
+        return types.SimpleNamespace(sockets=[], close=lambda: None, send=lambda data, host: self.sent.append(data))
+
+    def discovery_node(self, masters, refresh):
+        self.made.append(([master.name for master in masters()], len(self.sent)))
+        return types.SimpleNamespace(
+            service_uri=lambda: ("", ""), changed=lambda *event: None, links=lambda *links: None
+        )
+
+    def move(self):
+        """The computer gets another address, which the others hear."""
+        self.addresses = {"127.0.0.1": 1, "192.168.1.2": 2}
+
+
+@pytest.fixture(name="lab")
+def _lab(monkeypatch):
+    return Lab(monkeypatch)
+
+
+def test_sockets_that_close_in_a_pass_are_opened_again_in_time(lab):
+    lab.program._tick(monotonic())
+    lab.move()
+    lab.program.every_second.due = 0.0
+    now = monotonic()
+    assert now < lab.program._tick(now) < now + 0.9, "after 0.5 s, and not with the look of the next second"
+
+
+def test_sockets_that_a_datagram_closes_are_opened_again_in_time(lab):
+    def gone(data, host):
+        raise OSError("Network is unreachable")
+
+    lab.program._tick(monotonic())
+    lab.program.datagrams._udp.send = gone
+    lab.program.core.actions.append(Send(b"x", None))
+    now = monotonic()
+    assert now < lab.program._tick(now) < now + 0.9
+
+
+@pytest.mark.parametrize("look", ["of the second", "after a contact"])
+def test_what_is_to_be_sent_goes_before_the_sockets_close(lab, look):
+    lab.program._tick(monotonic())
+    lab.program.core.actions.append(Send(b"x", None))
+    lab.move()
+    if look == "of the second":
+        lab.program.every_second.due = 0.0
+    else:
+        lab.program._contacted(("192.168.1.2", 11511, 11611), CONTACT, "", False)
+    lab.program._tick(monotonic())
+    assert b"x" in lab.sent
+
+
+def test_ready_is_said_when_the_own_master_is_listed_and_announced(lab):
+    lab.program._polled(STATE)
+    (masters, sent), ready = lab.made
+    assert masters == ["robot1"] and sent > 0 and ready == "READY=1"
+    assert Kind.STATE in [decode(data).kind for data in lab.sent]

@@ -1,0 +1,46 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The wiring of master_sync, without rospy and without its loop."""
+
+import importlib
+import sys
+import types
+
+import pytest
+import rosfleet_multimaster
+from rosfleet_multimaster.core import parameters
+from rosfleet_multimaster.core.sync import Announced
+
+URI = "http://robot2:11311/"
+
+
+@pytest.fixture(name="program")
+def _program(monkeypatch):
+    ros = types.ModuleType("rosfleet_multimaster.edge.ros")
+    monkeypatch.setitem(sys.modules, "rosfleet_multimaster.edge.ros", ros)
+    monkeypatch.setattr(rosfleet_multimaster.edge, "ros", ros, raising=False)
+    monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_sync", raising=False)
+    module = importlib.import_module("rosfleet_multimaster.master_sync")
+    values, _warnings = parameters.overlay(parameters.SYNC, {})
+    ros.md5sum = ros.list_masters = lambda name: None
+    ros.SyncNode = lambda held: types.SimpleNamespace(service_uri=lambda: ("", ""))
+    program = module.MasterSync()
+    program.uri, program.node_name = "http://own:11311/", "/master_sync"
+    program._wire(types.SimpleNamespace(ask=lambda *calls: [None] * len(calls)), "http://own:1/", values)
+    return program
+
+
+def announced(online):
+    return Announced("robot2", URI, "http://robot2:11611/", "/master_discovery", 1.0, 1.0, online)
+
+
+@pytest.mark.parametrize("ending", [False, True])
+def test_each_news_of_a_master_is_looked_at_for_a_loss(program, ending):
+    seen = []
+    program.lost._active = True
+    program.lost._losses.seen = lambda online, now: seen.append(online.get(URI)) or ([], [])
+    program.ending = ending
+    for online in (True, False, True):  # between two passes of the loop
+        program._announced("changed", announced(online))
+    program._listed([announced(False)], False)
+    assert seen == [True, False, True, False]
