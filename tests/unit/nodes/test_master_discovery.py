@@ -33,7 +33,7 @@ class Lab:
         monkeypatch.setattr(rosfleet_multimaster.edge, "ros", ros, raising=False)
         monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_discovery", raising=False)
         module = importlib.import_module("rosfleet_multimaster.master_discovery")
-        monkeypatch.setattr(module, "notify", lambda text: self.made.append(text))
+        monkeypatch.setattr(module, "notify", self.made.append)
         monkeypatch.setattr(datagrams, "Udp", self.udp)
         monkeypatch.setattr(datagrams, "addresses", lambda: list(self.addresses.items()))
         monkeypatch.setattr(datagrams, "source_address", lambda group, port, own: max(self.addresses))
