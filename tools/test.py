@@ -163,8 +163,11 @@ SECONDS = {
 #: Files of tests/systems that have one lab in common, named "systems". All others have one each: "systems-NAME".
 IN_COMMON = ("faults", "readme", "router_config")
 
-#: Tests that mostly wait: they measure times of seconds.
-WAITING = {"links", "data_flow", "clock", "exchanges"}
+#: Tests that mostly wait.
+WAITING = {"clock", "exchanges"}
+
+#: Tests that assert times of tenths of a second: nothing runs beside them.
+TIMED = {"links", "data_flow"}
 
 
 def scenarios() -> list[Suite]:
@@ -189,7 +192,7 @@ def systems() -> list[Suite]:
 
     def suite(name: str, lab: str, *stems: str) -> Suite:
         files = [f"tests/systems/test_{stem}.py" for stem in stems]
-        cores = 0.5 if name in WAITING else 1.0
+        cores = CORES if name in TIMED else 0.5 if name in WAITING else 1.0
         return cases("systems", name, *files, cores=cores, seconds=SECONDS.get(name, 60), labs=(lab,))
 
     own = [suite(name, f"systems-{name.replace('_', '-')}", name) for name in names if name not in IN_COMMON]
