@@ -40,7 +40,7 @@ class Roscore:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a unit says of what its service reads. A change of it restarts the service."""
+    """The inputs of a service, as its unit names them. A change of one restarts the service."""
 
     roscore: str
     nodes: str

@@ -13,7 +13,7 @@ RUNNING = {"started": {"talker": {"running": True}}}
 
 
 def heard(exports, **hostvars):
-    """What each robot hears; `exports` are declared by the robots that it names."""
+    """Topics heard by each robot; `exports` are declared by the robots that it names."""
     variables = {
         host: {"multimaster_address": address, "multimaster_common_network": "192.168.1.0/24"}
         for host, address in ADDRESSES.items()

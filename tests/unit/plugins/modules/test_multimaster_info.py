@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster
 
 
 def assert_gone(command):
-    """What is killed is gone a moment later."""
+    """A killed process is gone a moment later."""
     deadline = time.monotonic() + 20
     while subprocess.run(["pgrep", "-f", command], stdout=subprocess.DEVNULL, check=False).returncode == 0:
         assert time.monotonic() < deadline, command

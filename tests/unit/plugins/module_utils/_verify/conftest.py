@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the tests of the probes share: an environment with small commands of ROS, and a roscore."""
+"""Fixtures for the tests of the probes: an environment with small commands of ROS, and a roscore."""
 
 import os
 import threading

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a computer sees of others: real sockets, real packets, in network namespaces where there must be two hosts."""
+"""The view of a computer on others: real sockets, real packets, in network namespaces where there must be two hosts."""
 
 import json
 import os

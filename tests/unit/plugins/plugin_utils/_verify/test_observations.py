@@ -36,7 +36,7 @@ def test_every_key_of_the_sample_is_read(name):
 
 
 def assert_same(read, sample, where):
-    """What was read is the sample; a text that is missing is empty."""
+    """The observation read is the sample; a text that is missing is empty."""
     if isinstance(sample, dict):
         for key in set(read) & set(sample):
             assert_same(read[key], sample[key], f"{where}.{key}")
