@@ -34,24 +34,6 @@ def machine(*names):
     return contract.Machine(links, booted=False)
 
 
-@pytest.fixture
-def tree(tmp_path):
-    """A root folder, with eth0 managed by ifupdown and eth1.5 by networkd."""
-
-    def put(path, text=""):
-        target = tmp_path / path.lstrip("/")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(text)
-        return target
-
-    put("run/network/ifstate", "lo=lo\neth0=home\nppp0=ppp0\n")
-    put("run/network/.ifstate.lock")
-    (tmp_path / "etc/network").mkdir(parents=True)
-    put("run/systemd/netif/links/2", "ADMIN_STATE=unmanaged\nOPER_STATE=routable\n")
-    put("run/systemd/netif/links/3", "ADMIN_STATE=configured\nNETWORK_FILE=/usr/lib/systemd/network/50-robot.network\n")
-    return tmp_path
-
-
 def boot(tree, record=None, choice=None):
     plan = Boot(machine("eth0", "eth1.5"), str(tree), read_boot(record or {}))
     plan.want(choice or {})
