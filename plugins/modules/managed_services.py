@@ -88,8 +88,6 @@ EXAMPLES = r"""
         content: |
           [Unit]
           Description=Example
-          After=network-online.target
-          Wants=network-online.target
 
           [Service]
           Type=notify

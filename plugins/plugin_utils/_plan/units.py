@@ -86,9 +86,7 @@ _ROSCORE = (
 [Unit]
 Description=ROS master of {robot} (roscore)
 Documentation=https://github.com/rosfleet/multimaster
-Wants=network-online.target
-After=network-online.target
-# It is started again as often as it ends.
+# It waits for no network, since a robot works without one. It is started again as often as it ends.
 StartLimitIntervalSec=0
 
 """
@@ -108,8 +106,7 @@ _NODE = (
 [Unit]
 Description=ROS {node} of {robot}: {task}
 Documentation=https://github.com/rosfleet/multimaster
-Wants=network-online.target
-After=network-online.target multimaster-roscore.service
+After=multimaster-roscore.service
 # A node ends when it sees another roscore, and is started again, as often as that happens.
 StartLimitIntervalSec=0
 {program.unit}
@@ -230,8 +227,7 @@ _ROUTER = (
 [Unit]
 Description=Multicast routing of {robot} for the group {group}
 Documentation=https://github.com/rosfleet/multimaster
-Wants=network-online.target
-After=network-online.target smcroute.service
+After=smcroute.service
 # It is started again as often as it ends: an interface may come late.
 StartLimitIntervalSec=0
 

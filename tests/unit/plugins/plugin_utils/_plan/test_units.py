@@ -5,6 +5,7 @@
 
 import hashlib
 import pathlib
+import re
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import units
 
@@ -35,6 +36,17 @@ def test_a_unit_ends_with_a_newline():
     assert all(
         text.endswith("multi-user.target\n") for text in made(["roscore", "sync"], units.Inputs("", "")).values()
     )
+
+
+def test_no_unit_waits_for_a_network():
+    """A target of the network is reached late or never on a robot that is switched on alone."""
+    texts = [*made(["roscore", "discovery", "sync"], units.Inputs("", "")).values()]
+    texts.append(units.multicast_router("tibi", "239.255.11.11", INTERFACES, "/usr/sbin/smcrouted", "feed").content)
+    assert len(texts) == 4
+    for text in texts:
+        assert not re.search(
+            r"network|ifup|dhcp|time-sync", "".join(re.findall(r"^(?:After|Wants|Requires)=.*", text, re.M))
+        )
 
 
 def test_the_multicast_router():
