@@ -1,0 +1,1 @@
+../../../roles/nodes/files/python/rosfleet_multimaster/core/plain_text.py
