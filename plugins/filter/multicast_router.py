@@ -31,7 +31,7 @@ options:
     elements: str
     required: true
   command:
-    description: The path of smcrouted on the machine, for example V(/usr/sbin/smcrouted).
+    description: The path of smcrouted on the machine, for example V(/usr/sbin/smcrouted). Needed where there is a group.
     type: str
     default: ""
   digest:
@@ -44,7 +44,11 @@ EXAMPLES = r"""
 - name: Own the routes of the group
   rosfleet.multimaster.managed_files:
     bundle: multicast_routing
-    files: "{{ ('239.255.11.11' | rosfleet.multimaster.multicast_router(robot='tibi', interfaces=['eth1', 'eth0'])).files }}"
+    files: "{{ made.files }}"
+  vars:
+    made: >-
+      {{ '239.255.11.11' | rosfleet.multimaster.multicast_router(
+           robot='tibi', interfaces=['eth1', 'eth0'], command='/usr/sbin/smcrouted') }}
 """
 
 RETURN = r"""
@@ -66,7 +70,8 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import units
+from ansible.errors import AnsibleFilterError
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting, units
 
 
 def multicast_router(
@@ -75,9 +80,13 @@ def multicast_router(
     """Return the file and the unit, or neither; see DOCUMENTATION."""
     if not group:
         return {"files": [], "units": []}
+    try:
+        unit = units.multicast_router(robot, group, interfaces, command, digest)
+    except quoting.Unquotable as problem:
+        raise AnsibleFilterError(str(problem)) from problem
     return {
         "files": [{"path": units.ROUTER_FILE, "content": units.multicast_routes(robot, group, interfaces)}],
-        "units": [dataclasses.asdict(units.multicast_router(robot, group, interfaces, command, digest))],
+        "units": [dataclasses.asdict(unit)],
     }
 
 

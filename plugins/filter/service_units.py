@@ -78,7 +78,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting, units
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
 
 
@@ -99,13 +99,16 @@ def service_units(
             f"The services to run are {', '.join(names)}; expected some of roscore, {', '.join(programs)}: "
             f"take {unknown[0]} out of services_list."
         )
-    made = units.services(
-        names,
-        robot,
-        units.Roscore(roscore_command, roscore_port),
-        {name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
-        units.Inputs.of(environment_digest, nodes_digest),
-    )
+    try:
+        made = units.services(
+            names,
+            robot,
+            units.Roscore(roscore_command, roscore_port),
+            {name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
+            units.Inputs.of(environment_digest, nodes_digest),
+        )
+    except quoting.Unquotable as problem:
+        raise AnsibleFilterError(str(problem)) from problem
     return [dataclasses.asdict(unit) for unit in made]
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers, units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers, quoting, units
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Interface, Port
 
 # The units of the collection: what they hold is no stranger's.
@@ -214,6 +214,11 @@ def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
             f"{host}: the ROS of {where} has no roscore; expected it, since multimaster_roscore is 'managed': install it, or set "
             "multimaster_roscore to 'existing' where something else starts a roscore."
         ]
+    if plan.is_master and plan.roscore == "managed":
+        try:
+            quoting.program(chosen["commands"]["roscore"])
+        except quoting.Unquotable as problem:
+            return [f"{host}: {problem}"]
     version = tuple(int(part) for part in chosen["python_version"].split(".")[:2])
     if version < NODES_PYTHON and plan.provider == "bundled":
         return [

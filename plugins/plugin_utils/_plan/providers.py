@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Node
 
 # Releases of upstream
@@ -151,4 +152,16 @@ def _existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Found:
         "the set-up file of that installation in multimaster_ros_setup, or set multimaster_provider to 'bundled'."
     )
     paths = {"discovery": nodes[0]["path"], "sync": nodes[1]["path"]}
-    return Found(paths, (), [problem] if wrong else [], OLD if nodes == releases[1] else NEW)
+    problems = [problem] if wrong else _unusable(plan, paths)
+    return Found(paths, (), problems, OLD if nodes == releases[1] else NEW)
+
+
+def _unusable(plan: ComputerPlan, paths: Mapping[str, str]) -> list[str]:
+    """Return a sentence for each path that a unit cannot have."""
+    problems = []
+    for path in paths.values():
+        try:
+            quoting.program(path)
+        except quoting.Unquotable as problem:
+            problems.append(f"{plan.computer}: {problem}")
+    return problems

@@ -4,6 +4,7 @@
 """The text of every unit of systemd that the collection installs, and of the file of the multicast router.
 
 Pure: names, ports and paths in, text out. A unit of a node has two parts that differ by provider: the table PROGRAMS.
+Each value passes a function of `quoting`, which raises Unquotable.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
 
 # Where the roles install.
@@ -141,21 +143,21 @@ def services(
     for name in names:
         if name == "roscore":
             text = _ROSCORE.format(
-                robot=robot,
-                command=roscore.command,
+                robot=quoting.text(robot),
+                command=quoting.program(roscore.command),
                 port=roscore.port,
                 wait=WAIT,
-                inputs=inputs.roscore,
+                inputs=quoting.text(inputs.roscore),
                 configuration=CONFIGURATION,
             )
         else:
             node = NODES[name]
             text = _NODE.format(
-                robot=robot,
+                robot=quoting.text(robot),
                 node=node.name,
                 task=node.task,
                 program=programs[name],
-                inputs=inputs.nodes,
+                inputs=quoting.text(inputs.nodes),
                 configuration=CONFIGURATION,
             )
         made.append(Unit(f"multimaster-{name}.service", text))
@@ -202,10 +204,10 @@ def programs(provider: str, python: str, paths: Mapping[str, str]) -> dict[str, 
     made = {}
     for name, program in PROGRAMS[provider].items():
         lines = program.service.format(
-            python=python,
+            python=quoting.program(python),
             wait=WAIT,
             node=NODES[name].name,
-            path=paths.get(name, ""),
+            path=quoting.program(paths[name]) if name in paths else "",
             service=NODES[name].service,
             configuration=CONFIGURATION,
             library=LIBRARY,
@@ -238,7 +240,9 @@ Environment=ROSFLEET_INPUTS={inputs}
 ExecStartPre=/bin/sh -c '! grep -q "^ *[0-9]" /proc/net/ip_mr_vif || \
 {{ echo "Another program routes multicast already, perhaps smcroute.service: stop and disable it." >&2; exit 1; }}'
 ExecStart={command} -n -N -s -f {file}
-ExecStartPost=/bin/sh -c 'for try in $$(seq 25); do {tests}exit; sleep 0.2; done; echo "smcrouted does not route between {names}: are both up?" >&2; exit 1'
+ExecStartPost=/bin/sh -c 'for try in $$(seq 25); do \
+grep -qF " $$1 " /proc/net/ip_mr_vif && grep -qF " $$2 " /proc/net/ip_mr_vif && exit; sleep 0.2; done; \
+echo "smcrouted does not route between $$1 and $$2: are both up?" >&2; exit 1' sh {names}
 Restart=always
 RestartSec=5
 # Root, as smcrouted demands, but with the rights of a router alone; the system is read-only for it.
@@ -267,13 +271,12 @@ SystemCallFilter=@system-service
 def multicast_router(robot: str, group: str, interfaces: Sequence[str], command: str, inputs: str) -> Unit:
     """The unit of smcrouted on a gateway; `command` is its path, `inputs` the digest of its file."""
     text = _ROUTER.format(
-        robot=robot,
-        group=group,
-        inputs=inputs,
-        command=command,
+        robot=quoting.text(robot),
+        group=quoting.text(group),
+        inputs=quoting.text(inputs),
+        command=quoting.program(command),
         file=ROUTER_FILE,
-        tests="".join(f'grep -q " {interface} " /proc/net/ip_mr_vif && ' for interface in interfaces),
-        names=" and ".join(interfaces),
+        names=" ".join(quoting.argument(interface) for interface in interfaces),
     )
     return Unit(ROUTER_UNIT, text)
 

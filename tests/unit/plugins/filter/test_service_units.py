@@ -36,3 +36,16 @@ def test_no_service():
 def test_an_unknown_service_is_named():
     with pytest.raises(AnsibleFilterError, match="take synk out of services_list"):
         made(["roscore", "synk"])
+
+
+def test_a_path_that_fits_into_no_unit_is_an_error_of_the_filter():
+    with pytest.raises(AnsibleFilterError, match="expected an absolute path"):
+        service_units(
+            ["roscore"],
+            robot="tibi",
+            roscore_command="+/bin/sh",
+            roscore_port=11311,
+            programs=PROGRAMS,
+            environment_digest="",
+            nodes_digest="",
+        )

@@ -116,6 +116,10 @@ PROBLEMS = {
         lambda info: info["ros"]["chosen"].update(missing=["std_srvs"]),
         "lacks the Python modules std_srvs; .*apt-get install python3-std-srvs",
     ),
+    "odd roscore": (
+        lambda info: info["ros"]["chosen"].update(commands={"roscore": "+/bin/sh"}),
+        r"The program '\+/bin/sh' is to be run by a unit of systemd; expected an absolute path",
+    ),
     "no roscore": (lambda info: info["ros"]["chosen"].update(commands={"roscore": ""}), "has no roscore"),
     "old Python": (lambda info: info["ros"]["chosen"].update(python_version="3.6.9"), "has Python 3.6.9; expected 3.8"),
     "foreign roscore": (
@@ -403,6 +407,17 @@ def workspace(info, **changes):
             for node in providers.nodes_to_look_for("fkie_existing")
         ],
     )
+
+
+def test_a_node_at_a_path_that_a_unit_cannot_have_is_refused():
+    def odd(info):
+        workspace(info)
+        for node in info["ros"]["chosen"]["nodes"]:
+            node.update(path="/ws/a\nExecStartPre=+/bin/sh -c id", problem="")
+
+    found = compare(odd, provider="fkie_existing")
+    assert len(found.problems) == 2 and found.plan.programs == units.NO_PROGRAMS
+    assert all("expected an absolute path" in problem and "\n" not in problem for problem in found.problems)
 
 
 GONE = {"path": "", "problem": ""}

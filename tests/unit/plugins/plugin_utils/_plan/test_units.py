@@ -7,7 +7,8 @@ import hashlib
 import pathlib
 import re
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import units
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting, units
 
 GOLDEN = pathlib.Path(__file__).resolve().parents[3] / "golden/multicast_routing"
 ROSCORE = units.Roscore("/usr/bin/roscore", 11311)
@@ -54,3 +55,24 @@ def test_the_multicast_router():
     assert unit.content == (GOLDEN / unit.name).read_text(encoding="utf-8")
     routes = units.multicast_routes("tibi", "239.255.11.11", INTERFACES)
     assert routes == (GOLDEN / "smcroute.conf").read_text(encoding="utf-8")
+
+
+def test_names_of_interfaces_are_arguments_and_no_commands():
+    unit = units.multicast_router("tibi", "239.255.11.11", ["eth0;reboot", 'a"$(id)%n'], "/usr/sbin/smcrouted", "feed")
+    assert 'exit 1\' sh "eth0;reboot" "a\\"$$(id)%%n"\n' in unit.content
+    assert unit.content.count("reboot") == 1
+
+
+@pytest.mark.parametrize("path", ["+/bin/sh", "/tmp/x\nExecStartPre=+/bin/sh", "bin/roscore", ""])
+def test_a_path_that_systemd_would_read_otherwise_is_refused(path):
+    with pytest.raises(quoting.Unquotable, match="expected an absolute path"):
+        units.programs("fkie_existing", "/usr/bin/python3", {"discovery": path, "sync": "/opt/sync"})
+    with pytest.raises(quoting.Unquotable, match="expected an absolute path"):
+        units.services(["roscore"], "tibi", units.Roscore(path, 11311), {}, units.Inputs("", ""))
+
+
+def test_the_name_of_a_robot_is_a_text():
+    unit = units.services(["roscore"], "50%h", ROSCORE, {}, units.Inputs("", ""))[0]
+    assert "Description=ROS master of 50%%h (roscore)\n" in unit.content
+    with pytest.raises(quoting.Unquotable, match="on one line"):
+        units.services(["roscore"], "tibi\n[Service]", ROSCORE, {}, units.Inputs("", ""))
