@@ -15,6 +15,7 @@ import os
 import shutil
 import subprocess
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from podman import LabError, labelled, podman
@@ -27,6 +28,7 @@ SYSTEM = """
 systemd systemd-sysv udev dbus dbus-user-session libpam-systemd kmod procps sudo less
 iproute2 iputils-ping net-tools nftables tcpdump openssh-server libfaketime
 ifupdown network-manager netplan.io smcroute frr
+ufw firewalld wireguard-tools cloud-init acl attr
 python3 python3-apt
 """.split()
 
@@ -51,18 +53,44 @@ HOOKS = [
     'systemctl --root="$1" --quiet mask apt-daily.timer apt-daily-upgrade.timer',
     # Every network manager is ready; each computer masks those that it does not have (managers.py).
     'systemctl --root="$1" --quiet enable systemd-networkd.service systemd-networkd-wait-online.service',
-    # Installed for who wants them.
-    'systemctl --root="$1" --quiet disable frr.service smcroute.service smcroute-helper.service',
+    # Installed for who wants them. (ufw is not active until it is told; its unit starts nothing before that.)
+    "for unit in firewalld frr smcroute smcroute-helper; do "
+    'if [ -e "$1/usr/lib/systemd/system/$unit.service" ]; then systemctl --root="$1" --quiet disable $unit.service; fi; '
+    "done",
+    ': > "$1"/etc/cloud/cloud-init.disabled',
 ]
+
+
+@dataclass(frozen=True)
+class Release:
+    """What differs in a release of Debian."""
+
+    without: tuple[str, ...] = ()  # packages that its archive does not have
+    options: tuple[str, ...] = ()  # of mmdebstrap
+
+
+# mmdebstrap of a newer release makes a separate /usr here, for which systemd and ROS are not made.
+_MERGED_USR = (
+    'mkdir -p "$1"/usr/bin "$1"/usr/sbin "$1"/usr/lib "$1"/usr/lib64 && ln -s usr/bin usr/sbin usr/lib usr/lib64 "$1"/'
+)
+RELEASES = {
+    "bullseye": Release(without=("frr",), options=(f"--setup-hook={_MERGED_USR}",)),  # frr's files are gone
+    "bookworm": Release(),
+    "trixie": Release(without=("firewalld",)),  # cloud-init conflicts with it there
+}
 
 
 def recipe(suite: str) -> list[str]:
     """The command that builds the archive, without its target; it determines the image."""
+    if suite not in RELEASES:
+        raise LabError(f"There is no image of {suite}; expected one of {', '.join(RELEASES)}.")
+    release = RELEASES[suite]
     return [
         "mmdebstrap",
         "--variant=minbase",
-        f"--include={','.join(SYSTEM + ROS)}",
+        f"--include={','.join(package for package in SYSTEM + ROS if package not in release.without)}",
         *(f"--dpkgopt=path-exclude={path}" for path in EXCLUDED),
+        *release.options,
         *(f"--customize-hook={hook}" for hook in HOOKS),
         suite,
     ]
@@ -83,7 +111,7 @@ def _build(suite: str, archive: Path) -> None:
     for tool in ("mmdebstrap", "zstd"):
         if not shutil.which(tool):
             raise LabError(f"{tool} is not installed: run 'make setup'.")
-    print(f"image: building {suite} from Debian's packages (about a minute) ...", flush=True)
+    print(f"image: building {suite} from Debian's packages (a minute or two) ...", flush=True)
     started = time.monotonic()
     unfinished = archive.with_name(f"unfinished-{archive.name}")
     done = subprocess.run(
