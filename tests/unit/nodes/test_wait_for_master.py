@@ -89,6 +89,7 @@ def test_a_service_that_never_comes(master):
 
 def test_it_is_for_the_python_of_ubuntu_18_too():
     """The roscore's unit uses it where ROS itself is of Python 2, and so no other module of the nodes."""
-    tree = ast.parse((FOLDER / "rosfleet_multimaster/wait_for_master.py").read_text(), feature_version=(3, 6))
-    imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    assert [node for node in imported if node.level or node.module == "__future__"] == []
+    for name, others in (("wait_for_master", ["core.plain_text"]), ("core/plain_text", [])):
+        tree = ast.parse((FOLDER / f"rosfleet_multimaster/{name}.py").read_text(), feature_version=(3, 6))
+        imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        assert [node.module for node in imported if node.level or node.module == "__future__"] == others

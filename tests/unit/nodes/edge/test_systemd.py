@@ -13,4 +13,6 @@ def test_systemd_is_told(tmp_path, monkeypatch):
         monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
         notify("READY=1")
         assert systemd.recv(100) == b"READY=1"
+        notify("STOPPING=1", "STATUS=told\nMAINPID=1\rWATCHDOG=trigger\x1b")
+        assert systemd.recv(200) == b"STOPPING=1\nSTATUS=told MAINPID=1 WATCHDOG=trigger\\x1b"
     notify("READY=1")  # nobody listens any more: no error

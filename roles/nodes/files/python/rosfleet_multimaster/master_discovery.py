@@ -229,11 +229,11 @@ class MasterDiscovery:
     def _give_up(self, reason: str) -> None:
         """End without a word to the others: the service manager starts the node again at once."""
         program.LOG.error("%s", reason)
-        notify(f"STOPPING=1\nSTATUS={reason}")
+        notify("STOPPING=1", f"STATUS={reason}")
         program.leave_process(1)
 
     def _end(self) -> None:
-        notify("STOPPING=1\nSTATUS=leaving")
+        notify("STOPPING=1", "STATUS=leaving")
         self.loop.stop()
 
     def _finish(self) -> int:

@@ -196,7 +196,7 @@ class MasterSync:
     def _give_up(self, reason: str) -> None:
         """End at once: what is registered is recorded in the roscore, and the service manager starts the node again."""
         program.LOG.error("%s", reason)
-        notify(f"STOPPING=1\nSTATUS={reason}")
+        notify("STOPPING=1", f"STATUS={reason}")
         program.leave_process(1)
 
     def _end(self) -> None:
@@ -204,7 +204,7 @@ class MasterSync:
         if self.ending:
             return
         self.ending = True
-        notify("STOPPING=1\nSTATUS=withdrawing the registrations of other masters")
+        notify("STOPPING=1", "STATUS=withdrawing the registrations of other masters")
         program.leave_after(8.0)
         self.rounds.withdraw(self._withdrawn)
 

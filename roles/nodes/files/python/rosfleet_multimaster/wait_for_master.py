@@ -14,6 +14,8 @@ import time
 import xmlrpc.client
 from typing import Any, Callable
 
+from .core.plain_text import LINE, plain
+
 CALLER = "/rosfleet_multimaster"
 PAUSE = 0.2  # seconds between two looks
 
@@ -72,7 +74,7 @@ def main() -> int:
         if options.service:
             until(end, ask, uri, "lookupService", options.service)
     except NotYet as problem:
-        print(f"{problem} (after {options.timeout:g} s)", file=sys.stderr)
+        print(plain(f"{problem} (after {options.timeout:g} s)", LINE), file=sys.stderr)
         return 1
     return 0
 

@@ -13,6 +13,7 @@ from typing import Any, Deque, Mapping, NamedTuple, Optional, Tuple
 from urllib.parse import urlsplit
 
 from .heartbeat import Heartbeat
+from .plain_text import is_plain
 
 Key = Tuple[str, int, int]  # address and UDP port of the sender, port of its XML-RPC server
 LONG_AGO = float("-inf")
@@ -134,7 +135,7 @@ class Contact(NamedTuple):
         if not 0.0 <= stamp < 2**31:
             raise ValueError(f"its stamp is {answer[0][:40]}")
         for text in (uri, name, discoverer):
-            if len(text) > MAX_NAME or not text.isprintable():
+            if not is_plain(text, MAX_NAME):
                 raise ValueError(f"a name that is none: {ascii(text[:40])}")
         if not uri.startswith("http://") or not urlsplit(uri).hostname:
             raise ValueError(f"it calls its master {uri}")

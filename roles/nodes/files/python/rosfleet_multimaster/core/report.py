@@ -6,6 +6,7 @@ from typing import Iterable, List, NamedTuple, Tuple
 
 from .sync import Refusal
 
+VALUES = 200  # of an entry of /diagnostics
 NOUNS = {"node": "node", "service": "service", "type": "topic"}
 _TAKEN = "at {there} is refused: here it is {here}. Give one of them another name, or ignore it"
 _OTHER = (
@@ -52,6 +53,8 @@ def diagnoses(node: str, items: Iterable[Refusal]) -> List[Diagnosis]:
 def _diagnosis(name: str, why: str, items: List[Refusal]) -> Diagnosis:
     values = [
         (f"{NOUNS[item.kind]} {item.name}", f"{item.uri} of {item.master} is refused, here it is {item.holder}")
-        for item in items
+        for item in items[:VALUES]
     ]
+    if len(items) > VALUES:
+        values.append(("more", f"{len(items) - VALUES} are not listed here"))
     return Diagnosis(name, f"{why}: {len(items)}" if items else "OK", values)

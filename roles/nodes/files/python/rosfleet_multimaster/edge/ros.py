@@ -26,6 +26,7 @@ from fkie_multimaster_msgs import msg, srv  # noqa: E402
 
 from ..core.discovery import Link  # noqa: E402
 from ..core.peer import Master  # noqa: E402
+from ..core.plain_text import LINE, plain  # noqa: E402
 from ..core.report import Diagnosis  # noqa: E402
 from ..core.sync import Announced, Registration  # noqa: E402
 from .patience import within  # noqa: E402
@@ -215,10 +216,10 @@ class SyncNode:
             status=[
                 kind(
                     level=kind.WARN if part.values else kind.OK,
-                    name=part.name,
-                    message=part.message,
+                    name=plain(part.name),
+                    message=plain(part.message, LINE),
                     hardware_id=hostname(),
-                    values=[diagnostics.KeyValue(key, value) for key, value in part.values],
+                    values=[diagnostics.KeyValue(plain(key), plain(value, LINE)) for key, value in part.values],
                 )
                 for part in parts
             ]

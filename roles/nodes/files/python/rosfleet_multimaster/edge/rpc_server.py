@@ -11,6 +11,7 @@ import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
 from typing import Any, Callable, Dict, Mapping, Tuple
 
+from ..core.plain_text import LINE, plain
 from .clock import monotonic
 from .xml_rpc import MAX_REQUEST, loads, unpack
 
@@ -108,16 +109,16 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             name, arguments = self._request()
         except Exception as problem:  # expat, xmlrpc, gzip and int have a dozen
-            self.server.malformed(self.client_address[0], f"{type(problem).__name__}: {problem}"[:200])
+            self.server.malformed(self.client_address[0], plain(f"{type(problem).__name__}: {problem}"))
             self.send_error(400)
             return
         try:
             body = xmlrpc.client.dumps((self._call(name, arguments),), methodresponse=True, allow_none=True)
         except Refused as refusal:
-            body = xmlrpc.client.dumps(xmlrpc.client.Fault(1, str(refusal)), methodresponse=True)
+            body = xmlrpc.client.dumps(xmlrpc.client.Fault(1, plain(refusal, LINE)), methodresponse=True)
         except Exception as problem:
             _log.debug("%s failed", name, exc_info=True)
-            text = f"{name[:100]} failed: {type(problem).__name__}: {problem}"[:500]
+            text = plain(f"{name[:100]} failed: {type(problem).__name__}: {problem}")
             self.server.malformed(self.client_address[0], text)
             body = xmlrpc.client.dumps(xmlrpc.client.Fault(1, text), methodresponse=True)
         self._answer(body.encode("utf-8", "replace"))
@@ -143,7 +144,7 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             return method(*arguments)
         except TypeError as problem:
-            raise Refused(f"{name}: {problem}"[:500]) from None
+            raise Refused(plain(f"{name}: {problem}")) from None
 
     def _answer(self, body: bytes) -> None:
         self.send_response(200)

@@ -6,15 +6,20 @@ import logging
 import os
 import socket
 
+from ..core.plain_text import LINE, plain
+
 _log = logging.getLogger("rosfleet.systemd")
 
 
-def notify(text: str) -> None:
-    """Tell systemd (sd_notify): READY=1, STATUS=..., STOPPING=1. Does nothing outside a service."""
-    path = os.environ.get("NOTIFY_SOCKET", "")
+def notify(*assignments: str) -> None:
+    """Tell systemd (sd_notify): "READY=1", "STATUS=...", "STOPPING=1". Does nothing outside a service.
+
+    Each assignment is one line, whatever stands in it: a text of others adds none of its own.
+    """
+    path, lines = os.environ.get("NOTIFY_SOCKET", ""), [plain(text, LINE) for text in assignments]
     if path:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
             try:
-                sender.sendto(text.encode(), "\0" + path[1:] if path.startswith("@") else path)
+                sender.sendto("\n".join(lines).encode(), "\0" + path[1:] if path.startswith("@") else path)
             except OSError as problem:
-                _log.warning("systemd cannot be told %s: %s", text.splitlines()[0], problem)
+                _log.warning("systemd cannot be told %s: %s", lines[0], problem)

@@ -59,7 +59,7 @@ class Datagrams:
         """Open the sockets; blocks until that is possible."""
         self._open(monotonic())
         while self._udp is None:
-            notify(f"STATUS={self._problem}\nEXTEND_TIMEOUT_USEC=30000000")
+            notify(f"STATUS={self._problem}", "EXTEND_TIMEOUT_USEC=30000000")
             sleep(REOPEN)
             self._open(monotonic())
 

@@ -29,7 +29,7 @@ def wait_for_roscore(uri: str, timeout: Optional[float] = None) -> str:
             if not said:
                 program.LOG.warning("waiting for the roscore at %s: %s", uri, problem)
                 said = True
-            notify(f"STATUS=waiting for the roscore at {uri}\nEXTEND_TIMEOUT_USEC=30000000")
+            notify(f"STATUS=waiting for the roscore at {uri}", "EXTEND_TIMEOUT_USEC=30000000")
             sleep(0.2)
 
 

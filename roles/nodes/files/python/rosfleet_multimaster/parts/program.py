@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from ..core import parameters
+from ..edge import journal
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, after
 from ..edge.roscore import Roscore
@@ -23,7 +24,6 @@ FAILURES = (OSError, ValueError, xmlrpc.client.Fault)  # what a call to another 
 
 LOG = logging.getLogger("rosfleet")
 
-_PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 _LEVELS = {"WARN": "WARNING", "FATAL": "CRITICAL"}
 _EVERY = 60.0  # seconds between two lines about one thing
 _LINES = 60  # limited lines in that time, whatever they are about
@@ -33,21 +33,11 @@ class Fatal(Exception):
     """The program ends with this sentence."""
 
 
-class _Format(logging.Formatter):
-    """Lines for the journal, which reads the priority from `<N>`; plain lines for a terminal."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        text = super().format(record)
-        if "JOURNAL_STREAM" not in os.environ:
-            return f"{record.levelname}: {text}"
-        return "\n".join(f"<{_PRIORITIES.get(record.levelno, 6)}>{line}" for line in text.splitlines())
-
-
 def start_log(level: str = "INFO") -> None:
     """Write the log of the program to standard error, from this level on."""
     if not LOG.handlers:
-        handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(_Format())
+        handler = journal.Handler(sys.stderr)
+        handler.setFormatter(journal.Format())
         LOG.addHandler(handler)
         LOG.propagate = False
     LOG.setLevel(_LEVELS.get(level, level))
@@ -175,6 +165,7 @@ def run(main: Callable[[], int]) -> None:
     # Python would say something about each questionable pattern that a stranger sends.
     warnings.filterwarnings("ignore", "Possible (nested set|set )", FutureWarning)
     warnings.filterwarnings("ignore", "Flags not at the start", DeprecationWarning)
+    journal.plain_streams()
     start_log()
     try:
         status = main()

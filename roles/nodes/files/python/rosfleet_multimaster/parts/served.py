@@ -11,6 +11,7 @@ from typing import Any, Callable, Dict, List, Optional, Set, Tuple
 from ..core.filters import InvalidPattern, Pattern, Rules
 from ..core.graph import Policy, State, document, own_types, stamp_text
 from ..core.peer import Master
+from ..core.plain_text import LINE, plain
 from ..edge.clock import sleep, wall_clock
 from ..edge.rpc_server import PerCaller, Refused, RpcServer
 from ..edge.systemd import notify
@@ -67,7 +68,7 @@ class Served:
             "masterContacts": self._master_contacts,
             "masterInfo": PerCaller(self._master_info),
             "masterInfoFiltered": PerCaller(self._master_info_filtered),
-            "masterErrors": lambda: [self._own.uri, list(self._errors.values())],
+            "masterErrors": lambda: [self._own.uri, [plain(text, LINE) for text in list(self._errors.values())]],
             "getCurrentTime": lambda: [self._own.uri, wall_clock()],
             "getTopicsMd5sum": PerCaller(self._md5sums),
             "getUser": lambda: [self._own.uri, _user()],
@@ -123,7 +124,7 @@ def serve(
             if not said:
                 program.LOG.error("port %d for other masters is not free: %s; trying again", port, problem)
                 said = True
-            notify(f"STATUS=waiting for TCP port {port}: {problem}\nEXTEND_TIMEOUT_USEC=30000000")
+            notify(f"STATUS=waiting for TCP port {port}: {problem}", "EXTEND_TIMEOUT_USEC=30000000")
             sleep(1.0)
 
 
