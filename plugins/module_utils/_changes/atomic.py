@@ -10,35 +10,82 @@ one, also after a writer that was killed.
 import errno
 import glob
 import os
+import stat
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
+
 _NEIGHBOUR = ".rosfleet-new"
+_ACL = "system.posix_acl_access"
+# What the kernel computes from the content: the value of the old file would condemn the new one.
+_COMPUTED = ("security.ima", "security.evm")
+
+Attributes = typing.Dict[str, bytes]  # extended attributes (xattr(7)): ACLs, labels of SELinux, and those of users
 
 
 def read_bytes(path: str) -> typing.Optional[bytes]:
-    """Read the content of a file; None where there is no file."""
+    """Read the content of a file; None where there is no file. Raises OSError, also for what is no regular file."""
     try:
-        with open(path, "rb") as stream:
-            return stream.read()
+        return read_regular(path)
     except (FileNotFoundError, NotADirectoryError):
         return None
 
 
+def attributes(path: str) -> Attributes:
+    """Read the extended attributes of a regular file that its successor is to keep; none for anything else."""
+    try:
+        if not stat.S_ISREG(os.lstat(path).st_mode):
+            return {}
+        names = [name for name in os.listxattr(path, follow_symlinks=False) if name not in _COMPUTED]
+        return {name: os.getxattr(path, name, follow_symlinks=False) for name in names}
+    except OSError as problem:
+        if problem.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENOTSUP, errno.ENODATA):
+            return {}
+        raise
+
+
+def _keep(stream: typing.IO[bytes], path: str, kept: Attributes) -> None:
+    """Give a new file these extended attributes. Raises OSError where one cannot be kept."""
+    descriptor = stream.fileno()
+    try:
+        present = {name: os.getxattr(descriptor, name) for name in os.listxattr(descriptor)}
+    except OSError as problem:
+        if problem.errno != errno.ENOTSUP:
+            raise
+        present = {}
+    if _ACL in present and _ACL not in kept:  # from the default ACL of the folder
+        os.removexattr(descriptor, _ACL)
+    for name, value in sorted(kept.items()):
+        if present.get(name) != value:
+            try:
+                os.setxattr(descriptor, name, value)
+            except OSError as problem:
+                why = f"Its extended attribute {name} cannot be kept: {os.strerror(problem.errno or 0)}"
+                raise OSError(problem.errno, why, path) from problem
+
+
 def write_by_rename(
-    path: str, content: bytes, mode: int = 0o644, owner: typing.Optional[typing.Tuple[int, int]] = None
+    path: str,
+    content: bytes,
+    mode: int = 0o644,
+    owner: typing.Optional[typing.Tuple[int, int]] = None,
+    kept: typing.Optional[Attributes] = None,
 ) -> None:
     """Replace a file in one step, with these permission bits and, where given, this (uid, gid).
 
-    Raises OSError with the file unchanged; EBUSY means that the path is a mount point.
+    It gets the extended attributes `kept`, by default those of the file that stands there. Raises OSError with the file
+    unchanged; EBUSY means that the path is a mount point.
     """
     remove_leftovers(path)
+    kept = attributes(path) if kept is None else kept
     neighbour = f"{path}{_NEIGHBOUR}-{os.getpid()}"
     descriptor = os.open(neighbour, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         with os.fdopen(descriptor, "wb") as stream:
             if owner is not None:
                 os.fchown(stream.fileno(), owner[0], owner[1])
-            os.fchmod(stream.fileno(), mode)
+            _keep(stream, path, kept)
+            os.fchmod(stream.fileno(), mode)  # after an ACL: the bits of the group are its mask
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())

@@ -28,6 +28,16 @@ _CACHE = "__pycache__"
 _BUNDLE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _MODE = re.compile(r"0[0-7]{3}")
 
+# The form of the records. Those of services have more than those of files, and both have folders.
+_SHAPE = {
+    "files": {"*": {"*": str}},
+    "folders": [str],
+    "units": [str],
+    "pending": [str],
+    "directories": {"*": [str]},
+    "parents": [str],
+}
+
 Data = typing.Dict[str, typing.Any]
 Entries = typing.Dict[str, typing.Set[str]]  # folder -> the names in it
 
@@ -47,6 +57,7 @@ class Found(typing.NamedTuple):
     content: bytes  # of a symbolic link its target; empty for a folder or a device
     mode: int
     owner: typing.Tuple[int, int]  # (uid, gid)
+    attributes: atomic.Attributes = {}  # of a file
 
 
 class Machine(typing.NamedTuple):
@@ -122,7 +133,7 @@ def record_of(kind: str, bundle: str, records: str) -> Record:
         )
     if not os.path.isabs(records):
         raise Problem(f"records is {records!r}, expected an absolute path.")
-    return Record(f"{kind}-{bundle}", records)
+    return Record(f"{kind}-{bundle}", records, _SHAPE)
 
 
 def digest(wanted: typing.Iterable[Wanted]) -> str:
@@ -163,7 +174,7 @@ def _claimed(record: Record) -> typing.Set[str]:
         for path in glob.glob(os.path.join(glob.escape(records), f"{kind}-*.json")):
             if path != record.path:
                 name = os.path.basename(path)[: -len(".json")]
-                claimed.update(Record(name, records).load().get("folders", []))
+                claimed.update(Record(name, records, _SHAPE).load().get("folders", []))
     return claimed
 
 
@@ -181,7 +192,8 @@ def look(path: str) -> typing.Optional[Found]:
         kind = f"a symbolic link to {os.fsdecode(content)}"
     else:
         kind = _FOLDER if stat.S_ISDIR(status.st_mode) else "a device, pipe or socket"
-    return Found(kind, content, stat.S_IMODE(status.st_mode), (status.st_uid, status.st_gid))
+    attributes = atomic.attributes(path)
+    return Found(kind, content, stat.S_IMODE(status.st_mode), (status.st_uid, status.st_gid), attributes)
 
 
 def _kind(folder: str) -> str:
@@ -397,6 +409,12 @@ def changes(planned: Plan) -> bool:
     )
 
 
+def places(planned: Plan, record: Record) -> typing.List[str]:
+    """The paths that carrying out a plan writes or removes, with its record; none where nothing changes."""
+    paths = [file.path for file in planned.writes] + planned.removals + planned.rubbish
+    return [*paths, record.path] if changes(planned) else []
+
+
 # The steps
 
 _LOST = "{what} could not be put back ({reason})."
@@ -455,12 +473,14 @@ def _tidy(planned: Plan) -> None:
 
 
 def _put_back(path: str, before: typing.Optional[Found]) -> None:
+    if look(path) == before:  # the step has failed before it changed anything
+        return
     if before is None:
         atomic.remove(path)
         return
     atomic.make_folders(os.path.dirname(path))
     if before.kind == _FILE:
-        atomic.write_by_rename(path, before.content, before.mode, before.owner)
+        atomic.write_by_rename(path, before.content, before.mode, before.owner, before.attributes)
     else:
         atomic.remove(path)
         os.symlink(before.content, os.fsencode(path))

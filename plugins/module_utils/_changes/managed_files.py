@@ -5,7 +5,7 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, writable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
     NotDone,
@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     intent,
     settled,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence, unreadable
 
 # AnsibleModule.run_command
 RunCommand = typing.Callable[..., typing.Tuple[int, str, str]]
@@ -33,12 +33,15 @@ class ManagedFiles(ModuleRun):
             self.machine = files.read(self.wanted, self.remembered, self.record)
             self.plan = files.plan(self.wanted, self.remembered, self.machine)
         except OSError as problem:
-            raise Problem(f"The present state could not be read ({problem}); nothing was changed.") from problem
+            raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self.changed = files.changes(self.plan)
 
     @property
     def refusals(self) -> typing.List[str]:
-        """The sentence about the first file that its own command does not accept."""
+        """The sentences on what cannot be written here; else that on the first file that its own command refuses."""
+        locked = writable.obstacles(files.places(self.plan, self.record))
+        if locked:
+            return [*locked, "Nothing was changed."]
         commands = {entry["path"]: entry["validate"] for entry in self.options["files"] if entry["validate"]}
         for file in self.plan.writes:
             refusal = self._refusal(file, commands[file.path]) if file.path in commands else ""
@@ -66,7 +69,7 @@ class ManagedFiles(ModuleRun):
         try:
             carry_out([*steps, settled(self.record, after)])
         except NotDone as problem:
-            said = [f"The files of the bundle {self.bundle} could not be written ({problem.cause})."]
+            said = [f"The files of the bundle {self.bundle} could not be written: {sentence(problem.cause)}"]
             said += problem.left or ["Everything that this run had changed was put back."]
             raise NotDone(problem.cause, problem.left, " ".join(said)) from problem
 

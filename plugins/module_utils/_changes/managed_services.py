@@ -6,11 +6,11 @@
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, unit_steps, units
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, unit_steps, units, writable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.systemctl import Systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, carry_out
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence, unreadable
 
 USUAL_FOLDER = "/etc/systemd/system"
 # The word for what was done with a unit is that of the first of these that was.
@@ -35,7 +35,7 @@ class ManagedServices(ModuleRun):
             self._read_options(options)
             self._read_machine()
         except OSError as problem:
-            raise Problem(f"The present state could not be read ({problem}); nothing was changed.") from problem
+            raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self._plan()
 
     def _read_options(self, options: typing.Mapping[str, typing.Any]) -> None:
@@ -84,6 +84,18 @@ class ManagedServices(ModuleRun):
         acts = any(action.run or action.switch for action in self.actions)
         self.changed = bool(self.reload or self.former or acts)
 
+    @property
+    def refusals(self) -> typing.List[str]:
+        """The sentences on what cannot be changed here: files, and systemd without root's rights."""
+        if not self.changed:
+            return []
+        found = writable.obstacles([*files.places(self.files, self.record), self.record.path])
+        if os.geteuid() != 0 and not found:
+            found = [
+                f"The user {os.geteuid()} cannot change units of the system; expected root: run as root (become: true)."
+            ]
+        return [*found, "Nothing was changed."] if found else []
+
     def apply(self) -> None:
         """Carry out the actions, or bring the previous state back and raise NotDone."""
         if not self.changed:
@@ -112,7 +124,7 @@ class ManagedServices(ModuleRun):
             carry_out(change.steps(files.steps(self.files, self.machine)))
         except NotDone as problem:
             back = ["This could not be taken back:"] + problem.left if problem.left else ["The previous state is back."]
-            raise NotDone(problem.cause, problem.left, " ".join([str(problem.cause)] + back)) from problem
+            raise NotDone(problem.cause, problem.left, " ".join([sentence(problem.cause)] + back)) from problem
         self.after = change.after
 
     def failure(self, problem: Problem) -> Fields:

@@ -9,38 +9,48 @@ import os
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, remedy
 
 RECORDS = "/var/lib/rosfleet-multimaster"
 T = typing.TypeVar("T")
+#: The form of a record: a type or several, [form] for a list, {"*": form} for an object, {"key": form} where each key
+#: may be missing, and other keys are left to who reads them.
+Shape = typing.Any
 
 
 class Record:
     """The record of one module on this machine: a JSON object in a file of its own, absent while empty."""
 
-    def __init__(self, name: str, folder: str = RECORDS) -> None:
+    def __init__(self, name: str, folder: str = RECORDS, shape: Shape = dict) -> None:
         self.path = os.path.join(folder, name + ".json")
+        self.shape = shape
 
     def load(self) -> typing.Dict[str, typing.Any]:
-        """The saved object, or an empty one. Raises Problem where the file cannot be read as a record."""
+        """The saved object, or an empty one. Raises Problem where the file cannot be read, or has not the record's shape."""
         try:
             content = atomic.read_bytes(self.path)
         except OSError as problem:
             raise Problem(
                 f"The record {self.path} cannot be read ({problem.strerror}); expected a file that this module wrote: "
-                "run as root (become: true)."
+                f"{remedy(problem)}."
             ) from problem
         if content is None:
             return {}
         try:
             data = json.loads(content.decode("utf-8"))
-        except ValueError as problem:
+        except (ValueError, RecursionError) as problem:
             raise Problem(
                 f"The record {self.path} is not readable as JSON ({problem}); expected what this module wrote there: "
                 "restore it from a backup, or remove it and what it owned by hand."
             ) from problem
         if not isinstance(data, dict):
             raise Problem(f"The record {self.path} holds no JSON object; remove it to start without a memory.")
+        wrong = misfit(data, self.shape)
+        if wrong:
+            raise Problem(
+                f"The record {self.path} does not hold what this version of the module writes ({wrong}); "
+                "restore it from a backup, or remove it and what it owned by hand."
+            )
         return data
 
     def parse(
@@ -84,6 +94,27 @@ class Record:
                 atomic.remove_folder_if_empty(folder)
         except OSError:  # a read-only root, or a folder of somebody else
             return
+
+
+def misfit(data: typing.Any, shape: Shape, place: str = "") -> str:
+    """Say where data has not a shape, or nothing."""
+    if isinstance(shape, list) and isinstance(data, list):
+        parts = [(f"{place}[{index}]", value, shape[0]) for index, value in enumerate(data)]
+    elif isinstance(shape, dict) and isinstance(data, dict):
+        parts = [(f"{place}.{key}".lstrip("."), value, shape.get(key, shape.get("*"))) for key, value in data.items()]
+        parts += [(f"a key of {place or 'the object'}", key, str) for key in data]
+    else:
+        known = not isinstance(shape, (list, dict)) and isinstance(data, shape)
+        return "" if known and not (isinstance(data, str) and _unfit(data)) else f"{place} is {data!r:.80}"
+    return next(filter(None, (misfit(value, form, where) for where, value, form in parts if form is not None)), "")
+
+
+def _unfit(text: str) -> bool:
+    """True for a text that is no path: with a NUL, or with half of a character."""
+    try:
+        return b"\0" in text.encode("utf-8", "surrogateescape")
+    except UnicodeEncodeError:
+        return True
 
 
 def _encoded(data: typing.Dict[str, typing.Any]) -> bytes:

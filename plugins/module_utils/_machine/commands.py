@@ -11,6 +11,8 @@ import tempfile
 import threading
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
+
 BASE_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 CLEAN = {"PATH": BASE_PATH, "HOME": "/", "LC_ALL": "C.UTF-8"}
 _LIMIT = 5.0  # seconds; every command asked here answers in a few hundredths
@@ -111,9 +113,6 @@ def within(limit: float, function: typing.Callable[..., typing.Any], *arguments:
 def text(path: str, most: int = 1 << 20) -> str:
     """Read the text of a regular file, at most `most` bytes of it; empty where there is none to read."""
     try:
-        if not os.path.isfile(path):  # never a FIFO: opening one waits for its writer
-            return ""
-        with open(path, "rb") as stream:
-            return stream.read(most).decode("utf-8", "replace")
-    except OSError:
+        return read_regular(path, most).decode("utf-8", "replace")
+    except (OSError, ValueError):  # ValueError: a path with a NUL
         return ""

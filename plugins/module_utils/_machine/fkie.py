@@ -4,10 +4,9 @@
 """The parts of multimaster_fkie on this machine: executables of ROS packages, and Debian packages. Nothing is changed."""
 
 import json
-import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
 
 # The Debian packages that the collection installed, a name on each line; the role nodes writes it.
 INSTALLED = "/etc/rosfleet-multimaster/packages"
@@ -107,7 +106,5 @@ def policy(output: str) -> typing.Dict[str, typing.Dict[str, str]]:
 
 
 def _recorded(path: str) -> typing.List[str]:
-    if not os.path.isfile(path):
-        return []
-    with open(path, encoding="utf-8") as stream:
-        return [line.strip() for line in stream if line.strip() and not line.startswith("#")]
+    lines = text(path).splitlines()
+    return [line.strip() for line in lines if line.strip() and not line.startswith("#")]

@@ -1,16 +1,55 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The exception Problem: its text is a sentence for the user."""
+"""The exception Problem: its text is a sentence for the user; and what to do about an OSError."""
+
+import errno
+import os
+import typing
 
 
 class Problem(Exception):
     """One sentence for the user: what was found, what was expected, what to do."""
 
 
+_REMEDIES = {
+    errno.EROFS: "mount its file system writable",
+    errno.ENOSPC: "make room on its file system",
+    errno.EDQUOT: "make room on its file system",
+    errno.EISDIR: "correct the path, or move the folder away",
+    errno.EINVAL: "correct the path, or move that away",
+    errno.ENOENT: "correct the path, or make its folder",
+    errno.ENOTDIR: "correct the path, or move away what stands in the place of its folder",
+    errno.EFBIG: "correct the path, or look at what fills the file",
+    errno.EBUSY: "look at what is mounted there",
+}
+
+
+def remedy(problem: OSError) -> str:
+    """Return what to do about an error of a file."""
+    if problem.errno in (errno.EACCES, errno.EPERM):
+        if os.geteuid() != 0:
+            return "run as root (become: true)"
+        return "look at what forbids it to root: an immutable file (lsattr; chattr -i), a security module or a network disk"
+    return _REMEDIES.get(problem.errno or 0, "look at the file, its file system and its disk")
+
+
+def unreadable(problem: OSError) -> str:
+    """Return the sentence for a user about a file that cannot be read."""
+    return (
+        f"{_file(problem)} cannot be read ({problem.strerror or problem}); expected a regular file: {remedy(problem)}."
+    )
+
+
 def sentence(problem: Exception) -> str:
     """Return the sentence for a user about a half-done change: the words of a Problem, or the file of an OSError."""
     if isinstance(problem, OSError):
-        file = problem.filename or "A file"
-        return f"{file} cannot be written ({problem.strerror}), expected a writable file system with room."
+        return (
+            f"{_file(problem)} cannot be written ({problem.strerror or problem}); expected a writable file: "
+            f"{remedy(problem)}."
+        )
     return str(problem)
+
+
+def _file(problem: OSError) -> typing.Any:
+    return problem.filename or "A file"

@@ -9,6 +9,14 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.plan import Entries, Entry
 
 Data = typing.Dict[str, typing.Any]  # JSON
+SHAPE = {
+    "routes": [{"made": [dict], "replaced": [[str]]}],
+    "boot": {
+        "places": {"*": {"backend": str, "texts": [str], "routes": [dict]}},
+        "pending": {"*": [str]},
+        "folders": [str],
+    },
+}
 
 
 class Place(typing.NamedTuple):

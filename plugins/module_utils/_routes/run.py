@@ -68,7 +68,7 @@ class Run(ModuleRun):
         self.overrides = _overrides(options["backends"] or {}, self.machine.interfaces)
         listed = wanted.items_of(options["routes"], self.machine.interfaces)
         self.routes = [item.route for item in listed]
-        self.record = Record("routes", options["records"])
+        self.record = Record("routes", options["records"], record.SHAPE)
         self.stored = self.record.load()
         self.recorded = self.record.parse(record.read, self.stored if memory is None else memory)
         self.kernel = Kernel()

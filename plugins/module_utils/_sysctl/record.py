@@ -6,6 +6,11 @@
 import typing
 
 Data = typing.Dict[str, typing.Any]  # JSON
+SHAPE = {
+    "drop_ins": [str],
+    "folders": [str],
+    "settings": {"*": {"key": str, "before": (str, type(None)), "set": [str], "beside": {"*": str}}},
+}
 
 
 class Entry(typing.NamedTuple):

@@ -65,7 +65,7 @@ class Run(ModuleRun):
         check_drop_in(self.drop_in)
         self.fails_on_conflict = options["on_conflict"] == "fail"
         self.kernel = Kernel(options["proc"])
-        self.record = Record("sysctl", options["records"])
+        self.record = Record("sysctl", options["records"], record.SHAPE)
         self.stored = self.record.load()
         self.recorded = self.record.parse(record.read, self.stored if memory is None else memory)
         self.tree = Tree(options["root"])

@@ -17,6 +17,7 @@ import typing
 import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
@@ -71,8 +72,7 @@ class Ros:
 
     def python(self) -> typing.List[str]:
         """Return the words that run the Python of this computer's ROS; empty where rostopic is no script. Raises NoRos."""
-        with open(self.command("rostopic"), "rb") as stream:
-            return interpreter(stream.readline())
+        return interpreter(read_regular(self.command("rostopic"), 4096))
 
     def run(self, name: str, arguments: typing.List[str], seconds: float) -> typing.Tuple[str, str]:
         """Run a command of ROS; return its output and its error. At its time limit it is interrupted, so its node unregisters."""

@@ -103,7 +103,8 @@ def test_a_failure_is_told_with_what_is_left_of_it(machine, monkeypatch):
     with pytest.raises(NotDone) as caught:
         run.apply()
     assert str(caught.value) == (
-        f"The files of the bundle b could not be written ([Errno 28] No space left on device: '{machine.root}/b'). "
+        f"The files of the bundle b could not be written: {machine.root}/b cannot be written (No space left on "
+        "device); expected a writable file: make room on its file system. "
         "Everything that this run had changed was put back."
     )
     assert run.failure(caught.value) == {"changed": False} and machine.state() == before

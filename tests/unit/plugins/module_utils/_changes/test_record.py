@@ -69,7 +69,8 @@ def test_what_is_saved_already_is_not_written_again(tmp_path):
     leftover = tmp_path / "kept.json.rosfleet-new-1"
     leftover.touch()
     kept.save_if_changed({"x": 1})
-    assert os.stat(kept.path) == before and not leftover.exists()
+    after = os.stat(kept.path)
+    assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns) and not leftover.exists()
     kept.save_if_changed({"x": 2})
     assert kept.load() == {"x": 2}
     kept.save_if_changed({})
@@ -114,3 +115,31 @@ def test_the_names_of_the_records(tmp_path):
     Record("sysctl", str(tmp_path)).save({"a": 1})
     Record("files-nodes", str(tmp_path)).save({"a": 1})
     assert record.records(str(tmp_path)) == ["files-nodes", "sysctl"]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b'{"files": []}', "files is []"),
+        (b'{"files": {"/a": {"written": 5}}}', "files./a.written is 5"),
+        (b'{"folders": ["/a", null]}', "folders[1] is None"),
+        (b'{"folders": "/a"}', "folders is '/a'"),
+        (b'{"folders": ["/a\\u0000b"]}', "folders[0] is '/a\\x00b'"),
+        (b'{"files": {"/\\ud800": {}}}', "a key of files is"),
+        (b"[" * 100_000, "is not readable as JSON"),
+        (b"\xff", "is not readable as JSON"),
+        (b"[]", "holds no JSON object"),
+    ],
+)
+def test_a_malformed_record_gives_one_sentence(tmp_path, content, words):
+    found = Record("x", str(tmp_path), {"files": {"*": {"*": str}}, "folders": [str]})
+    (tmp_path / "x.json").write_bytes(content)
+    with pytest.raises(Problem, match="The record .*/x.json ") as caught:
+        found.load()
+    assert words in str(caught.value)
+
+
+def test_a_pipe_in_the_place_of_a_record_is_named(tmp_path):
+    os.mkfifo(str(tmp_path / "x.json"))
+    with pytest.raises(Problem, match="Is a pipe"):
+        Record("x", str(tmp_path)).load()

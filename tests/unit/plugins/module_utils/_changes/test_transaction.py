@@ -52,7 +52,8 @@ def test_all_steps_are_done_in_their_order():
         (ValueError("odd"), f"odd {BACK}"),
         (
             OSError(errno.ENOSPC, "No space left on device", "/f"),
-            f"/f cannot be written (No space left on device), expected a writable file system with room. {BACK}",
+            "/f cannot be written (No space left on device); expected a writable file: make room on its file system. "
+            + BACK,
         ),
     ],
 )

@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What cannot be written is said before anything changes, with what to do."""
+
+import os
+import subprocess
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.writable import locked, obstacle, obstacles
+
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives rights away")
+
+
+@pytest.fixture(params=["i", "a"])
+def flagged(request, tmp_path):
+    """Sets a flag of chattr(1) on a path, and takes it away at the end."""
+    set_on = []
+
+    def set_flag(path):
+        done = subprocess.run(["chattr", f"+{request.param}", str(path)], capture_output=True, check=False)
+        if done.returncode:
+            pytest.skip(f"no flags here: {done.stderr}")
+        set_on.append(path)
+        return request.param
+
+    yield set_flag
+    for path in set_on:
+        subprocess.run(["chattr", f"-{request.param}", str(path)], check=True)
+
+
+def test_a_usual_file_a_missing_one_and_a_missing_folder_are_no_obstacle(tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    os.mkfifo(str(tmp_path / "pipe"))
+    for name in ("file", "missing", "a/b/c", "pipe"):
+        assert obstacle(str(tmp_path / name)) == ""
+
+
+def test_a_file_locked_by_a_flag_is_named_with_the_command(tmp_path, flagged):
+    path = tmp_path / "file"
+    path.write_bytes(b"")
+    letter = flagged(path)
+    assert locked(str(path)) == {"i": "immutable", "a": "append-only"}[letter]
+    assert f"run 'chattr -{letter} {path}'" in obstacle(str(path))
+    assert obstacle(str(path), in_place=True) == obstacle(str(path))
+    assert obstacles([str(path), str(path)]) == [obstacle(str(path))]
+
+
+def test_a_folder_locked_by_a_flag_is_named_with_the_command(tmp_path, flagged):
+    letter = flagged(tmp_path)
+    assert f"run 'chattr -{letter} {tmp_path}'" in obstacle(str(tmp_path / "file"))
+
+
+@needs_root
+def test_a_user_without_rights_is_told_to_become_root(tmp_path):
+    folder = tmp_path / "closed"
+    folder.mkdir(mode=0o755)
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.setuid(65534)
+        os.write(writer, obstacle(str(folder / "file")).encode())
+        os._exit(0)
+    os.waitpid(child, 0)
+    said = os.read(reader, 1000).decode()
+    assert "not writable for the user 65534" in said and said.endswith("run as root (become: true).")

@@ -1,0 +1,45 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Files that are read: nothing that stands in their place makes a module hang or fills its memory."""
+
+import os
+import socket
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text, within
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.fkie import packages
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
+
+
+def test_a_regular_file_is_read_whole_or_its_beginning(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"abcdef")
+    assert read_regular(str(path)) == b"abcdef"
+    assert read_regular(str(path), 3) == b"abc"
+    assert read_regular("/proc/self/stat")
+
+
+def test_a_pipe_a_socket_a_device_a_folder_and_a_huge_file_are_refused_at_once(tmp_path):
+    os.mkfifo(str(tmp_path / "pipe"))
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "socket"))
+        with (tmp_path / "huge").open("wb") as stream:
+            stream.truncate(1 << 40)
+        for path, words in (
+            (tmp_path / "pipe", "Is a pipe"),
+            (tmp_path / "socket", "Is a socket"),
+            (tmp_path, "Is a directory"),
+            (tmp_path / "huge", "Is larger than 64 MiB"),
+            ("/dev/zero", "Is a device"),
+        ):
+            with pytest.raises(OSError, match=words) as caught:
+                within(5.0, read_regular, str(path))
+            assert caught.value.filename == str(path)
+            assert path == tmp_path / "huge" or text(str(path)) == ""
+    assert text(str(tmp_path / "huge"), 10) == "\0" * 10
+
+
+def test_a_pipe_in_the_place_of_the_list_of_packages_does_not_hang(tmp_path):
+    os.mkfifo(str(tmp_path / "packages"))
+    assert within(5.0, packages, [], str(tmp_path / "packages")) == []
