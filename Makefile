@@ -16,7 +16,7 @@ help: ## list the targets
 setup: ## what the rest needs: Debian packages, tools in .work/venv
 	@bash tools/setup.sh
 
-lab: setup ## build the image of the lab's computers
+lab: setup ## build the images of the lab's computers
 	@$(PYTHON) tests/lab/lab.py image
 
 demo: lab ## robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer or multi_computer)
@@ -46,7 +46,7 @@ molecule: lab ## the roles in containers: check, converge, idempotence, verify, 
 systems: lab ## injected faults and the commands of the README, on real systems
 	@$(PYTHON) tools/test.py systems
 
-test-long: bench-site ## what takes too long for 'make test': losses of minutes, and the bench
+test-long: bench-site ## what takes too long for 'make test': losses of minutes, Debian 11, and the bench
 	@$(PYTHON) tools/test.py long
 
 test-interop: checkout lab ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout)

@@ -199,11 +199,11 @@ def systems() -> list[Suite]:
     return [suite("robots", "systems", *IN_COMMON), *own]
 
 
-def demonstration(layout: str, seconds: float) -> Suite:
+def demonstration(name: str, seconds: float, *options: str, layout: str = "", group: str = "demo") -> Suite:
     """One layout in the lab, from nothing to a fleet that talks."""
-    lab = f"test-demo-{layout.partition('_')[0]}"  # a person may have a lab of the name "demo" up
-    command = (sys.executable, "tests/lab/demo.py", "--layout", layout, "--name", lab)
-    return Suite("demo", layout, command, one_test, seconds=seconds, labs=(lab,))
+    lab = f"test-demo-{name.partition('_')[0]}"  # a person may have a lab of the name "demo" up
+    command = (sys.executable, "tests/lab/demo.py", "--layout", layout or name, "--name", lab, *options)
+    return Suite(group, name, command, one_test, seconds=seconds, labs=(lab,))
 
 
 SUITES = [
@@ -224,9 +224,10 @@ SUITES = [
     Suite("sanity", "ansible-test", (sys.executable, "tools/sanity.py"), sanity_tests, seconds=140),
     *scenarios(),
     *systems(),
-    demonstration("single_computer", 80),
+    demonstration("single_computer", 80, "--suite=kobuki2computer=trixie"),  # one robot of each release
     demonstration("multi_computer", 200),
     cases("long", "pytest", "tests/long", labs=("long-links", "long-fuzz"), limit=LONG_LIMIT),
+    demonstration("bullseye", 90, "--suite=bullseye", layout="single_computer", group="long"),
     cases("interop", "pytest", "tests/interop", labs=("interop",), limit=LONG_LIMIT),
 ]
 

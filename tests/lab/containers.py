@@ -173,12 +173,12 @@ def _limit(systems: int) -> None:
         )
 
 
-def up(lab: str, hosts: Sequence[Host], suite: str = image.SUITE) -> None:
+def up(lab: str, hosts: Sequence[Host]) -> None:
     """Bring a lab to these computers. Those that are there with the same inputs stay as they are; what is not wanted goes."""
     started = time.monotonic()
-    image_name = image.ensure(suite)
+    images = {suite: image.ensure(suite) for suite in sorted({host.suite for host in hosts})}
     by_name = {container(lab, host.name): host for host in hosts}
-    wanted = {name: _digest(image_name, host) for name, host in by_name.items()}
+    wanted = {name: _digest(images[host.suite], host) for name, host in by_name.items()}
     networks = {_network(lab, port.network) for host in hosts for port in host.interfaces}
     present = {entry["Names"][0]: entry["Labels"].get(DIGEST) for entry in labelled("container", label(lab))}
     present_networks = {entry["name"] for entry in labelled("network", label(lab))}
@@ -196,7 +196,7 @@ def up(lab: str, hosts: Sequence[Host], suite: str = image.SUITE) -> None:
     if new:
         print(f"lab {lab}: starting {', '.join(by_name[name].name for name in new)} ...", flush=True)
     _each(lambda name: podman("start", name), staying)
-    _each(lambda name: _create(lab, by_name[name], image_name), new)
+    _each(lambda name: _create(lab, by_name[name], images[by_name[name].suite]), new)
     _each(wait, by_name)
     print(f"lab {lab}: {len(hosts)} computers are up ({time.monotonic() - started:.1f} s)", flush=True)
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import containers
-from layout import hosts_of, read_inventory, robots_of
+from layout import hosts_of, read_inventory, robots_of, with_suites
 from matrix import everybody
 from memory import Peak
 from podman import LabError
@@ -110,12 +110,13 @@ def figures(runs: dict[str, Run], systems: int, peak: int) -> str:
     return "\n".join(lines)
 
 
-def demonstrate(layout: str, lab: str) -> bool:
+def demonstrate(layout: str, lab: str, suites: Iterable[str]) -> bool:
     """Bring the lab up, run site.yml, verify, try what the report tries, run site.yml again; True when all is well."""
     inventory = ROOT / "inventory" / layout
     say(f"the lab: the computers of inventory/{layout} as containers with real systemd and ROS")
     listing = read_inventory(inventory)
-    hosts = hosts_of(listing)
+    hosts = with_suites(hosts_of(listing), suites)
+    print("\n".join(f"  {host.name:<24}Debian {host.suite}" for host in hosts), flush=True)
     containers.up(lab, hosts)
     connection = containers.write_inventory(lab, hosts)
 
@@ -163,6 +164,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--layout", default="single_computer", help="a folder of inventory/ (default: %(default)s)")
     parser.add_argument("--name", default="demo", help="the name of the lab (default: %(default)s)")
+    parser.add_argument(
+        "--suite",
+        metavar="[HOST=]SUITE",
+        action="append",
+        default=[],
+        help="Debian's release of all computers, or of one",
+    )
     options = parser.parse_args()
     layout = options.layout
     if not (ROOT / "inventory" / layout).is_dir():
@@ -170,7 +178,7 @@ def main() -> int:
         print(f"demo: there is no layout {layout}; expected one of {layouts}", file=sys.stderr)
         return 2
     try:
-        return int(not demonstrate(layout, options.name))
+        return int(not demonstrate(layout, options.name, options.suite))
     except LabError as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1

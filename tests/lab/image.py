@@ -22,6 +22,7 @@ from podman import LabError, labelled, podman
 
 NAME = "localhost/rosfleet-lab"
 SUITE = "bookworm"
+TESTED = (SUITE, "trixie")  # what 'make test' needs
 KEPT = 3  # archives per suite
 
 SYSTEM = """

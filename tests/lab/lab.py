@@ -15,7 +15,7 @@ from pathlib import Path
 
 import containers
 import image
-from layout import Extra, hosts_of, read_inventory
+from layout import Extra, hosts_of, read_inventory, with_suites
 from podman import LabError
 
 EXTRA, MOUNT = "HOST=ADDRESS[/PREFIX][,...]", "HOST=SOURCE:TARGET"
@@ -71,11 +71,18 @@ def _parser() -> argparse.ArgumentParser:
             )
         return sub
 
-    for sub in (
-        command("image", "build the image where it is missing", lab=False),
-        command("up", "start the computers of an inventory and write their connection variables", inventory=True),
-    ):
-        sub.add_argument("--suite", default=image.SUITE, help=f"Debian's release (default: {image.SUITE})")
+    command("image", "build images where they are missing", lab=False).add_argument(
+        "suite", nargs="*", help=f"Debian's releases (default: {' '.join(image.TESTED)})"
+    )
+    command(
+        "up", "start the computers of an inventory and write their connection variables", inventory=True
+    ).add_argument(
+        "--suite",
+        metavar="[HOST=]SUITE",
+        action="append",
+        default=[],
+        help=f"Debian's release of all computers, or of one (default: {image.SUITE})",
+    )
     command("inventory", "write the connection variables of an inventory's computers", inventory=True).add_argument(
         "--print", action="store_true", help="print them instead, as an inventory script does"
     )
@@ -88,11 +95,12 @@ def _parser() -> argparse.ArgumentParser:
 def run(options: argparse.Namespace) -> None:
     """Do one command."""
     if options.command == "image":
-        print(image.ensure(options.suite))
+        for suite in options.suite or image.TESTED:
+            print(image.ensure(suite))
     elif options.command in ("up", "inventory"):
         hosts = hosts_of(read_inventory(options.inventory), _extras(options))
         if options.command == "up":
-            containers.up(options.name, hosts, options.suite)
+            containers.up(options.name, with_suites(hosts, options.suite))
         if options.command == "inventory" and options.print:
             print(json.dumps(containers.script_inventory(options.name, hosts), indent=2))
         else:

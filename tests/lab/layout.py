@@ -17,10 +17,11 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import image
 import managers
 from managers import Interface
 from podman import LabError
@@ -45,6 +46,7 @@ class Host:
     interfaces: tuple[Interface, ...]
     manager: str = managers.DEFAULT
     mounts: tuple[str, ...] = ()
+    suite: str = image.SUITE  # Debian's release
 
     def files(self) -> dict[str, str]:
         """What differs from one computer to the next: path -> content."""
@@ -163,9 +165,19 @@ def hosts_of(listing: Mapping[str, Any], extras: Mapping[str, Extra] | None = No
             tuple(_interfaces(addresses.ports(name), gateways)),
             _manager(name, variables.get(name, {})),
             extras[name].mounts if name in extras else (),
+            variables.get(name, {}).get("lab_suite", image.SUITE),
         )
         for name in dict.fromkeys([*robots, *routers, *extras])
     ]
+
+
+def with_suites(hosts: Sequence[Host], wanted: Iterable[str]) -> list[Host]:
+    """The same computers with other releases of Debian: SUITE for all of them, HOST=SUITE for one."""
+    by_host = {host: suite for host, _equals, suite in (word.rpartition("=") for word in wanted)}
+    unknown = set(by_host) - {"", *(host.name for host in hosts)}
+    if unknown:
+        raise LabError(f"There is no computer {', '.join(sorted(unknown))} that could have a release of its own.")
+    return [replace(host, suite=by_host.get(host.name, by_host.get("", host.suite))) for host in hosts]
 
 
 def _manager(name: str, variables: Mapping[str, Any]) -> str:
