@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Contradictions between declarations of data flow and filters.
+"""Contradictions between declarations of data flow and filters, and between variables of the fleet.
 
 Declarations and filters of each robot in, one sentence for each contradiction out.
 """
@@ -56,6 +56,17 @@ def problems(parties: Sequence[Party], robots: Mapping[str, Sequence[str]]) -> l
     for party in parties:
         found += _wrong_receivers(party, robots) + _never_exchanged(party)
     return found + _collisions(parties, list(robots)) + _second_white_lists(parties) + _left_out(parties)
+
+
+def strangers_outside(firewall: str | None, strangers: str | None) -> list[str]:
+    """Return a sentence where strangers are welcome, and a packet filter keeps them out. None: not known."""
+    if firewall != "fleet" or strangers != "allow":
+        return []
+    return [
+        "multimaster_firewall is 'fleet' and multimaster_strangers is 'allow', but the packet filter lets no stranger in; expected "
+        "one of the two: name who else belongs to the fleet in multimaster_allow and set multimaster_strangers to 'ignore', or set "
+        "multimaster_firewall to 'none', in group_vars/robots.yml."
+    ]
 
 
 def _wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> list[str]:

@@ -332,7 +332,10 @@ def _network_problems(reading: _Reading, router: Router | None) -> list[str]:
 
 def _contradictions(reading: _Reading) -> list[str]:
     parties = [_party(name, hosts, reading.hosts, own) for name, hosts, own in reading.robots() if hosts]
-    return contradictions.problems(parties, reading.inventory.robots)
+    outside = contradictions.strangers_outside(
+        reading.shared.get("multimaster_firewall"), reading.shared.get("multimaster_strangers")
+    )
+    return contradictions.problems(parties, reading.inventory.robots) + outside
 
 
 def _party(name: str, hosts: Sequence[str], values: Mapping[str, Values], own: Values) -> contradictions.Party:

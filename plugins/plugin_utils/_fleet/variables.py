@@ -134,6 +134,15 @@ class FleetVariables:
             "false",
         )
     )
+    firewall: str = field(
+        metadata=row(
+            kinds.choice("none", "fleet"),
+            "none",
+            "Whether a packet filter lets only the computers of the fleet, and `multimaster_allow`, reach the TCP and UDP ports from "
+            "1024 up (`fleet`); ssh stays open to everybody. See docs/security.md.",
+            "fleet",
+        )
+    )
     advertise: str = field(
         metadata=row(
             kinds.choice("name", "address"),

@@ -156,6 +156,13 @@ class MulticastRouting:
 
 
 @dataclass(frozen=True)
+class Firewall:
+    """The packet filter of a computer; FleetPlan.let_in says who passes it."""
+
+    networks: tuple[IPv4Network, ...] = ()  # that it protects beside itself, since packets to them pass through it
+
+
+@dataclass(frozen=True)
 class Port:
     """A port that a service of the collection listens on."""
 
@@ -192,6 +199,7 @@ class ComputerPlan:
     routes_expected: tuple[ExpectedRoute, ...] = ()
     look_at: LookAt = LookAt()
     multicast_routing: MulticastRouting | None = None
+    firewall: Firewall | None = None  # None: no packet filter is wanted
     environment: Mapping[str, str] = field(default_factory=dict)
     ports: tuple[Port, ...] = ()
     services: tuple[str, ...] = ()  # in the order in which they start
@@ -205,6 +213,7 @@ class ComputerPlan:
     packages: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))
     # Multicast routing is planned, or an earlier plan left some behind.
     multicast_routing_due: bool | None = field(default=None, metadata=spelling(left_out=True))
+    firewall_due: bool | None = field(default=None, metadata=spelling(left_out=True))  # the same of the packet filter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,6 +235,7 @@ class FleetPlan:
     multicast_routing: str = "none"
     members: tuple[Member, ...] = ()
     listeners: tuple[Listener, ...] = ()
+    let_in: tuple[IPv4Network, ...] = ()  # whom the packet filters let in; empty without them
     computers: Mapping[str, ComputerPlan] = field(default_factory=dict)
 
     @cached_property

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from ipaddress import IPv4Address, IPv4Network
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Computer, Fleet, Robot, Router
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import parameters, providers
@@ -13,6 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
     DEFAULT_ROUTE,
     ComputerPlan,
     ExpectedRoute,
+    Firewall,
     FleetPlan,
     Flow,
     HostsEntry,
@@ -66,6 +68,7 @@ def fleet_plan(fleet: Fleet) -> FleetPlan:
         multicast_routing=fleet.variables.multicast_routing,
         members=members,
         listeners=_listeners(members),
+        let_in=_let_in(fleet) if _filters(fleet) else (),
         computers=computers,
     )
 
@@ -163,6 +166,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
             nodes=providers.nodes_to_look_for(robot.variables.provider),
         ),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
+        firewall=Firewall((robot.network,) if is_gateway else ()) if _filters(fleet) else None,
         environment={
             "ROS_MASTER_URI": _master_uri(fleet, robot),
             ("ROS_HOSTNAME" if fleet.variables.advertise == "name" else "ROS_IP"): _advertised(fleet, computer),
@@ -189,6 +193,7 @@ def _router(fleet: Fleet, router: Router) -> ComputerPlan:
         roscore="existing",
         sysctl=FORWARDING + NO_REDIRECTS,
         routes=tuple(Route(robot.network, robot.gateway.common_address) for robot in fleet.robots if robot.gateway),
+        firewall=Firewall(_behind_router(fleet)) if _filters(fleet) else None,
         look_at=LookAt(parts=LOOKED_AT),
     )
 
@@ -233,6 +238,38 @@ def _multicast_routing(fleet: Fleet, gateway: Computer) -> MulticastRouting | No
     if fleet.variables.multicast_routing == "none" or gateway.common_address is None:
         return None
     return MulticastRouting(fleet.variables.multicast_group, (gateway.address, gateway.common_address))
+
+
+# The packet filter
+
+
+def _filters(fleet: Fleet) -> bool:
+    return fleet.variables.firewall == "fleet"
+
+
+def _let_in(fleet: Fleet) -> tuple[IPv4Network, ...]:
+    """Return every planned address, once, in the order of the inventory.
+
+    A gateway is there with both addresses: where it masquerades, the computers behind it are seen with one of them. The
+    router of the inventory is as well: it takes part in verify.
+    """
+    found: list[IPv4Address] = []
+    for robot in fleet.robots:
+        for computer in robot.computers:
+            found += [computer.address, computer.discovery_address]
+        if robot.gateway:
+            found += [robot.gateway.address, robot.gateway.common_address]
+    if fleet.router and fleet.router.name:
+        found.append(fleet.router.address)
+    return tuple(IPv4Network(address) for address in dict.fromkeys(found))
+
+
+def _behind_router(fleet: Fleet) -> tuple[IPv4Network, ...]:
+    """Return the robots' networks, and the addresses of the fleet on the common network: others there are no robots."""
+    own = [robot.network for robot in fleet.robots if robot.gateway]
+    common = [computer.common_address for computer in fleet.computers if computer.common_address]
+    common += [robot.gateway.common_address for robot in fleet.robots if robot.gateway]
+    return tuple(dict.fromkeys([*own, *(IPv4Network(address) for address in common)]))
 
 
 # Section 4.2 of the report. The reverse-path filter is loose: strict, it drops what comes back on another interface

@@ -49,6 +49,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         programs=units.NO_PROGRAMS,
         packages=(),
         multicast_routing_due=_multicast_routing_due(plan, info),
+        firewall_due=_firewall_due(plan, info),
     )
     limits = list(plan.limits)
     if not plan.is_router:
@@ -77,6 +78,11 @@ def _provided(plan: ComputerPlan, info: Mapping[str, Any], found: providers.Foun
 def _multicast_routing_due(plan: ComputerPlan, info: Mapping[str, Any]) -> bool:
     """Return True if multicast routing is planned, or an earlier plan left some behind."""
     return plan.multicast_routing is not None or any("multicast_routing" in name for name in info.get("owned", ()))
+
+
+def _firewall_due(plan: ComputerPlan, info: Mapping[str, Any]) -> bool:
+    """Return True if a packet filter is planned, or an earlier plan left one behind."""
+    return plan.firewall is not None or any("firewall" in name for name in info.get("owned", ()))
 
 
 def _with_interfaces(plan: ComputerPlan, interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:

@@ -10,6 +10,7 @@ import re
 
 import pytest
 import yaml
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import contradictions
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
@@ -393,3 +394,47 @@ def test_whatever_a_robot_says_the_answer_is_a_plan_or_sentences(values):
         assert len(computers(robot("tibi", **values))) == 13
     except fleet_module.InventoryProblems as found:
         assert all(sentence.endswith(".") for sentence in found.problems)
+
+
+# The packet filter
+
+
+def filtered(data):
+    for values in data["variables"].values():
+        values["multimaster_firewall"] = "fleet"
+
+
+def test_without_the_variable_there_is_no_packet_filter():
+    plan = to_plain(plan_module.fleet_plan(fleet()))
+    assert plan["let_in"] == []
+    assert not any(entry["firewall"] for entry in plan["computers"].values())
+
+
+def test_a_packet_filter_lets_every_planned_address_in_and_protects_the_networks_behind_it():
+    def change(data):
+        filtered(data)
+        data["variables"]["router"].pop("multimaster_firewall")  # a variable of the robots
+
+    plan = to_plain(plan_module.fleet_plan(fleet(change)))
+    planned = [values["multimaster_address"] for values in MULTI["variables"].values()]
+    gateways = [f"192.168.1.{last}" for last in (201, 202, 203)]
+    assert {entry.removesuffix("/32") for entry in plan["let_in"]} == {*planned, *gateways}
+    assert len(plan["let_in"]) == len(set(plan["let_in"]))
+    networks = {name: entry["firewall"]["networks"] for name, entry in plan["computers"].items()}
+    assert networks["tibi-nav"] == []
+    assert networks["tibi-visio"] == ["192.168.11.0/24"]
+    own = [MULTI["variables"][next(iter(hosts))]["multimaster_network"] for hosts in MULTI["robots"].values()]
+    assert networks["router"] == [*own, *(f"{address}/32" for address in gateways_in_order(plan))]
+
+
+def gateways_in_order(plan):
+    return [entry["common_address"] for entry in plan["networks"]]
+
+
+def test_a_packet_filter_and_welcome_strangers_contradict_each_other():
+    found = contradictions.strangers_outside("fleet", "allow")
+    assert len(found) == 1 and found[0].startswith(
+        "multimaster_firewall is 'fleet' and multimaster_strangers is 'allow'"
+    )
+    for firewall, strangers in (("fleet", "ignore"), ("none", "allow"), (None, None)):
+        assert contradictions.strangers_outside(firewall, strangers) == []

@@ -93,7 +93,11 @@ def compare(change=None, **plan):
 def test_a_machine_like_its_plan():
     programs = units.programs("bundled", "/usr/bin/python3", {})
     plan = dataclasses.replace(
-        from_plain(ComputerPlan, PLAN), programs=programs, packages=(), multicast_routing_due=False
+        from_plain(ComputerPlan, PLAN),
+        programs=programs,
+        packages=(),
+        multicast_routing_due=False,
+        firewall_due=False,
     )
     assert compare() == preflight.Comparison((), (), plan)
 
@@ -466,3 +470,8 @@ def test_old_releases_hide_nothing():
     assert compare(workspace, provider="fkie_existing", discovery=hiding).warnings == ()
     found = compare(lambda info: workspace(info, **NO_NEW), provider="fkie_existing", discovery=hiding)
     assert "is one from before 1.0, which cannot hide anything" in found.warnings[0]
+
+
+def test_a_packet_filter_is_due_where_one_is_planned_or_left_over():
+    assert compare(firewall={"networks": []}).plan.firewall_due
+    assert compare(lambda info: info.update(owned=["files-firewall", "routes"])).plan.firewall_due
