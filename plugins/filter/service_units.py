@@ -18,12 +18,16 @@ author:
 positional: _input
 options:
   _input:
-    description: The services in the order of their start, for example V([roscore, discovery, sync]).
+    description: The services in the order of their start, for example V([address, roscore, discovery, sync]).
     type: list
     elements: str
     required: true
   robot:
     description: The name of the robot, for example V(kobuki1).
+    type: str
+    required: true
+  address:
+    description: The planned address of the computer, for example V(192.168.1.229).
     type: str
     required: true
   roscore_command:
@@ -53,8 +57,8 @@ EXAMPLES = r"""
   rosfleet.multimaster.managed_services:
     bundle: multimaster
     units: >-
-      {{ ['roscore', 'discovery', 'sync'] | rosfleet.multimaster.service_units(
-           robot='kobuki1', roscore_command='/usr/bin/roscore', roscore_port=11311,
+      {{ ['address', 'roscore', 'discovery', 'sync'] | rosfleet.multimaster.service_units(
+           robot='kobuki1', address='192.168.1.229', roscore_command='/usr/bin/roscore', roscore_port=11311,
            programs=multimaster_plan.programs, environment_digest='4567', nodes_digest='0123') }}
 """
 
@@ -86,6 +90,7 @@ def service_units(
     names: Sequence[str],
     *,
     robot: str,
+    address: str,
     roscore_command: str,
     roscore_port: int,
     programs: Mapping[str, Mapping[str, str]],
@@ -93,16 +98,17 @@ def service_units(
     nodes_digest: str,
 ) -> list[dict[str, str]]:
     """Return the units by name and content; see DOCUMENTATION."""
-    unknown = [name for name in names if name not in ("roscore", *programs)]
+    unknown = [name for name in names if name not in ("address", "roscore", *programs)]
     if unknown:
         raise AnsibleFilterError(
-            f"The services to run are {', '.join(names)}; expected some of roscore, {', '.join(programs)}: "
+            f"The services to run are {', '.join(names)}; expected some of address, roscore, {', '.join(programs)}: "
             f"take {unknown[0]} out of services_list."
         )
     try:
         made = units.services(
             names,
             robot,
+            address,
             units.Roscore(roscore_command, roscore_port),
             {name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
             units.Inputs.of(environment_digest, nodes_digest),

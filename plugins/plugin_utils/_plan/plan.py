@@ -172,7 +172,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
             ("ROS_HOSTNAME" if fleet.variables.advertise == "name" else "ROS_IP"): _advertised(fleet, computer),
         },
         ports=_ports(fleet, robot) if is_master else (),
-        services=_services(robot) if is_master else (),
+        services=_services(robot, is_master),
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
         sync=parameters.sync(fleet, robot) if is_master else {},
@@ -286,11 +286,15 @@ NO_REDIRECTS = (
     Setting("net.ipv4.conf.{common}.send_redirects", "0"),  # preflight knows the interface
 )
 
+# A computer answers for the addresses of its interfaces alone, and not for its planned address in a foreign network, where
+# somebody else may have it (the unit multimaster-address; kernel: Documentation/networking/ip-sysctl, arp_ignore).
+NO_FOREIGN_ARP = Setting("net.ipv4.conf.all.arp_ignore", "3")
+
 
 def _sysctl(fleet: Fleet) -> tuple[Setting, ...]:
     """Return whether a computer answers `ping 224.0.0.1` (section 3.2 of the report); multicast itself does not need it."""
     answers = fleet.variables.answer_broadcast_pings
-    return (Setting("net.ipv4.icmp_echo_ignore_broadcasts", "0" if answers else "1"),)
+    return (Setting("net.ipv4.icmp_echo_ignore_broadcasts", "0" if answers else "1"), NO_FOREIGN_ARP)
 
 
 def _ports(fleet: Fleet, robot: Robot) -> tuple[Port, ...]:
@@ -302,6 +306,7 @@ def _ports(fleet: Fleet, robot: Robot) -> tuple[Port, ...]:
     )
 
 
-def _services(robot: Robot) -> tuple[str, ...]:
-    """Return the services of the robot's master, in the order in which they start."""
-    return (("roscore",) if robot.variables.roscore == "managed" else ()) + ("discovery", "sync")
+def _services(robot: Robot, is_master: bool) -> tuple[str, ...]:
+    """Return the services of a computer of a robot, in the order in which they start."""
+    roscore = ("roscore",) if robot.variables.roscore == "managed" else ()
+    return ("address", *roscore, "discovery", "sync") if is_master else ("address",)

@@ -10,6 +10,7 @@ Each value passes a function of `quoting`, which raises Unquotable.
 from __future__ import annotations
 
 import hashlib
+import ipaddress
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -56,6 +57,53 @@ class Inputs:
         return cls(environment, hashlib.sha256((environment + nodes).encode()).hexdigest())
 
 
+_INSTALL = """
+[Install]
+WantedBy=multi-user.target
+"""
+
+# The own address
+
+# The mark of our route, by which it is found again whatever its address was (rtnetlink(7), rtm_protocol).
+ROUTE_PROTOCOL = 84
+_ADDRESS = (
+    """\
+# Managed by rosfleet.multimaster: the own address of this computer of the robot {robot}, also without a network
+[Unit]
+Description=Own address {address} of this computer of {robot}, also without a network
+Documentation=https://github.com/rosfleet/multimaster
+# No interface gets an address from it: a local route is what the kernel makes for every address of an interface. So the
+# own name leads to this computer before the network is there, in other networks, and after it is lost.
+Before=multimaster-roscore.service multimaster-discovery.service multimaster-sync.service
+
+[Service]
+Type=oneshot
+RemainAfterExit=yes
+ExecStartPre=-/sbin/ip -4 route flush table local proto {protocol}
+# The kernel's own route has the metric 0: as soon as an interface has the address, that one counts.
+ExecStart=/sbin/ip -4 route replace local {address}/32 dev lo table local proto {protocol} metric {protocol}
+ExecStop=-/sbin/ip -4 route flush table local proto {protocol}
+# An unprivileged user that may change routes; the system is read-only for it.
+DynamicUser=yes
+AmbientCapabilities=CAP_NET_ADMIN
+CapabilityBoundingSet=CAP_NET_ADMIN
+NoNewPrivileges=yes
+ProtectSystem=strict
+ProtectHome=yes
+PrivateDevices=yes
+ProtectKernelTunables=yes
+ProtectKernelModules=yes
+ProtectControlGroups=yes
+RestrictAddressFamilies=AF_NETLINK
+RestrictNamespaces=yes
+LockPersonality=yes
+MemoryDenyWriteExecute=yes
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+"""
+    + _INSTALL
+)
+
 # The units of ROS
 
 # A service of ROS: an unprivileged user, a folder of its own, restarts.
@@ -77,10 +125,6 @@ ProtectKernelTunables=yes
 ProtectControlGroups=yes
 RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
 CapabilityBoundingSet=
-"""
-_INSTALL = """
-[Install]
-WantedBy=multi-user.target
 """
 _ROSCORE = (
     """\
@@ -136,12 +180,21 @@ NODES = {
 
 
 def services(
-    names: Sequence[str], robot: str, roscore: Roscore, programs: Mapping[str, UnitLines], inputs: Inputs
+    names: Sequence[str],
+    robot: str,
+    address: str,
+    roscore: Roscore,
+    programs: Mapping[str, UnitLines],
+    inputs: Inputs,
 ) -> list[Unit]:
-    """The units of a robot's services (`roscore` and the keys of NODES), in the order of `names`."""
+    """The units of a computer's services (`address`, `roscore` and the keys of NODES), in the order of `names`."""
     made = []
     for name in names:
-        if name == "roscore":
+        if name == "address":
+            text = _ADDRESS.format(
+                robot=quoting.text(robot), address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL
+            )
+        elif name == "roscore":
             text = _ROSCORE.format(
                 robot=quoting.text(robot),
                 command=quoting.program(roscore.command),

@@ -14,6 +14,7 @@ def made(names):
     return service_units(
         names,
         robot="tibi",
+        address="192.168.1.1",
         roscore_command="/usr/bin/roscore",
         roscore_port=11411,
         programs=PROGRAMS,
@@ -43,6 +44,7 @@ def test_a_path_that_fits_into_no_unit_is_an_error_of_the_filter():
         service_units(
             ["roscore"],
             robot="tibi",
+            address="192.168.1.1",
             roscore_command="+/bin/sh",
             roscore_port=11311,
             programs=PROGRAMS,

@@ -69,8 +69,11 @@ def test_plan_of_figure_5():
         "ROS_MASTER_URI": "http://kobuki1computer:11311",
         "ROS_HOSTNAME": "kobuki1computer",
     }
-    assert first["sysctl"] == [{"name": "net.ipv4.icmp_echo_ignore_broadcasts", "value": "0"}]
-    assert first["services"] == ["roscore", "discovery", "sync"]
+    assert first["sysctl"] == [
+        {"name": "net.ipv4.icmp_echo_ignore_broadcasts", "value": "0"},
+        {"name": "net.ipv4.conf.all.arp_ignore", "value": "3"},
+    ]
+    assert first["services"] == ["address", "roscore", "discovery", "sync"]
     assert first["discovery"] == {
         "name": "kobuki1computer",
         "mcast_group": "224.0.0.1",
@@ -115,13 +118,13 @@ def test_existing_roscore_on_another_port():
         )
     )
     second = plan["computers"]["kobuki2computer"]
-    assert second["services"] == ["discovery", "sync"]
+    assert second["services"] == ["address", "discovery", "sync"]
     assert second["environment"]["ROS_MASTER_URI"] == "http://kobuki2computer:11411"
     assert plan["masters"][1]["name"] == "kobuki2computer_11411"
     assert plan["masters"][1]["monitor_uri"] == "http://192.168.1.239:11711"
 
 
-def test_second_computer_of_a_robot_has_the_environment_and_no_services():
+def test_second_computer_of_a_robot_has_the_environment_and_its_address():
     def change(robots, variables):
         robots["kobuki1"].append("kobuki1arm")
         variables["kobuki1arm"] = dict(variables["kobuki1computer"], multimaster_address="192.168.1.230")
@@ -131,7 +134,7 @@ def test_second_computer_of_a_robot_has_the_environment_and_no_services():
     arm = to_plain(plan_module.fleet_plan(fleet(change)))["computers"]["kobuki1arm"]
     assert arm["environment"]["ROS_MASTER_URI"] == "http://kobuki1computer:11311"
     assert arm["environment"]["ROS_HOSTNAME"] == "kobuki1arm"
-    assert (arm["is_master"], arm["services"], arm["discovery"], arm["ports"]) == (False, [], {}, [])
+    assert (arm["is_master"], arm["services"], arm["discovery"], arm["ports"]) == (False, ["address"], {}, [])
 
 
 def test_an_action_in_a_filter_is_its_five_topics():

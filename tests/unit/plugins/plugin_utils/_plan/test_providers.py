@@ -113,7 +113,12 @@ def rendered(found):
     """The files that the roles nodes and services write for a checked plan."""
     roscore = units.Roscore("/opt/ros/x/bin/roscore", found.roscore_port)
     made = units.services(
-        ["roscore", "discovery", "sync"], found.robot, roscore, found.programs, units.Inputs("4567", "0123")
+        ["roscore", "discovery", "sync"],
+        found.robot,
+        str(found.address),
+        roscore,
+        found.programs,
+        units.Inputs("4567", "0123"),
     )
     files = {unit.name: unit.content for unit in made}
     for name in ("discovery", "sync"):
