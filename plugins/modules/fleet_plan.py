@@ -251,6 +251,57 @@ listeners:
       description: Whether it hears the multicast group of the others.
       type: bool
       sample: true
+belonging:
+  description: Who belongs to the fleet, and what becomes of everybody else.
+  returned: success
+  type: dict
+  contains:
+    strangers:
+      description: What becomes of masters that are not in the inventory, V(ignore) or V(allow).
+      type: str
+      sample: ignore
+    allow:
+      description: Networks of computers that are not in the inventory and belong to the fleet all the same; an address is a network of one.
+      type: list
+      elements: str
+      sample: [192.168.1.77/32]
+    robots:
+      description: The robots by what the network shows of them; the router has an entry without a master.
+      type: list
+      elements: dict
+      contains:
+        robot:
+          description: The name of the robot, or of the router.
+          type: str
+          sample: kobuki1
+        name:
+          description: The name of its master.
+          type: str
+          sample: kobuki1computer
+        uris:
+          description: The URIs that its master may have, the planned one first.
+          type: list
+          elements: str
+          sample: ["http://kobuki1computer:11311/", "http://192.168.1.229:11311/"]
+        rpc_port:
+          description: The TCP port of its discovery node.
+          type: int
+          sample: 11611
+        addresses:
+          description: The addresses of the computer with its master, the one that discovery uses first.
+          type: list
+          elements: str
+          sample: [192.168.1.229]
+        hosts:
+          description: Names and addresses of all its computers.
+          type: list
+          elements: str
+          sample: [kobuki1computer, 192.168.1.229]
+    computers:
+      description: All addresses of all computers, the router's among them.
+      type: list
+      elements: str
+      sample: [192.168.1.229, 192.168.1.239]
 computers:
   description: What each computer needs, by the name of the computer; the router's too.
   returned: success

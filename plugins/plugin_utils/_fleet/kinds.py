@@ -76,6 +76,29 @@ def network(value: Any) -> IPv4Network:
     return found
 
 
+def sources(value: Any) -> tuple[IPv4Network, ...]:
+    """Read a list of addresses and networks; an address is a network of one."""
+    if isinstance(value, str) or not isinstance(value, (list, tuple)):
+        raise Unexpected("a list of IPv4 addresses and networks, such as [192.168.1.77, 192.168.2.0/24]")
+    return tuple(map(_source, value))
+
+
+def _source(value: Any) -> IPv4Network:
+    try:
+        found = ip_network(text(value))
+    except ValueError:
+        raise Unexpected(
+            f"IPv4 addresses and networks without host bits, such as [192.168.1.77, 192.168.2.0/24], but '{value}' is neither"
+        ) from None
+    if not isinstance(found, IPv4Network) or found.is_loopback or found.is_multicast or found.is_unspecified:
+        raise Unexpected(f"IPv4 addresses and networks of computers, but '{value}' is none")
+    if found.prefixlen == 0:
+        raise Unexpected(
+            f"networks of known computers, but '{value}' is everybody: set multimaster_strangers to 'allow'"
+        )
+    return found
+
+
 def group(value: Any) -> IPv4Address:
     """Read an IPv4 multicast group."""
     try:

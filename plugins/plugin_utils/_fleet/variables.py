@@ -151,6 +151,24 @@ class FleetVariables:
             "address",
         )
     )
+    strangers: str = field(
+        metadata=row(
+            kinds.choice("ignore", "allow"),
+            "ignore",
+            "What becomes of masters that are not in the inventory: `ignore` reports them and registers nothing of them, `allow` "
+            "exchanges with them as with robots of the inventory. See docs/security.md.",
+            "allow",
+        )
+    )
+    allow: tuple[IPv4Network, ...] = field(
+        metadata=row(
+            kinds.sources,
+            [],
+            "Addresses and networks of computers that are not in the inventory and belong to the fleet all the same, such as laptops "
+            "and robots with upstream's nodes: their masters are exchanged with, and nodes there may be on a robot's roscore.",
+            "[192.168.1.77, 192.168.2.0/24]",
+        )
+    )
     heartbeat_hz: float = field(
         metadata=row(
             kinds.number(float, 0.02, 25.5),

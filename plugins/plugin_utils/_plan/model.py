@@ -84,6 +84,30 @@ class Member:
 
 
 @dataclass(frozen=True)
+class KnownRobot:
+    """A robot by what the network shows of it. The router has an entry without a master."""
+
+    robot: str
+    name: str = ""  # of its master
+    uris: tuple[str, ...] = ()  # that its master may have: the planned one, and those by its other names and addresses
+    rpc_port: int = 0
+    addresses: tuple[IPv4Address, ...] = ()  # of the computer with its master, the one that discovery uses first
+    hosts: tuple[str, ...] = ()  # names and addresses of all its computers
+
+
+@dataclass(frozen=True)
+class Belonging:
+    """Who belongs to the fleet."""
+
+    strangers: str = "ignore"  # or allow: what becomes of masters that are not in the inventory
+    allow: tuple[
+        IPv4Network, ...
+    ] = ()  # of computers that are not in the inventory, and belong to the fleet all the same
+    robots: tuple[KnownRobot, ...] = ()
+    computers: tuple[IPv4Address, ...] = ()  # all addresses of all computers, the router's among them
+
+
+@dataclass(frozen=True)
 class Listener:
     """A computer that measures the datagrams of the others, as the module multicast_verify takes it."""
 
@@ -236,6 +260,7 @@ class FleetPlan:
     members: tuple[Member, ...] = ()
     listeners: tuple[Listener, ...] = ()
     let_in: tuple[IPv4Network, ...] = ()  # whom the packet filters let in; empty without them
+    belonging: Belonging = Belonging()
     computers: Mapping[str, ComputerPlan] = field(default_factory=dict)
 
     @cached_property

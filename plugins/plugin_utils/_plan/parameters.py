@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from ipaddress import IPv4Address
+from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
@@ -50,7 +50,15 @@ def sync(fleet: Fleet, robot: Robot) -> Parameters:
     """Return the parameters of a robot's master_sync."""
     bundled = _sync(fleet, robot)
     _add_for_upstream(bundled, fleet, robot)
-    return bundled if robot.variables.provider == "bundled" else _upstream_sync(bundled)
+    if robot.variables.provider in UPSTREAM:
+        return _upstream_sync(bundled)
+    who = fleet.variables
+    return {**bundled, "strangers": who.strangers, "allow": [str(network) for network in who.allow]}
+
+
+def with_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
+    """Return the parameters of a node with the robots of the fleet, which all nodes share; upstream's nodes take none."""
+    return {**parameters, "members": list(members)} if "strangers" in parameters else parameters
 
 
 # master_discovery, bundled
@@ -80,6 +88,8 @@ class Discovery:
     listen_mcast: bool
     robot_hosts: tuple[IPv4Address, ...]
     hide_subscribers: tuple[str, ...]
+    strangers: str
+    allow: tuple[IPv4Network, ...]
     exports: tuple[Served, ...] | None = field(default=None, metadata=spelling(left_out=True))  # None: not declared
 
 
@@ -99,6 +109,8 @@ def _discovery(fleet: Fleet, robot: Robot) -> Discovery:
         listen_mcast=multicast,
         robot_hosts=peers if shared.transport in ("both", "unicast") else (),
         hide_subscribers=("*",) if restricted(fleet, robot) else (),
+        strangers=shared.strangers,
+        allow=shared.allow,
         exports=None if robot.variables.exports is None else _served(fleet, robot),
     )
 
@@ -295,6 +307,12 @@ def _limits(robot: Robot, bundled: Discovery) -> list[str]:
         "the same name: rename them or leave them out by multimaster_filters, or set multimaster_provider to 'bundled', which refuses "
         "such registrations."
     ]
+    if bundled.strangers == "ignore":
+        said.append(
+            f"{host}: multimaster_strangers is 'ignore', but multimaster_provider is '{provider}', which exchanges with whoever is "
+            "heard; expected nodes that know who belongs to the fleet: keep strangers off the common network, or set "
+            "multimaster_provider to 'bundled'; set multimaster_strangers to 'allow' where strangers are wanted."
+        )
     silence = _offline_after(bundled)
     if silence > bundled.offline_after:
         said.append(

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from ipaddress import IPv4Address, IPv4Network
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Computer, Fleet, Robot, Router
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import parameters, providers
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import belonging, parameters, providers
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
     DEFAULT_ROUTE,
     ComputerPlan,
@@ -69,6 +69,7 @@ def fleet_plan(fleet: Fleet) -> FleetPlan:
         members=members,
         listeners=_listeners(members),
         let_in=_let_in(fleet) if _filters(fleet) else (),
+        belonging=belonging.belonging(fleet),
         computers=computers,
     )
 
@@ -83,7 +84,7 @@ def _master(fleet: Fleet, robot: Robot) -> Master:
         computer=robot.master.name,
         address=address,
         name=robot.master_name,
-        uri=_master_uri(fleet, robot) + "/",
+        uri=belonging.master_uri(fleet, robot),
         monitor_uri=f"http://{address}:{port}",
         rpc_port=port,
         declared=robot.variables.exports is not None,
@@ -92,11 +93,7 @@ def _master(fleet: Fleet, robot: Robot) -> Master:
 
 def _master_uri(fleet: Fleet, robot: Robot) -> str:
     """Return ROS_MASTER_URI on all computers of a robot (section 3.2 of the report)."""
-    return f"http://{_advertised(fleet, robot.master)}:{robot.variables.roscore_port}"
-
-
-def _advertised(fleet: Fleet, computer: Computer) -> str:
-    return computer.name if fleet.variables.advertise == "name" else str(computer.address)
+    return belonging.master_uri(fleet, robot).rstrip("/")
 
 
 def _flows(fleet: Fleet) -> tuple[Flow, ...]:
@@ -169,7 +166,9 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
         firewall=Firewall((robot.network,) if is_gateway else ()) if _filters(fleet) else None,
         environment={
             "ROS_MASTER_URI": _master_uri(fleet, robot),
-            ("ROS_HOSTNAME" if fleet.variables.advertise == "name" else "ROS_IP"): _advertised(fleet, computer),
+            ("ROS_HOSTNAME" if fleet.variables.advertise == "name" else "ROS_IP"): belonging.advertised(
+                fleet, computer
+            ),
         },
         ports=_ports(fleet, robot) if is_master else (),
         services=_services(robot, is_master),

@@ -77,14 +77,19 @@ def exports(*entries, **filters_of_robot):
     return {"exports": list(entries), **({"filters": filters_of_robot} if filters_of_robot else {})}
 
 
+def filters_of(parameters):
+    """The parameters of master_sync without who belongs to the fleet."""
+    return {name: value for name, value in parameters.items() if name not in ("strangers", "allow")}
+
+
 def both_sides(model):
-    """(exports, hide_subscribers) of master_discovery and the parameters of master_sync, by robot."""
+    """(exports, hide_subscribers) of master_discovery and the filters of master_sync, by robot."""
     computers = to_plain(plan_module.fleet_plan(model))["computers"]
     return {
         robot: (
             computers[master]["discovery"].get("exports"),
             computers[master]["discovery"]["hide_subscribers"],
-            computers[master]["sync"],
+            filters_of(computers[master]["sync"]),
         )
         for robot, master in MASTER.items()
     }

@@ -86,7 +86,18 @@ def test_plan_of_figure_5():
         "listen_mcast": True,
         "robot_hosts": ["192.168.1.239"],
         "hide_subscribers": [],
+        "strangers": "ignore",
+        "allow": [],
     }
+    assert plan["belonging"]["robots"][1] == {
+        "robot": "kobuki2",
+        "name": "kobuki2computer",
+        "uris": ["http://kobuki2computer:11311/", "http://192.168.1.239:11311/"],
+        "rpc_port": 11611,
+        "addresses": ["192.168.1.239"],
+        "hosts": ["kobuki2computer", "192.168.1.239"],
+    }
+    assert plan["belonging"]["computers"] == ["192.168.1.229", "192.168.1.239"]
 
 
 @pytest.mark.parametrize(
@@ -146,6 +157,8 @@ def test_an_action_in_a_filter_is_its_five_topics():
         "ignore_topics": ["/dock/goal", "/dock/cancel", "/dock/status", "/dock/feedback", "/dock/result", "/tf"],
         "ignore_type": ["sensor_msgs/Image"],
         "ignore_subscribers": ["*"],
+        "strangers": "ignore",
+        "allow": [],
     }
 
 
@@ -160,10 +173,27 @@ def test_a_white_list_lets_the_verification_pass(name):
         "computers"
     ]["kobuki1computer"]["sync"]
     topics = [*filters.get("sync_topics", []), "/multimaster_verify/*"]
-    assert sync == {**filters, "sync_topics": topics, "ignore_subscribers": ["*"]}
+    belonging = {"strangers": "ignore", "allow": []}
+    assert sync == {**filters, "sync_topics": topics, "ignore_subscribers": ["*"], **belonging}
+
+
+def allowing(*values):
+    """A change: these are in multimaster_allow."""
+    return everywhere(multimaster_allow=list(values))
 
 
 WRONG = {
+    "allow a name": (allowing("laptop"), ["multimaster_allow is ['laptop']; expected IPv4 addresses and networks"]),
+    "allow host bits": (
+        allowing("10.0.0.1/8"),
+        ["without host bits, such as [192.168.1.77, 192.168.2.0/24], but '10.0.0.1/8'"],
+    ),
+    "allow loopback": (allowing("127.0.0.0/8"), ["networks of computers, but '127.0.0.0/8' is none"]),
+    "allow a group": (allowing("226.0.0.0"), ["networks of computers, but '226.0.0.0' is none"]),
+    "allow everybody": (allowing("0.0.0.0/0"), ["is everybody: set multimaster_strangers to 'allow'"]),
+    "allow a number": (allowing(7), ["multimaster_allow is [7]; expected"]),
+    "allow no list": (everywhere(multimaster_allow="10.0.0.1"), ["expected a list of IPv4 addresses and networks"]),
+    "strangers": (everywhere(multimaster_strangers="some"), ["is 'some'; expected one of ignore, allow"]),
     "duplicate address": (
         setting("kobuki2computer", multimaster_address="192.168.1.229"),
         ["kobuki2computer: multimaster_address is 192.168.1.229, which kobuki1computer has too"],
@@ -351,6 +381,8 @@ def test_an_empty_inventory_is_named():
                     "offline_after",
                     "provider",
                     "ros_setup",
+                    "strangers",
+                    "allow",
                     "nonsense",
                 )
             ]

@@ -286,6 +286,7 @@ def test_subscribers_that_upstream_cannot_hide_are_left_out_by_the_others():
 
 
 LIMITS = {
+    "strangers": (None, "multimaster_strangers is 'ignore', .* which exchanges with whoever is heard"),
     "collisions": (
         None,
         "whose nodes register whatever they find; expected names of nodes and services that are unique",
@@ -317,6 +318,6 @@ def test_what_upstream_cannot_do_is_said_in_one_sentence(case):
 def test_limits_are_said_where_they_are():
     computers = plan()
     assert [computers[host]["limits"] for host in ("tibi-laser", "dabo-pc", "car-pc")] == [[], [], []]
-    assert len(computers["tibi-visio"]["limits"]) == 4
+    assert len(computers["tibi-visio"]["limits"]) == 5
     quick = plan(everywhere("tibi", multimaster_exports=None), multimaster_heartbeat_hz=2)["tibi-visio"]["limits"]
-    assert len(quick) == 2
+    assert len(quick) == 3

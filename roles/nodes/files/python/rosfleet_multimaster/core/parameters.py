@@ -8,6 +8,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
 
 from .discovery import Settings
 from .filters import HIDDEN, HOSTS, NAMES, Filters, InvalidPattern, Pattern
+from .members import ALLOW, IGNORE, problem_of
 
 SHORTEST = 2.0  # seconds of ~offline_after: less leaves no time to ask
 
@@ -54,7 +55,17 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
     "names": ("a pattern, or a list of patterns", lambda value: isinstance(value, str) or _texts(value)),
     "patterns": ("a list of patterns, or a mapping from a master's name to one", _patterns),
     "exports": ("nothing at all, or a list of entries such as {to: [192.168.1.2], topics: [/pose]}", _entries),
+    "strangers": (f"{IGNORE} or {ALLOW}", lambda value: value in (IGNORE, ALLOW)),
+    "networks": ("a list of IPv4 addresses and networks", lambda value: _texts(value) and all(map(_is_network, value))),
+    "members": ("a list of robots", lambda value: isinstance(value, list)),
     "level": ("DEBUG, INFO, WARN, ERROR or FATAL", lambda value: value in ("DEBUG", "INFO", "WARN", "ERROR", "FATAL")),
+}
+
+# Who belongs to the fleet: of both nodes.
+_BELONGING: Mapping[str, Parameter] = {
+    "strangers": Parameter(ALLOW, "strangers"),
+    "allow": Parameter([], "networks"),
+    "members": Parameter([], "members"),
 }
 
 _CORE = Settings()  # has the defaults of what the core needs
@@ -78,6 +89,7 @@ DISCOVERY: Mapping[str, Parameter] = {
     **{name: Parameter([], "names") for name in HIDDEN},
     "exports": Parameter(None, "exports"),
     "do_not_sync": Parameter([], "names"),
+    **_BELONGING,
     "log_level": Parameter("INFO", "level"),
 }
 
@@ -88,6 +100,7 @@ SYNC: Mapping[str, Parameter] = {
     "resync_on_reconnect": Parameter(True, "flag"),
     "resync_on_reconnect_timeout": Parameter(0.0, "seconds"),
     "end_lost_connections": Parameter(True, "flag"),
+    **_BELONGING,
     "log_level": Parameter("INFO", "level"),
 }
 
@@ -131,6 +144,9 @@ def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
             Pattern.of([value] if isinstance(value, str) else value, name)
     except InvalidPattern as problem:
         raise ParameterError(f"~{problem}") from None
+    for number, entry in enumerate(values["members"], 1):
+        if problem_of(entry):
+            raise ParameterError(f"entry {number} of ~members: {problem_of(entry)}")
     if table is DISCOVERY:
         _check_group(values["mcast_group"])
         for number, entry in enumerate(values["exports"] or [], 1):
@@ -169,6 +185,14 @@ def _check_export(what: str, entry: Mapping[str, Any]) -> None:
             Pattern.of(entry.get(key, []), f"{what}, {key}")
         except InvalidPattern as problem:
             raise ParameterError(str(problem)) from None
+
+
+def _is_network(text: str) -> bool:
+    try:
+        ipaddress.IPv4Network(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_address(text: str) -> bool:

@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Who belongs to the fleet: which address may be which master, where its nodes may be, and who may ask for the state.
+
+~members has the robots of the fleet. A master of one of them is this robot at its planned addresses alone, whatever
+~strangers says. Everybody else is a stranger: allowed, or ignored. Without ~members everybody is allowed.
+"""
+
+import ipaddress
+from dataclasses import dataclass
+from typing import Any, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Tuple
+
+IGNORE, ALLOW = "ignore", "allow"
+
+
+class Member(NamedTuple):
+    """A robot of the fleet. Its router is one without a master."""
+
+    robot: str
+    name: str  # of its master
+    uris: FrozenSet[str]  # that its master may have
+    rpc_port: int
+    addresses: FrozenSet[str]  # of the computer with its master
+    hosts: FrozenSet[str]  # names and addresses of all its computers
+    ports: FrozenSet[int]  # of its roscore and its discovery: no node has them
+
+    @classmethod
+    def of(cls, entry: Mapping[str, Any]) -> "Member":
+        """Read an entry of ~members, which has been checked."""
+        uris = frozenset(same_uri(uri) for uri in entry["uris"])
+        ports = {entry["rpc_port"], *(port_of(uri) for uri in uris)}
+        return cls(
+            robot=entry["robot"],
+            name=entry["name"],
+            uris=uris,
+            rpc_port=entry["rpc_port"],
+            addresses=frozenset(entry["addresses"]),
+            hosts=frozenset(host.lower() for host in entry["hosts"]),
+            ports=frozenset(ports - {0}),
+        )
+
+
+class Networks:
+    """Some IPv4 networks; `in` is quick, since a flood asks often."""
+
+    def __init__(self, networks: Iterable[str] = ()) -> None:
+        parsed = [ipaddress.IPv4Network(network, strict=False) for network in networks]
+        self._ranges = [(int(network.network_address), int(network.netmask)) for network in parsed]
+
+    def __contains__(self, address: object) -> bool:
+        try:
+            number = int(ipaddress.IPv4Address(address))
+        except ValueError:
+            return False
+        return any(number & mask == start for start, mask in self._ranges)
+
+    def __bool__(self) -> bool:
+        return bool(self._ranges)
+
+
+@dataclass(frozen=True)
+class Members:
+    """The robots of the fleet, and what becomes of everybody else."""
+
+    robots: Tuple[Member, ...] = ()
+    strangers: str = ALLOW
+    allow: Networks = Networks()
+
+    @classmethod
+    def of(cls, parameters: Mapping[str, Any]) -> "Members":
+        """The members in the parameters of a node, which have been checked."""
+        robots = tuple(Member.of(entry) for entry in parameters.get("members") or ())
+        return cls(robots, parameters.get("strangers", ALLOW), Networks(parameters.get("allow") or ()))
+
+    def master(self, uri: str) -> Optional[Member]:
+        """The robot whose master has this URI; None for a stranger's."""
+        return next((robot for robot in self.robots if same_uri(uri) in robot.uris), None)
+
+    def at(self, address: str) -> Optional[Member]:
+        """The robot whose master is on the computer with this address."""
+        return next((robot for robot in self.robots if address in robot.addresses), None)
+
+    def takes(self, address: str) -> bool:
+        """True where a master at this address may be one to exchange with."""
+        return self.strangers == ALLOW or self.at(address) is not None or address in self.allow
+
+    def serves(self, address: str) -> bool:
+        """True where a caller from this address is told of the own master: a computer of the fleet, or who is allowed."""
+        if self.strangers == ALLOW or address in self.allow:
+            return True
+        return any(address in robot.hosts for robot in self.robots)
+
+    def objection(self, uri: str, name: str, address: str) -> str:
+        """Why the master that calls itself so, at this address, is none to exchange with; empty where it is one."""
+        member = self.master(uri)
+        if member is not None:
+            if address not in member.addresses:
+                planned = " or ".join(sorted(member.addresses))
+                return f"it says that it is {member.name}, which is at {planned}"
+            return ""
+        if any(robot.name.lower() == name.lower() for robot in self.robots if robot.name):
+            return f"it has the name of the master of a robot of the fleet, {name}, but another URI, {uri}"
+        if self.strangers == ALLOW or address in self.allow:
+            return ""
+        there = self.at(address)
+        if there is not None:
+            return f"it is on the computer of {there.name}, whose master is not {uri}"
+        return "it is no robot of the fleet"
+
+
+def same_uri(uri: str) -> str:
+    """A URI of a master in one spelling: case and the slash at its end do not matter."""
+    return uri.lower().rstrip("/")
+
+
+def port_of(uri: str) -> int:
+    """The port of a URI; 0 where it has none."""
+    port = same_uri(uri).rpartition(":")[2]
+    return int(port) if port.isdigit() else 0
+
+
+def problem_of(entry: Any) -> str:
+    """What is wrong with an entry of ~members; empty for nothing."""
+    texts: List[str] = ["uris", "addresses", "hosts"]
+    if not isinstance(entry, Mapping) or set(entry) != {"robot", "name", "rpc_port", *texts}:
+        return "robot, name, uris, rpc_port, addresses and hosts are expected"
+    for key in texts:
+        if not isinstance(entry[key], list) or not all(isinstance(item, str) for item in entry[key]):
+            return f"its {key} are {entry[key]!r}, but a list of texts is expected"
+    for key, kind in (("robot", str), ("name", str), ("rpc_port", int)):
+        if not isinstance(entry[key], kind):
+            return f"its {key} is {entry[key]!r}, but {'a text' if kind is str else 'a number'} is expected"
+    return ""
