@@ -12,6 +12,7 @@ from rosfleet_multimaster.core import parameters
 from rosfleet_multimaster.core.discovery import Contact, Send
 from rosfleet_multimaster.core.graph import State
 from rosfleet_multimaster.core.heartbeat import Kind, decode
+from rosfleet_multimaster.edge.addresses import Network
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.parts import datagrams
 from rosfleet_multimaster.parts.served import OwnMaster
@@ -33,9 +34,9 @@ class Lab:
         monkeypatch.setattr(rosfleet_multimaster.edge, "ros", ros, raising=False)
         monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_discovery", raising=False)
         module = importlib.import_module("rosfleet_multimaster.master_discovery")
-        monkeypatch.setattr(module, "notify", self.made.append)
+        monkeypatch.setattr(module, "notify", lambda *lines: self.made.extend(lines))
         monkeypatch.setattr(datagrams, "Udp", self.udp)
-        monkeypatch.setattr(datagrams, "addresses", lambda: list(self.addresses.items()))
+        monkeypatch.setattr(datagrams, "network", self.network)
         monkeypatch.setattr(datagrams, "source_address", lambda group, port, own: max(self.addresses))
         monkeypatch.delenv("ROS_HOSTNAME", raising=False)
         monkeypatch.delenv("ROS_IP", raising=False)
@@ -48,6 +49,9 @@ class Lab:
 
     def udp(self, *arguments):
         return types.SimpleNamespace(sockets=[], close=lambda: None, send=lambda data, host: self.sent.append(data))
+
+    def network(self):
+        return Network(dict(self.addresses), {*self.addresses, "192.168.1.1"}, set(self.addresses.values()))
 
     def discovery_node(self, masters, refresh):
         self.made.append(([master.name for master in masters()], len(self.sent)))
@@ -68,7 +72,7 @@ def _lab(monkeypatch):
 def test_sockets_that_close_in_a_pass_are_opened_again_in_time(lab):
     lab.program._tick(monotonic())
     lab.move()
-    lab.program.every_second.due = 0.0
+    lab.program.address_looks.due = 0.0
     now = monotonic()
     assert now < lab.program._tick(now) < now + 0.9, "after 0.5 s, and not with the look of the next second"
 
@@ -90,7 +94,7 @@ def test_what_is_to_be_sent_goes_before_the_sockets_close(lab, look):
     lab.program.core.actions.append(Send(b"x", None))
     lab.move()
     if look == "of the second":
-        lab.program.every_second.due = 0.0
+        lab.program.address_looks.due = 0.0
     else:
         lab.program._contacted(("192.168.1.2", 11511, 11611), CONTACT, "", False)
     lab.program._tick(monotonic())
@@ -102,3 +106,31 @@ def test_ready_is_said_when_the_own_master_is_listed_and_announced(lab):
     (masters, sent), ready = lab.made
     assert masters == ["robot1"] and sent > 0 and ready == "READY=1"
     assert Kind.STATE in [decode(data).kind for data in lab.sent]
+
+
+def test_without_a_network_the_node_is_ready_for_its_own_robot(lab, monkeypatch):
+    def no_interface(*arguments):
+        raise OSError("no interface of this computer has the address 192.168.1.1")
+
+    udp = datagrams.Udp
+    monkeypatch.setattr(datagrams, "Udp", no_interface)
+    lab.program._wire(parameters.overlay(parameters.DISCOVERY, {"interface": "192.168.1.1"})[0])
+    lab.program._polled(STATE)
+    (masters, sent), ready = lab.made
+    assert masters == ["robot1"] and sent == 0 and ready == "READY=1"
+    assert "192.168.1.1" in lab.program.datagrams.own_addresses, "else own nodes would be told what others are told"
+    lab.program._tick(monotonic())
+    assert "; discovery cannot use " in lab.made[-1]
+    monkeypatch.setattr(datagrams, "Udp", udp)
+    lab.program._tick(monotonic() + 1.0)
+    lab.program._tick(monotonic() + 1.0)
+    assert Kind.STATE in [decode(data).kind for data in lab.sent] and lab.made[-1] == "STATUS=1 master: robot1"
+
+
+def test_a_change_of_the_network_is_looked_at_at_once_but_not_for_ever(lab):
+    lab.program._tick(monotonic())
+    looked = lab.program.looked
+    lab.program._network_changed()
+    assert lab.program.address_looks.due == pytest.approx(looked + 0.1)
+    lab.program._network_changed()
+    assert lab.program.address_looks.due == pytest.approx(looked + 0.1)

@@ -5,7 +5,9 @@
 import threading
 import types
 
+import pytest
 from rosfleet_multimaster.core.discovery import Send
+from rosfleet_multimaster.edge.addresses import Network
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.parts import datagrams as module
 from rosfleet_multimaster.parts import program
@@ -36,7 +38,7 @@ def test_sockets_are_opened_again_where_the_kernel_did_not_list_the_addresses(mo
         raise OSError("timed out")
 
     monkeypatch.setattr(module, "Udp", lambda *arguments: udp())
-    monkeypatch.setattr(module, "addresses", busy)
+    monkeypatch.setattr(module, "network", busy)
     node = made()
     assert node.tick(100.0) > 100.0  # else nobody would ever read from them
 
@@ -49,7 +51,7 @@ def test_a_network_that_has_gone_makes_new_sockets_and_is_told(monkeypatch):
     monkeypatch.setattr(module, "Udp", lambda *arguments: udp(gone if not opened else lambda *sent: None))
     errors = {}
     node = made(errors)
-    node.tell(lambda datagram, now: None, lambda: None, opened.append)
+    node.tell(lambda datagram, now: None, lambda: None, opened.append, lambda: None)
     assert node.tick(100.0) is None and opened == [100.0]
     opened.clear()
     node.send(Send(b"x", None))
@@ -78,3 +80,63 @@ def test_a_name_server_that_hangs_does_not_stop_later_looks(monkeypatch):
         assert second.wait(10) and not release.is_set()
     finally:
         release.set()
+
+
+PLANNED = "192.168.1.1"
+ALONE = Network({"127.0.0.1": 1}, {"127.0.0.1", PLANNED}, {1})  # a local route to the planned address
+UNPLUGGED = Network({"127.0.0.1": 1, PLANNED: 2}, {"127.0.0.1", PLANNED}, {1})
+PLUGGED = Network({"127.0.0.1": 1, PLANNED: 2}, {"127.0.0.1", PLANNED}, {1, 2})
+ON_WIFI = Network({"127.0.0.1": 1, PLANNED: 3}, {"127.0.0.1", PLANNED}, {1, 2, 3})
+
+
+class Played:
+    """Datagrams in a network that is played; no socket opens without the planned address."""
+
+    def __init__(self, monkeypatch, network):
+        self.network, self.opened, self.errors = network, [], {}
+        monkeypatch.setattr(module, "network", lambda: self.network)
+        monkeypatch.setattr(module, "Udp", self.udp)
+        self.node = made(self.errors, interface=PLANNED)
+        self.node.tell(lambda datagram, now: None, lambda: None, self.opened.append, lambda: None)
+        self.send = lambda *arguments: None
+
+    def udp(self, *_arguments):
+        if PLANNED not in self.network.interfaces:
+            raise OSError(f"no interface of this computer has the address {PLANNED}")
+        return udp(lambda *arguments: self.send(*arguments))
+
+
+def test_the_wait_for_an_address_is_one_line_in_the_log_however_long_it_takes(monkeypatch, caplog):
+    monkeypatch.setattr(program.LOG, "propagate", True)
+    played = Played(monkeypatch, ALONE)
+    for second in range(600):
+        played.node.tick(100.0 + second)
+    assert [record.levelname for record in caplog.records] == ["WARNING"] and "waiting for it" in caplog.text
+    assert played.node.own_addresses >= {PLANNED, "127.0.0.1"} and played.opened == []
+
+
+@pytest.mark.parametrize("before, after", [(ALONE, PLUGGED), (UNPLUGGED, PLUGGED), (PLUGGED, ON_WIFI)])
+def test_sockets_are_opened_at_once_where_the_address_or_the_link_comes(monkeypatch, before, after):
+    monkeypatch.setattr(module, "monotonic", lambda: 100.2)
+    played = Played(monkeypatch, before)
+    played.node.tick(100.0)
+    played.opened.clear()
+    played.network = after
+    played.node.look_at_addresses()
+    assert played.node.tick(100.2) is None and played.opened == [100.2]
+
+
+def test_a_link_that_is_down_is_no_error(monkeypatch):
+    def down(*_arguments):
+        raise OSError("Network is unreachable")
+
+    played = Played(monkeypatch, UNPLUGGED)
+    played.node.tick(100.0)
+    played.send = down
+    played.node.send(Send(b"x", None))
+    assert played.errors == {} and played.node.tick(100.0) is None
+    played.network = PLUGGED
+    played.node.look_at_addresses()
+    played.node.tick(1e12)
+    played.node.send(Send(b"x", None))
+    assert "unreachable" in played.errors["send None"]

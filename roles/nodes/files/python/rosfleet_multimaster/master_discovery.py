@@ -24,6 +24,8 @@ from .parts.datagrams import Datagrams
 from .parts.poller import Poller, poll_in_thread
 from .parts.served import OwnMaster, Served, serve
 
+LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however much changes
+
 
 class MasterDiscovery:
     """The program: what its parts hear goes to the core, and what the core wants done to the parts."""
@@ -37,6 +39,8 @@ class MasterDiscovery:
         self.masters: Tuple[Master, ...] = ()
         self.told: Dict[str, Master] = {}
         self.status = ""
+        self.looked = 0.0  # when the addresses were looked at
+        self.network_problem = ""
         self.malformed_requests = 0
         self.ended = Ended()
 
@@ -71,17 +75,18 @@ class MasterDiscovery:
         return self._finish()
 
     def _wire(self, values: Dict[str, Any]) -> None:
-        """Make the core and what is around it; blocks until the sockets are open."""
+        """Make the core and what is around it. There may be no network yet."""
         self.datagrams = Datagrams(values, self.loop, self.resolvers, self.limited, self.errors)
         self.roscore.ask(("setParam", "/mastername", self.own.name))
-        self.datagrams.open_until_it_works()
+        self.datagrams.start()
         settings = {name: value for name, value in values.items() if name in Settings.__dataclass_fields__}
         self.core = Discovery(Settings(**settings), self.datagrams.own_addresses, self.own.rpc_port)
-        self.datagrams.tell(self._received, self._moved, self._opened)
+        self.datagrams.tell(self._received, self._moved, self._opened, self._network_changed)
         self.contacts = Contacts(
             self.loop, self.resolvers, self.limited, self.errors, lambda uri: uri in self.told, self._contacted
         )
-        self.every_second = Recurring(InLoop(), lambda: 1.0, self._look_around)
+        self.address_looks = Recurring(InLoop(), lambda: 1.0, self._look_at_addresses)
+        self.link_reports = Recurring(InLoop(), lambda: 1.0, self._report_links)
 
     def _serve(self, values: Dict[str, Any], poller: Poller) -> None:
         served = Served(
@@ -98,12 +103,15 @@ class MasterDiscovery:
 
     def _tick(self, now: float) -> float:
         """One pass: do what is due, and carry out whatever the core wants since the last pass."""
+        seconds = [self.address_looks.tick(now), self.link_reports.tick(now)]
         self.datagrams.tick(now)
         self.core.tick(now)
         self._carry_out()
-        second = self.every_second.tick(now)
+        if self.datagrams.problem != self.network_problem:
+            self.network_problem = self.datagrams.problem
+            self._say_status()
         # Asked last: what was done in this pass may have closed the sockets.
-        due = [second, self.core.next_tick(), self.datagrams.tick(now)]
+        due = [*seconds, self.core.next_tick(), self.datagrams.tick(now)]
         return min(time for time in due if time is not None)
 
     def _carry_out(self) -> None:
@@ -152,18 +160,23 @@ class MasterDiscovery:
         offline = [master.name for master in self.masters if not master.online]
         text = f"{len(online)} master{'s' if len(online) != 1 else ''}: {', '.join(online)}" if online else "no master"
         text += f"; offline: {', '.join(offline)}" if offline else ""
+        text += f"; {self.datagrams.problem}" if self.datagrams.problem else ""
         if text != self.status:
             self.status = text
             notify(f"STATUS={text}")
 
-    def _look_around(self) -> None:
-        self._look_at_addresses()
+    def _report_links(self) -> None:
         if self.node is not None:
             self.node.links(self.own.name, self.core.links(monotonic()), wall_clock())
 
     def _look_at_addresses(self) -> None:
         self._carry_out()  # first: a look may close the sockets, and what is to be sent would be lost
         self.datagrams.look_at_addresses()
+        self.looked = monotonic()
+
+    def _network_changed(self) -> None:
+        """Look soon, but not more often than the kernel can be asked without harm."""
+        self.address_looks.due = min(self.address_looks.due, self.looked + LOOK_AGAIN)
 
     # What the parts hear
 

@@ -4,33 +4,85 @@
 
 import socket
 import struct
-from typing import Dict, Iterable, List, Set, Tuple
+from typing import Dict, Iterable, List, NamedTuple, Set, Tuple
 
-_RTM_NEWADDR, _RTM_GETADDR, _NLM_ROOT_REQUEST, _NLMSG_DONE, _IFA_ADDRESS, _IFA_LOCAL = 20, 22, 0x301, 3, 1, 2
+# linux/rtnetlink.h, linux/if_link.h, linux/if_addr.h and net/if.h
+_RTM_NEWLINK, _RTM_GETLINK, _RTM_NEWADDR, _RTM_GETADDR, _RTM_NEWROUTE, _RTM_GETROUTE = 16, 18, 20, 22, 24, 26
+_ROOT_REQUEST = 0x301  # NLM_F_REQUEST | NLM_F_ROOT | NLM_F_MATCH: all there are
+_IFA_ADDRESS, _IFA_LOCAL, _RTA_DST, _RTN_LOCAL, _IFF_RUNNING = 1, 2, 1, 2, 0x40
+_GROUPS = 0x1 | 0x10 | 0x40  # RTMGRP_LINK | RTMGRP_IPV4_IFADDR | RTMGRP_IPV4_ROUTE
+
+
+class Network(NamedTuple):
+    """The network of this computer at one moment."""
+
+    interfaces: Dict[str, int]  # IPv4 address of an interface -> its index
+    own: Set[str]  # addresses that lead to this computer itself; one may be a local route, without an interface
+    running: Set[int]  # interfaces that are up and have a carrier
+
+
+def network() -> Network:
+    """The network of this computer as the kernel tells it now. Raises OSError."""
+    of = dict(addresses())
+    own, running = set(of), set()
+    for head, parts in _listed(_RTM_GETROUTE, _RTM_NEWROUTE, struct.pack("=BBBBBBBBI", socket.AF_INET, *[0] * 8), 12):
+        length, kind = head[1], head[7]
+        if kind == _RTN_LOCAL and length == 32 and len(parts.get(_RTA_DST, b"")) == 4:
+            own.add(socket.inet_ntoa(parts[_RTA_DST]))
+    for head, _parts in _listed(_RTM_GETLINK, _RTM_NEWLINK, bytes(16), 16):
+        index, flags = struct.unpack_from("=iI", head, 4)
+        if flags & _IFF_RUNNING:
+            running.add(index)
+    return Network(of, own, running)
 
 
 def addresses() -> List[Tuple[str, int]]:
     """(IPv4 address, index of its interface) of this computer."""
     found: List[Tuple[str, int]] = []
+    for head, parts in _listed(_RTM_GETADDR, _RTM_NEWADDR, struct.pack("=BBBBI", socket.AF_INET, 0, 0, 0, 0), 8):
+        address = parts.get(_IFA_LOCAL, parts.get(_IFA_ADDRESS, b""))
+        if len(address) == 4:
+            found.append((socket.inet_ntoa(address), struct.unpack_from("=I", head, 4)[0]))
+    return found
+
+
+def _listed(request: int, answer: int, head: bytes, size: int) -> List[Tuple[bytes, Dict[int, bytes]]]:
+    """What the kernel lists (rtnetlink(7)): of each entry the head, which has this size, and the attributes."""
+    found: List[Tuple[bytes, Dict[int, bytes]]] = []
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, 0) as kernel:
         kernel.settimeout(2.0)
         kernel.bind((0, 0))
-        kernel.send(struct.pack("=IHHII BBBBI", 24, _RTM_GETADDR, _NLM_ROOT_REQUEST, 1, 0, socket.AF_INET, 0, 0, 0, 0))
+        kernel.send(struct.pack("=IHHII", 16 + len(head), request, _ROOT_REQUEST, 1, 0) + head)
         while True:
             data = kernel.recv(65536)
             while data:
                 length, kind = struct.unpack_from("=IH", data)
-                if kind != _RTM_NEWADDR:
+                if kind != answer:
                     return found
-                index, parts, at = struct.unpack_from("=I", data, 20)[0], {}, 24
+                parts, at = {}, 16 + size
                 while at < length:
-                    size, part = struct.unpack_from("=HH", data, at)
-                    parts[part] = data[at + 4 : at + size]
-                    at += (size + 3) & ~3
-                address = parts.get(_IFA_LOCAL, parts.get(_IFA_ADDRESS, b""))
-                if len(address) == 4:
-                    found.append((socket.inet_ntoa(address), index))
+                    part_size, part = struct.unpack_from("=HH", data, at)
+                    parts[part] = data[at + 4 : at + part_size]
+                    at += (part_size + 3) & ~3
+                found.append((data[16 : 16 + size], parts))
                 data = data[(length + 3) & ~3 :]
+
+
+class Changes:
+    """A socket that can be read as soon as an interface, an address or a route has changed."""
+
+    def __init__(self) -> None:
+        """Raises OSError where the kernel tells nothing."""
+        self.socket = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW | socket.SOCK_NONBLOCK, 0)
+        self.socket.bind((0, _GROUPS))
+
+    def clear(self) -> None:
+        """Forget what has changed until now."""
+        try:
+            while self.socket.recv(65536):
+                pass
+        except OSError:  # no more, or more than the socket holds
+            pass
 
 
 def resolve(name: str) -> str:

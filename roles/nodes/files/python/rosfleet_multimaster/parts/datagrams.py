@@ -5,13 +5,12 @@
 import ipaddress
 import os
 from functools import partial
-from typing import Any, Callable, Dict, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Set, Tuple
 
 from ..core.discovery import Send
-from ..edge.addresses import addresses, addresses_of_all, resolve, source_address
-from ..edge.clock import monotonic, sleep
+from ..edge.addresses import Changes, addresses_of_all, network, resolve, source_address
+from ..edge.clock import monotonic
 from ..edge.loop import Loop, Recurring, Workers
-from ..edge.systemd import notify
 from ..edge.udp import Datagram, Socket, Udp
 from . import program
 
@@ -20,8 +19,16 @@ RESOLVE = 60.0  # seconds between two looks at the addresses of ~robot_hosts
 RESOLVE_AGAIN = 5.0  # the same where one of them has none
 
 
+class Place(NamedTuple):
+    """Where this computer is in the network."""
+
+    address: str  # the own address that the others hear
+    interface: int  # the index of the one that has it, 0 for none
+    running: bool  # that interface is up and has a carrier
+
+
 class Datagrams:
-    """The datagrams of discovery. Sockets come and go with the network."""
+    """The datagrams of discovery. Sockets come and go with the network; without one, the node works for its own robot."""
 
     def __init__(
         self,
@@ -33,14 +40,14 @@ class Datagrams:
     ) -> None:
         """`values` are the parameters of master_discovery. `errors` takes what others are told of failures to send."""
         self.own_addresses: Set[str] = set()
-        self.place = ("", 0)  # the own address that the others hear, and the index of its interface
+        self.place = Place("", 0, False)
+        self.problem = ""  # why there are no sockets; "" where there are some
         self._values, self._loop, self._limited, self._errors = values, loop, limited, errors
         self._group, self._port = values["mcast_group"].partition("@")[0], values["mcast_port"]
         self._interface = interface_name(values)
         self._pinned = ""
         self._udp: Optional[Udp] = None
         self._open_due = 0.0
-        self._problem = ""
         self._hosts: Dict[str, str] = {}  # ~robot_hosts -> address
         hosts = values["robot_hosts"]
         self._lookups = Recurring(  # a name server knows no time limit, and the next look may be answered
@@ -54,23 +61,29 @@ class Datagrams:
         self._received: Callable[[Datagram, float], None] = lambda _datagram, _now: None
         self._moved: Callable[[], None] = lambda: None
         self._opened: Callable[[float], None] = lambda _now: None
+        self._changed: Callable[[], None] = lambda: None
 
-    def open_until_it_works(self) -> None:
-        """Open the sockets; blocks until that is possible."""
+    def start(self) -> None:
+        """Open the sockets, if there is a network already, and hear from the kernel when it changes."""
         self._open(monotonic())
-        while self._udp is None:
-            notify(f"STATUS={self._problem}", "EXTEND_TIMEOUT_USEC=30000000")
-            sleep(REOPEN)
-            self._open(monotonic())
+        try:
+            changes = Changes()
+        except OSError as problem:
+            program.LOG.warning(
+                "the kernel does not tell of changes of the network, so they are seen later: %s", problem
+            )
+            return
+        self._loop.watch(changes.socket, partial(self._network_changed, changes))
 
     def tell(
         self,
         received: Callable[[Datagram, float], None],
         moved: Callable[[], None],
         opened: Callable[[float], None],
+        changed: Callable[[], None],
     ) -> None:
-        """Set the callbacks: a datagram arrived, the own addresses changed, the sockets were opened again."""
-        self._received, self._moved, self._opened = received, moved, opened
+        """Set the callbacks: a datagram arrived, the own addresses changed, the sockets were opened, something changed."""
+        self._received, self._moved, self._opened, self._changed = received, moved, opened, changed
 
     def tick(self, now: float) -> Optional[float]:
         """Do what is due; the time of the next call, None for any."""
@@ -89,7 +102,8 @@ class Datagrams:
             self.own_addresses = own
             self._moved()
         if place != self.place:
-            self._close()
+            self.place = place
+            self._close(monotonic())
 
     def send(self, action: Send) -> None:
         """Carry out a Send of the core. A network that has gone makes new sockets."""
@@ -108,42 +122,58 @@ class Datagrams:
         except BlockingIOError:
             pass
         except OSError as problem:
+            if self.place.interface and not self.place.running:
+                return  # a link that is down: everybody is told again when it is back
             text = f"nothing can be sent to {host or self._group}: {problem}"
             self._limited.say("error", "send" if host is None else "send to a host", text)
             if host is None or action.host in self._values["robot_hosts"]:  # others may be anybody's invention
                 self._errors[f"send {host}"] = text
             if host is None:
-                self._close()
+                self._close(monotonic() + REOPEN)
         else:
             self._errors.pop(f"send {host}", None)
 
     def _open(self, now: float) -> None:
         multicast = self._values["send_mcast"] or self._values["listen_mcast"]
+        before = self.own_addresses
         try:
-            self._pinned = resolve(self._interface) if self._interface else ""
+            self._pinned = ""
             self.own_addresses, self.place = self._addresses()
+            if self._interface:
+                self._pinned = resolve(self._interface)
+                self.own_addresses, self.place = self._addresses()
             self._udp = Udp(self._group, self._port, self._pinned, multicast and self._values["listen_mcast"])
         except OSError as problem:
             self._open_due = now + REOPEN
-            self._problem = f"discovery cannot use {self._group} port {self._port} on {self._interface or 'any interface'}: {problem}"
-            self._limited.say("error", "open", self._problem)
+            text = f"discovery cannot use {self._group} port {self._port} on {self._interface or 'any interface'}: {problem}"
+            if text != self.problem:  # a robot may be without a network for days
+                self.problem = text
+                program.LOG.warning("%s; waiting for it", text)
+            if self.own_addresses != before:
+                self._moved()
             return
+        self.problem = ""
         for opened in self._udp.sockets:
             self._loop.watch(opened, partial(self._receive, opened))
         self._limited.say(
             "info",
             "opened",
-            f"discovery by {self._group if multicast else 'unicast'} on {self.place[0]}, port {self._port}",
+            f"discovery by {self._group if multicast else 'unicast'} on {self.place.address}, port {self._port}",
         )
         self._opened(now)
 
-    def _close(self) -> None:
-        """Have new sockets in a moment, since the network has changed."""
+    def _network_changed(self, changes: Changes) -> None:
+        changes.clear()
+        self._changed()
+
+    def _close(self, open_due: float) -> None:
+        """Have new sockets from then on, since the network has changed."""
+        self._open_due = open_due
         if self._udp is not None:
             for opened in self._udp.sockets:
                 self._loop.forget(opened)
             self._udp.close()
-            self._udp, self._open_due = None, monotonic() + REOPEN
+            self._udp = None
 
     def _receive(self, readable: Socket) -> None:
         if self._udp is not None:
@@ -151,12 +181,12 @@ class Datagrams:
             for datagram in self._udp.receive(readable):
                 self._received(datagram, now)
 
-    def _addresses(self) -> Tuple[Set[str], Tuple[str, int]]:
-        """The own addresses, and the one that the others hear, with its interface."""
-        found = dict(addresses())
-        own = {*found, "localhost"}
-        heard = self._pinned or source_address(self._group, self._port, own)
-        return own, (heard, found.get(heard, 0))
+    def _addresses(self) -> Tuple[Set[str], Place]:
+        """The own addresses, and the place in the network."""
+        found = network()
+        heard = self._pinned or source_address(self._group, self._port, set(found.interfaces))
+        interface = found.interfaces.get(heard, 0)
+        return {*found.own, "localhost"}, Place(heard, interface, interface in found.running)
 
     def _resolved(self, found: Optional[Mapping[str, str]], _problem: Optional[Exception]) -> None:
         for host in self._values["robot_hosts"]:
