@@ -157,8 +157,11 @@ class Tree:
         """The text of a file, "" where there is none, as for a link to /dev/null. Raises Problem."""
         if path in self.planned:
             return self.planned[path] or ""
+        real = self.real(path)
+        if real == os.path.join(self.root, "dev/null"):
+            return ""
         try:
-            return (read_bytes(self.real(path)) or b"").decode("utf-8", "surrogateescape")
+            return (read_bytes(real) or b"").decode("utf-8", "surrogateescape")
         except OSError as problem:
             if problem.errno in (errno.EISDIR, errno.ELOOP):
                 return ""

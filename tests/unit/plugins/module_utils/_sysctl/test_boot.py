@@ -179,3 +179,9 @@ def test_the_oldest_python(tmp_path):
         env={**os.environ, "PYTHONPATH": collections},
     ).stdout
     assert json.loads(output) == {key: list(found) for key, found in sysctl_boot.at_boot(tree, keys).items()}
+
+
+def test_a_unit_that_is_masked_is_read_as_empty(tmp_path):
+    """A link to the real /dev/null, which is no regular file."""
+    (tmp_path / "masked.service").symlink_to("/dev/null")
+    assert sysctl_boot.Tree("/").read(str(tmp_path / "masked.service")) == ""
