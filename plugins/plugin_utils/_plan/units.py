@@ -62,6 +62,34 @@ _INSTALL = """
 WantedBy=multi-user.target
 """
 
+# The sandbox of every unit. docs/security.md has the ratings, and what is not here and why.
+_SANDBOX = """\
+# It gains no rights, sees no processes of others, and sets nothing of the kernel's. The system is read-only for it.
+NoNewPrivileges=yes
+ProtectSystem=strict
+PrivateTmp=yes
+PrivateDevices=yes
+PrivateMounts=yes
+ProtectProc=invisible
+ProtectKernelTunables=yes
+ProtectKernelModules=yes
+ProtectKernelLogs=yes
+ProtectControlGroups=yes
+ProtectClock=yes
+ProtectHostname=yes
+RestrictNamespaces=yes
+RestrictRealtime=yes
+RestrictSUIDSGID=yes
+LockPersonality=yes
+KeyringMode=private
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+SystemCallFilter=~@privileged @resources
+# A call that is not allowed fails. It does not end the process: libraries try what they can do without.
+SystemCallErrorNumber=EPERM
+UMask=0077
+"""
+
 # The own address
 
 # The mark of our route, by which it is found again whatever its address was (rtnetlink(7), rtm_protocol).
@@ -83,31 +111,23 @@ ExecStartPre=-/sbin/ip -4 route flush table local proto {protocol}
 # The kernel's own route has the metric 0: as soon as an interface has the address, that one counts.
 ExecStart=/sbin/ip -4 route replace local {address}/32 dev lo table local proto {protocol} metric {protocol}
 ExecStop=-/sbin/ip -4 route flush table local proto {protocol}
-# An unprivileged user that may change routes; the system is read-only for it.
+# An unprivileged user that may change routes.
 DynamicUser=yes
 AmbientCapabilities=CAP_NET_ADMIN
 CapabilityBoundingSet=CAP_NET_ADMIN
-NoNewPrivileges=yes
-ProtectSystem=strict
 ProtectHome=yes
-PrivateDevices=yes
-ProtectKernelTunables=yes
-ProtectKernelModules=yes
-ProtectControlGroups=yes
 RestrictAddressFamilies=AF_NETLINK
-RestrictNamespaces=yes
-LockPersonality=yes
 MemoryDenyWriteExecute=yes
-SystemCallArchitectures=native
-SystemCallFilter=@system-service
 """
+    + _SANDBOX
     + _INSTALL
 )
 
 # The units of ROS
 
-# A service of ROS: an unprivileged user, a folder of its own, restarts.
-_SERVICE = """\
+# A service of ROS: a folder of its own, restarts, an unprivileged user.
+_SERVICE = (
+    """\
 [Service]
 EnvironmentFile={configuration}/environment
 Environment=ROSFLEET_INPUTS={inputs}
@@ -117,15 +137,16 @@ RuntimeDirectory=%N
 Restart=always
 RestartSec=200ms
 TimeoutStopSec=15
-# An unprivileged user that exists while the service runs; the system is read-only for it.
+# The user exists while the service runs.
 DynamicUser=yes
-ProtectHome=read-only
-PrivateDevices=yes
-ProtectKernelTunables=yes
-ProtectControlGroups=yes
-RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
 CapabilityBoundingSet=
+# Workspaces of users are read there.
+ProtectHome=read-only
+# Netlink tells the addresses of this computer.
+RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
 """
+    + _SANDBOX
+)
 _ROSCORE = (
     """\
 # Managed by rosfleet.multimaster: the ROS master of the robot {robot}
@@ -143,6 +164,11 @@ ExecStart={command} -p {port} -w 16 -t 3
 # Started means that it answers, so what is ordered after it finds it.
 ExecStartPost={wait} --timeout 60
 KillSignal=SIGINT
+# Its folder is in memory, so a log of rosout would count.
+Environment=ROSOUT_DISABLE_FILE_LOGGING=1
+# 130 MB with 10,000 registrations. A thread for each connection: there are at most as many as open files, 1024.
+MemoryMax=1G
+TasksMax=2048
 """
     + _INSTALL
 )
@@ -159,7 +185,12 @@ StartLimitIntervalSec=0
 
 """
     + _SERVICE
-    + "{program.service}\n"
+    + """\
+# Each stays below 128 MB, also under hostile answers. rospy has a thread for each connection.
+MemoryMax=512M
+TasksMax=1024
+{program.service}
+"""
     + _INSTALL
 )
 
@@ -230,6 +261,8 @@ CapabilityBoundingSet=CAP_NET_ADMIN
 _NOTIFYING = """\
 Type=notify
 NotifyAccess=main
+# A loop that has not turned for so long hangs. The node writes where, and is started again.
+WatchdogSec=30
 ExecStart={python} -m rosfleet_multimaster.{node} --parameters {configuration}/{node}.json
 TimeoutStartSec=80"""
 _WATCHED = """\
@@ -298,24 +331,20 @@ grep -qF " $$1 " /proc/net/ip_mr_vif && grep -qF " $$2 " /proc/net/ip_mr_vif && 
 echo "smcrouted does not route between $$1 and $$2: are both up?" >&2; exit 1' sh {names}
 Restart=always
 RestartSec=5
-# Root, as smcrouted demands, but with the rights of a router alone; the system is read-only for it.
+# Root, as smcrouted demands, but with the rights of a router alone.
 CapabilityBoundingSet=CAP_NET_ADMIN CAP_NET_RAW
-NoNewPrivileges=yes
-ProtectSystem=strict
+# Its socket and its number are there.
 ReadWritePaths=/run
 ProtectHome=yes
-PrivateTmp=yes
-PrivateDevices=yes
-ProtectKernelTunables=yes
-ProtectKernelModules=yes
-ProtectControlGroups=yes
 RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
-RestrictNamespaces=yes
-RestrictRealtime=yes
-LockPersonality=yes
 MemoryDenyWriteExecute=yes
-SystemCallArchitectures=native
-SystemCallFilter=@system-service
+MemoryMax=64M
+TasksMax=64
+"""
+    + _SANDBOX
+    + """\
+# It gives the file of its number its owner.
+SystemCallFilter=@chown
 """
     + _INSTALL
 )

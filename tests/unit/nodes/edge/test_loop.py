@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The loop with real threads."""
 
+import socket
 import threading
+import time
 
+import pytest
 from rosfleet_multimaster.edge.loop import InLoop, Loop, Recurring, Workers
 
 
@@ -50,3 +53,52 @@ def test_a_recurring_job_in_the_loop_has_ended_when_it_returns():
     seen = []
     job = Recurring(InLoop(), lambda: 1.0, lambda: seen.append(1))
     assert job.tick(7.0) == 8.0 and job.tick(7.5) == 8.0 and job.tick(8.0) == 9.0 and len(seen) == 2
+
+
+@pytest.fixture(name="systemd")
+def _systemd(tmp_path, monkeypatch):
+    """What systemd hears of this process, which is to tell it each 0.4 s that it turns."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(str(tmp_path / "notify"))
+        listening.settimeout(5.0)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "400000")
+        monkeypatch.delenv("WATCHDOG_PID", raising=False)
+        yield listening
+
+
+def test_a_loop_that_has_nothing_to_do_feeds_the_watchdog(systemd):
+    loop = Loop()
+    turning = threading.Thread(target=loop.run, args=(lambda now: now + 60.0,))
+    turning.start()
+    began = time.monotonic()
+    assert [systemd.recv(100) for _count in range(8)] == [b"WATCHDOG=1"] * 8
+    assert 0.6 < time.monotonic() - began < 4.0, "each 0.1 s, and not at each pass"
+    loop.stop()
+    turning.join(5.0)
+
+
+def test_a_loop_that_hangs_feeds_nothing_whatever_its_workers_do(systemd):
+    loop, free = Loop(), threading.Event()
+    workers = Workers(loop, 2)
+    turning = threading.Thread(target=loop.run, args=(lambda now: now + 0.01,))
+    turning.start()
+    systemd.recv(100)
+    loop.post(free.wait, 10.0)
+    time.sleep(0.2)
+    systemd.setblocking(False)
+    while True:
+        try:
+            systemd.recv(100)
+        except BlockingIOError:
+            break
+    for _count in range(5):
+        workers.submit(lambda: 1, lambda result, problem: None)
+        time.sleep(0.1)
+    with pytest.raises(BlockingIOError):
+        systemd.recv(100)
+    free.set()
+    systemd.settimeout(5.0)
+    assert systemd.recv(100) == b"WATCHDOG=1"
+    loop.stop()
+    turning.join(5.0)

@@ -6,6 +6,7 @@
 import hashlib
 import pathlib
 import re
+import subprocess
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting, units
@@ -91,3 +92,56 @@ def test_the_name_of_a_robot_is_a_text():
     assert "Description=ROS master of 50%%h (roscore)\n" in unit.content
     with pytest.raises(quoting.Unquotable, match="on one line"):
         units.services(["roscore"], "tibi\n[Service]", ADDRESS, ROSCORE, {}, units.Inputs("", ""))
+
+
+#: unit -> the worst rating of `systemd-analyze security` that it may have; tests/systems has the same of running ones
+RATED = {"address": 1.5, "roscore": 1.5, "discovery": 1.5, "sync": 2.0, "multicast-routing": 3.0}
+
+
+def analyzed(*words):
+    """What systemd-analyze says, or None where it is not there or older than these words."""
+    try:
+        done = subprocess.run(["systemd-analyze", *words], capture_output=True, text=True, timeout=60, check=False)
+    except FileNotFoundError:
+        return None
+    return None if "unrecognized option" in done.stderr else done.stdout + done.stderr
+
+
+@pytest.fixture(name="files")
+def _files(tmp_path, monkeypatch):
+    """All units as files, with programs that every machine has."""
+    monkeypatch.setattr(units, "WAIT", "/bin/true")
+    programs = units.programs("bundled", "/bin/true", {})
+    inputs, roscore = units.Inputs("a", "b"), units.Roscore("/bin/true", 11311)
+    made = units.services(["address", "roscore", *programs], "tibi", ADDRESS, roscore, programs, inputs)
+    upstream = units.programs("fkie_apt", "/bin/true", dict.fromkeys(programs, "/bin/true"))
+    made += [
+        units.Unit(unit.name.replace(".service", "-upstream.service"), unit.content)
+        for unit in units.services(list(upstream), "tibi", ADDRESS, roscore, upstream, inputs)
+    ]
+    made.append(units.multicast_router("tibi", "239.255.11.11", INTERFACES, "/bin/true", "feed"))
+    for unit in made:
+        (tmp_path / unit.name).write_text(unit.content, encoding="utf-8")
+    return sorted(tmp_path.iterdir())
+
+
+def test_the_sandbox_of_each_unit_is_rated_well(files):
+    ratings, rated = {}, set()
+    for path in files:
+        said = analyzed("security", "--offline=true", "--no-pager", str(path))
+        if said is None:
+            pytest.skip("needs systemd-analyze security --offline (systemd 250)")
+        name = path.stem.replace("multimaster-", "").replace("-upstream", "")
+        rated.add(name)
+        ratings[path.stem] = (float(re.search(r"Overall exposure level for .*: ([0-9.]+)", said)[1]), RATED[name])
+    print(ratings)
+    assert rated == set(RATED)
+    assert {name: rating for name, (rating, worst) in ratings.items() if rating > worst} == {}
+
+
+def test_systemd_has_nothing_to_say_about_a_unit(files):
+    for path in files:
+        said = analyzed("verify", "--man=no", str(path))
+        if said is None:
+            pytest.skip("needs systemd-analyze")
+        assert [line for line in said.splitlines() if path.name in line] == []

@@ -3,6 +3,7 @@
 """The loop of a program, its workers, and jobs that recur.
 
 A program is one loop in its main thread. What may block runs in a worker, which hands its result to the loop.
+Each pass of the loop feeds systemd's watchdog, and nothing else does: a loop that hangs is seen.
 """
 
 import queue
@@ -12,6 +13,7 @@ import threading
 from typing import Any, Callable, Optional, Tuple, Union
 
 from .clock import monotonic, sleep
+from .systemd import notify, watchdog
 
 _MAX_POSTED = 4096  # calls that wait for the loop
 
@@ -63,8 +65,14 @@ class Loop:
     def run(self, tick: Callable[[float], float]) -> None:
         """Call `tick` with the time until `stop`; it returns the time at which it wants to be called again."""
         self._thread = threading.get_ident()
+        limit = watchdog()
+        feed, every = 0.0, limit / 4 if limit else float("inf")
         while self._running:
-            due = tick(monotonic())
+            now = monotonic()
+            if limit and now >= feed:
+                notify("WATCHDOG=1")
+                feed = now + every
+            due = min(tick(now), now + every)
             for key, _events in self._selector.select(max(0.0, due - monotonic())):
                 key.data()
             try:

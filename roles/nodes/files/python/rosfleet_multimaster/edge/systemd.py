@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Messages to systemd about the state of the service (sd_notify(3))."""
+"""Messages to systemd about the state of the service (sd_notify(3)), and its watchdog."""
 
 import logging
 import os
 import socket
+from typing import Optional
 
 from ..core.plain_text import LINE, plain
 
@@ -23,3 +24,13 @@ def notify(*assignments: str) -> None:
                 sender.sendto("\n".join(lines).encode(), "\0" + path[1:] if path.startswith("@") else path)
             except OSError as problem:
                 _log.warning("systemd cannot be told %s: %s", lines[0], problem)
+
+
+def watchdog() -> Optional[float]:
+    """The seconds within which systemd wants to hear of this process, again and again; None where it does not."""
+    try:
+        microseconds = int(os.environ.get("WATCHDOG_USEC", ""))
+    except ValueError:
+        return None
+    meant = os.environ.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
+    return microseconds / 1e6 if meant and microseconds > 0 else None

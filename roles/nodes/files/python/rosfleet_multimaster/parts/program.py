@@ -3,6 +3,7 @@
 """Start and end of a program: its log, arguments, parameters and signals."""
 
 import argparse
+import faulthandler
 import json
 import logging
 import os
@@ -167,6 +168,7 @@ def run(main: Callable[[], int]) -> None:
     warnings.filterwarnings("ignore", "Flags not at the start", DeprecationWarning)
     journal.plain_streams()
     start_log()
+    faulthandler.enable(2)  # the watchdog's SIGABRT shows where each thread hangs
     try:
         status = main()
     except Fatal as problem:
