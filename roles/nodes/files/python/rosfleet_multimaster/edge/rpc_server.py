@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, Mapping, Tuple
 
 from ..core.plain_text import LINE, plain
 from .clock import monotonic
-from .xml_rpc import MAX_REQUEST, loads, unpack
+from .xml_rpc import MAX_REQUEST, loads
 
 _log = logging.getLogger("rosfleet.rpc_server")
 
@@ -128,9 +128,8 @@ class _Handler(BaseHTTPRequestHandler):
         if not 0 < length <= MAX_REQUEST:
             raise ValueError(f"a request of {length} bytes")
         body = self.rfile.read(length)
-        if self.headers.get("Content-Encoding", "identity").lower() == "gzip":
-            body = unpack(body, MAX_REQUEST)
-        arguments, name = loads(body)
+        packed = self.headers.get("Content-Encoding", "identity").lower() == "gzip"
+        arguments, name = loads(body, MAX_REQUEST, packed)
         if not name:
             raise ValueError("no method is named")
         return name, arguments
