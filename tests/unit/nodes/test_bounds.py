@@ -14,6 +14,7 @@ import xmlrpc.client
 import pytest
 from rosfleet_multimaster.core.filters import InvalidPattern, Rules
 from rosfleet_multimaster.core.graph import Graph, build, document
+from rosfleet_multimaster.core.members import Members
 from rosfleet_multimaster.core.plain_text import is_plain
 from rosfleet_multimaster.edge import loop, rpc_client, rpc_server
 from rosfleet_multimaster.edge.clock import monotonic
@@ -22,6 +23,7 @@ from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import Refused, RpcServer
 from rosfleet_multimaster.edge.xml_rpc import STATE as STATE_BYTES
 from rosfleet_multimaster.edge.xml_rpc import loads, unpacked
+from rosfleet_multimaster.parts.served import callers
 
 # Queues
 
@@ -107,14 +109,14 @@ STATE = build("http://own:11311/", "own", GRAPH, dict.fromkeys(NODES, "http://ow
 class Server:
     """A server as master_discovery has one, beside a loop."""
 
-    def __init__(self):
+    def __init__(self, who=rpc_server.EVERYBODY, host="127.0.0.1"):
         self.malformed, self.running = [], Running()
         methods = {
             "masterContacts": lambda: ["1.0", "http://own:11311/", "own", "/master_discovery"],
             "masterInfoFiltered": self.filtered,
             "big": lambda: ["x" * 1000] * 20000,
         }
-        self.server = RpcServer("127.0.0.1", 0, methods, lambda host, why: self.malformed.append(why))
+        self.server = RpcServer(host, 0, methods, lambda host, why: self.malformed.append(why), who)
         self.port = self.server.server_address[1]
         self.uri = f"http://127.0.0.1:{self.port}"
 
@@ -273,6 +275,87 @@ def test_idle_connections_are_bounded_and_one_address_cannot_take_all(server):
     for connection in idle:
         connection.close()
     assert server.answers()
+
+
+FLEET = {
+    "strangers": "ignore",
+    "allow": ["10.0.5.0/24"],
+    "members": [
+        {"robot": robot, "name": robot, "uris": [f"http://{robot}:11311/"], "rpc_port": 11611,
+         "addresses": [address], "hosts": [robot, address]}
+        for robot, address in (("own", "10.0.0.1"), ("peer", "10.0.0.10"))
+    ],
+}  # fmt: skip
+
+
+@contextlib.contextmanager
+def fleet_server(**changed):
+    """A server of a fleet. The addresses of the test, 127.x, stand for 10.x: loopback itself is always let in."""
+
+    def outside(address):
+        return address.replace("127.", "10.", 1)
+
+    who = callers(Members.of({**FLEET, **changed}), "http://own:11311/", lambda: {"10.0.0.1"})
+    made = Server(
+        rpc_server.Callers(
+            lambda caller, here: who.objection(outside(caller), outside(here)),
+            who.reserved,
+            lambda address: who.is_member(outside(address)),
+        ),
+        host="",
+    )
+    try:
+        yield made
+    finally:
+        made.server.stop()
+        made.running.stop()
+
+
+def asked(made, source):
+    """What a caller from an address is answered."""
+    with made.connect(source) as connection, contextlib.suppress(OSError):
+        connection.sendall(post(CALL))
+        return read_all(connection)
+    return b""
+
+
+def test_idle_connections_of_many_addresses_leave_room_for_members():
+    """The attack of the review: eight addresses with eight idle connections each. A member is served meanwhile."""
+    with fleet_server(strangers="allow") as made:
+        idle = [made.connect(f"127.0.2.{number}") for number in range(8) for _count in range(8)]
+        time.sleep(0.3)
+        assert len(made.server._open) == rpc_server._FOR_STRANGERS
+        assert b"200 OK" not in asked(made, "127.0.2.9")
+        for source in ("127.0.0.10", "127.0.5.7", "127.0.0.1"):
+            assert b"200 OK" in asked(made, source), source
+        assert set(made.malformed) == {"too many connections at once"}
+        for connection in idle:
+            connection.close()
+
+
+def test_who_does_not_belong_to_the_fleet_has_no_connection_and_who_comes_by_another_address_neither():
+    with fleet_server() as made:
+        assert b"200 OK" in asked(made, "127.0.0.10")
+        assert b"200 OK" in asked(made, "127.0.5.7")
+        assert asked(made, "127.0.2.1") == b""
+        with socket.create_connection(("127.0.0.77", made.port), 5, source_address=("127.0.0.10", 0)) as connection:
+            assert read_all(connection) == b""
+        assert made.malformed == [
+            "it is no computer of the fleet",
+            "10.0.0.77 is no address of this computer in the plan",
+        ]
+
+
+def test_this_computer_itself_may_always_call():
+    who = callers(Members.of(FLEET), "http://own:11311/", lambda: {"172.17.0.1"})
+    assert who.objection("127.0.0.1", "127.0.0.1") == who.objection("172.17.0.1", "172.17.0.1") == ""
+    assert who.is_member("172.17.0.1")
+
+
+def test_without_a_plan_everybody_may_call_and_nothing_is_kept_free():
+    who = callers(Members.of({}), "http://own:11311/", set)
+    assert not who.reserved
+    assert who.objection("10.9.9.9", "10.0.0.1") == ""
 
 
 def filters(text):
