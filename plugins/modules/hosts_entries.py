@@ -18,6 +18,11 @@ description:
   - Names that are no longer listed are removed. So O(entries=[]) is the rollback; it restores the old content.
   - The file is written by rename, so there is the old or the new one at any moment. Where it is a mount point, as in
     containers, it is written in place, from a copy. If such a run is killed half way, the next one repairs the file.
+    Owner, mode, ACL and other extended attributes are kept; where one cannot be kept, nothing is changed.
+  - cloud-init writes C(/etc/hosts) at every boot where C(manage_etc_hosts) is set, for example in the user data that
+    Raspberry Pi Imager writes. Where cloud-init is installed, and O(path) is C(/etc/hosts), its services get a file with
+    C(manage_etc_hosts=false) that counts more than user data (drop-ins in C(/etc/systemd/system), environment
+    variable C(CLOUD_CFG)). It goes on a rollback. A C(CLOUD_CFG) of your own in a later drop-in stays in force.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
 options:
@@ -40,6 +45,8 @@ options:
         description:
           - The names of the computer, for example V([kobuki1computer, kobuki1]). The first is the canonical one, the
             others are aliases.
+          - Letters, digits, hyphens and dots; also underscores, as in V(my_robot), which are no part of RFC 1123 but are
+            common, and which libc and ROS take.
         type: list
         elements: str
         required: true
@@ -53,6 +60,12 @@ options:
       - The name of this computer, for example V(kobuki1computer). By default its host name.
       - It is only used in RV(msg).
     type: str
+  backup:
+    description:
+      - V(true) copies the file beside it before it is changed, with the time in the name of the copy, for example as
+        V(/etc/hosts.4711.2026-11-21@03:14:15~). The copies stay; the rollback does not need them.
+    type: bool
+    default: false
   on_conflict:
     description:
       - The reaction to a conflict, which is a line of yours that gives a name of O(entries) another address of the same
@@ -69,6 +82,13 @@ options:
     default: /var/lib/rosfleet-multimaster
 author:
   - rosfleet contributors (@rosfleet)
+seealso:
+  - module: ansible.builtin.blockinfile
+  - module: ansible.builtin.lineinfile
+  - module: rosfleet.multimaster.managed_files
+  - name: hosts(5)
+    description: How libc reads the file.
+    link: https://man7.org/linux/man-pages/man5/hosts.5.html
 """
 
 EXAMPLES = r"""
@@ -84,6 +104,12 @@ EXAMPLES = r"""
       - {address: 192.168.11.202, names: [tibi-monitor, tibi]}
       - {address: "fd00:11::202", names: [tibi-monitor]}
     on_conflict: report
+
+- name: Keep a copy of the file from before, as well
+  rosfleet.multimaster.hosts_entries:
+    entries:
+      - {address: 192.168.1.229, names: [my_robot, kobuki1computer]}
+    backup: true
 
 - name: Remove all bindings of this module
   rosfleet.multimaster.hosts_entries:
@@ -133,7 +159,7 @@ entries:
     resolved:
       description:
         - For each name, the addresses of this family that libc answers after the change, best first. No more names
-          are asked after 10 seconds.
+          are asked for after 2 seconds; a name that was not asked for is left out.
         - Empty in check mode, and when O(path) is not the file that libc reads.
       returned: always
       type: dict
@@ -261,13 +287,27 @@ repaired:
   returned: when the options are right
   type: bool
   sample: false
+backup_file:
+  description: The copy of the file from before; empty without one.
+  returned: when the options are right
+  type: str
+  sample: ""
+cloud_init:
+  description:
+    - The files that keep cloud-init from writing the file at boot, with their state V(written), V(unchanged), V(edited)
+      (changed by hand, and restored), V(foreign) (as planned, but not written by this module) or V(removed).
+    - Empty without cloud-init.
+  returned: when the options are right
+  type: list
+  elements: dict
+  sample: [{path: /etc/rosfleet-multimaster/cloud-init.cfg, state: written}]
 path:
   description: The file, after symbolic links.
   returned: when the options are right
   type: str
   sample: /etc/hosts
 diff:
-  description: The file before and after.
+  description: The file before and after; a list, with those that keep cloud-init away, where these change, too.
   returned: when the options are right
   type: dict
   sample:
@@ -305,12 +345,13 @@ def main() -> None:
             },
             "path": {"type": "path", "default": SYSTEM},
             "own_name": {"type": "str"},
+            "backup": {"type": "bool", "default": False},
             "on_conflict": {"type": "str", "choices": ["fail", "report"], "default": "fail"},
             "records": {"type": "path", "default": RECORDS},
         },
         supports_check_mode=True,
     )
-    run_module(module, lambda memory: Run(module.params))
+    run_module(module, lambda memory: Run(module.params, module.backup_local))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,8 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
-_LABEL = re.compile(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?\Z")
+# RFC 1123, and underscores, which libc, Python and roscpp take in names of computers (my_robot).
+_LABEL = re.compile(r"[a-z0-9_]([a-z0-9_-]{0,61}[a-z0-9_])?\Z")
 _LOCAL_NAMES = frozenset(
     ["localhost4", "localhost6", "loopback", "broadcasthost"]
     + [f"ip6-{name}" for name in ("localhost", "loopback", "localnet", "mcastprefix", "allnodes", "allrouters")]
@@ -45,7 +46,7 @@ def address_of(text: str) -> typing.Optional[Address]:
 
 def parse(line: bytes) -> typing.Optional[Binding]:
     """Read the binding of a line as libc does (hosts(5)), or return None where there is no address or no name."""
-    fields = line.split(b"#", 1)[0].split()
+    fields = line.partition(b"#")[0].split()
     address = address_of(fields[0].decode("latin-1")) if len(fields) > 1 else None
     return None if address is None else Binding(address, tuple(name.decode("latin-1") for name in fields[1:]))
 
@@ -93,19 +94,21 @@ def _wrong_address(text: str, address: typing.Optional[Address]) -> str:
 def _wrong_names(names: typing.List[str]) -> str:
     if not names:
         return "names is empty, expected at least the name of the computer, such as [kobuki1computer]."
-    for number, name in enumerate(names):
+    given: typing.Set[str] = set()
+    for name in names:
         lower = name.lower()
         if lower in _LOCAL_NAMES or "localhost" in (lower.split(".")[0], lower.split(".")[-1]):
             return f"the name {name!r} belongs to every machine itself, expected the name of a computer."
         if len(name) > 253 or not all(_LABEL.match(label) for label in lower.split(".")):
             return (
-                f"the name {name!r} is no host name; expected letters, digits and hyphens, at most 63 in a row between "
-                "dots, each part beginning and ending with a letter or digit (RFC 1123)."
+                f"the name {name!r} is no host name; expected letters, digits, hyphens and underscores, at most 63 in a "
+                "row between dots, and no hyphen at the beginning or end of a part (RFC 1123)."
             )
         if _is_read_as_address(lower):
             return f"the name {name!r} is read as an address, expected a name that ends with a part that is no number."
-        if lower in [other.lower() for other in names[:number]]:
+        if lower in given:
             return f"the name {name!r} is given twice, expected each name once: remove one of them."
+        given.add(lower)
     return ""
 
 

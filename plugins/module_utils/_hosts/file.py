@@ -1,13 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The hosts file: read, and replaced by rename or, on a mount point, in place; cloud-init and libc, which use it."""
+"""The hosts file: read, and replaced by rename or, on a mount point, in place; libc, which uses it."""
 
 import errno
-import glob
-import itertools
 import os
-import re
 import socket
 import stat
 import time
@@ -36,9 +33,9 @@ class HostsFile:
     """
 
     def __init__(self, path: str, records: str) -> None:
-        """Read the file. Raises OSError, and Problem for a record that cannot be read."""
+        """Read the file. Raises OSError, and Problem for a record that cannot be read or is malformed."""
         self.path = os.path.realpath(path)
-        self.record = Record("hosts_entries", records)
+        self.record = Record("hosts_entries", records, {"*": {"before": str, "after": str}})
         self.found = atomic.read_bytes(self.path)
         self.content = self._repaired()  # without a torn writing
 
@@ -48,10 +45,10 @@ class HostsFile:
         return self.found != self.content
 
     def _repaired(self) -> typing.Optional[bytes]:
-        under_way = self.record.load().get(self.path)
-        if under_way is None or self.found is None:
+        stored = self.record.load()
+        if self.path not in stored or self.found is None:
             return self.found
-        before, after = (under_way[when].encode("latin-1") for when in ("before", "after"))
+        before, after = self.record.parse(lambda data: _texts(data[self.path]), stored)
         return before if self.found != after and is_torn(self.found, before, after) else self.found
 
     def clean(self) -> None:
@@ -59,6 +56,13 @@ class HostsFile:
         atomic.remove_leftovers(self.path)
         atomic.remove_leftovers(self.record.path)
         self._remember(None)
+
+    def put_back(self, content: typing.Optional[bytes]) -> None:
+        """Take back the replacing by this content, where a later step has failed. Raises OSError, Problem."""
+        now = atomic.read_bytes(self.path)
+        if now == content != self.found:
+            before, self.found, self.content = self.found, now, now
+            self.replace(before)
 
     def replace(self, content: typing.Optional[bytes]) -> str:
         """Give the file this content (None: remove it); returns how, as V(written) says. Raises OSError, Problem."""
@@ -133,6 +137,11 @@ class HostsFile:
         self.record.save_if_changed(data)
 
 
+def _texts(under_way: typing.Dict[str, str]) -> typing.Tuple[bytes, bytes]:
+    """The old and the new content that the record of a writing in place holds."""
+    return under_way["before"].encode("latin-1"), under_way["after"].encode("latin-1")
+
+
 def is_torn(found: bytes, before: bytes, after: bytes) -> bool:
     """True for content of which each byte is the old one, the new one or never written (0).
 
@@ -153,33 +162,18 @@ def _overwrite(stream: typing.IO[bytes], content: bytes) -> None:
     os.fsync(stream.fileno())
 
 
-def boot_rewriter(folder: str = "/etc/cloud") -> str:
-    """The file that tells cloud-init to write /etc/hosts at every boot, or an empty text.
-
-    The last file that sets manage_etc_hosts wins (true, template: from a template; localhost: the 127.0.1.1 line;
-    cloud-init's module update_etc_hosts).
-    """
-    if os.path.exists(os.path.join(folder, "cloud-init.disabled")):
-        return ""
-    winner = ""
-    files = sorted(glob.glob(os.path.join(glob.escape(folder), "cloud.cfg.d", "*.cfg")))
-    for path in itertools.chain([os.path.join(folder, "cloud.cfg")], files[:100]):
-        for value in re.findall(rb"(?m)^manage_etc_hosts[ \t]*:[ \t]*['\"]?(\w+)", atomic.read_bytes(path) or b""):
-            winner = path if value.lower() in (b"true", b"yes", b"on", b"template", b"localhost") else ""
-    return winner
-
-
 def resolve(
-    bindings: typing.List[Binding], seconds: float = 10.0
+    bindings: typing.List[Binding], seconds: float = 2.0
 ) -> typing.Iterator[typing.Dict[str, typing.List[str]]]:
     """Ask libc for the names of each binding: name -> the addresses of the binding's family, best first.
 
-    No question is begun after so many seconds: a machine with a dead name server takes long for each.
+    No question is begun after so many seconds: libc reads the whole file for each, and a dead name server takes long. A
+    name that was not asked for is not in the answer.
     """
     end = time.monotonic() + seconds
     for binding in bindings:
         family = socket.AF_INET if binding.address.version == 4 else socket.AF_INET6
-        yield {name: _ask(name, family) if time.monotonic() < end else [] for name in binding.names}
+        yield {name: _ask(name, family) for name in binding.names if time.monotonic() < end}
 
 
 def _ask(name: str, family: int) -> typing.List[str]:

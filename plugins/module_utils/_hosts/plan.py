@@ -16,7 +16,6 @@ run was killed; a line may be moved; and a person who reads the file sees which 
 Every other line belongs to the user and is kept byte for byte. So a rollback is exact for any content.
 """
 
-import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import Binding, parse
@@ -24,8 +23,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindin
 # A mark is the whole first comment of its line: a person's remark about this module is no mark.
 _MARK = b"# rosfleet.multimaster"
 _CREATED = _MARK + b" created this file"
-_OWNED = re.compile(rb"[^#]*[^#\s][^#]*" + re.escape(_MARK) + rb"\s*\Z")
-_REPLACED = re.compile(rb"[^#]*" + re.escape(_MARK) + rb" replaced: (.*)\Z", re.DOTALL)
+_REPLACED = _MARK + b" replaced: "
 
 
 _Item = typing.Dict[str, typing.Any]
@@ -59,10 +57,19 @@ _Position = typing.Dict[_Line, int]
 
 def _of_user(text: typing.Optional[bytes]) -> typing.Optional[bytes]:
     """The user's text of a line, or None for an owned line."""
-    if text is None or _is_created(text) or _OWNED.match(text):
+    if text is None:
         return None
-    replaced = _REPLACED.match(text)
-    return _of_user(replaced.group(1)) if replaced else text
+    start = 0
+    while True:
+        mark = text.find(b"#", start)
+        if mark == -1 or not text.startswith(_MARK, mark):
+            return text[start:]
+        if not text.startswith(_REPLACED, mark):
+            break
+        start = mark + len(_REPLACED)
+    bound, comment = text[start:mark].strip(), text[mark:].rstrip()
+    owned = comment == _MARK if bound else _is_created(text[start:])
+    return None if owned else text[start:]
 
 
 def _is_created(text: bytes) -> bool:
@@ -114,13 +121,13 @@ def _content(lines: typing.List[_Line], left: typing.List[_Line], rollback: bool
 
 def _kept_of_user(lines: typing.List[_Line], bindings: typing.List[Binding]) -> _Bound:
     """The bindings that a line of the user has already, with that line: no line is added for them."""
-    bound = {}
-    for binding in bindings:
-        for line in lines:
-            host = line.host if line.user is not None else None
-            if host and host.address == binding.address and set(binding.keys) <= set(host.keys):
-                bound[binding] = line
-                break
+    of_address = {binding.address: binding for binding in bindings}
+    bound: _Bound = {}
+    for line in lines:
+        host = line.host if line.user is not None else None
+        binding = of_address.get(host.address) if host else None
+        if host and binding and binding not in bound and set(binding.keys) <= set(host.keys):
+            bound[binding] = line
     return bound
 
 
@@ -129,7 +136,7 @@ def _take_out_of_loopback(lines: typing.List[_Line], names: typing.Set[str]) -> 
     for line in lines:
         if line.user is None or not line.host or not line.host.address.is_loopback:
             continue
-        address, given = line.user.split(b"#", 1)[0].split(None, 1)
+        address, given = line.user.partition(b"#")[0].split(None, 1)
         rest = [name for name in given.split() if name.decode("latin-1").lower() not in names]
         if len(rest) < len(given.split()):
             shown = address + b" " + b" ".join(rest) + b" " if rest else b""
@@ -142,20 +149,22 @@ def _place(lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bo
     missing = {binding.keys[0]: binding for binding in bindings}
     owned = []
     for index, line in enumerate(lines):
-        if line.user is None and line.host and line.host.keys[0] in missing:
-            binding = missing.pop(line.host.keys[0])
+        key = line.host.keys[0] if line.user is None and line.host else None
+        if key in missing:
+            binding = missing.pop(key)
             line.wanted = _text(binding, end)
             bound[binding] = line
             owned.append(index)
     # Before the last piece: that is what follows the last newline, or a line that has none and keeps none.
     last = len(lines) - 1
     at = min((owned or _of_ipv4(lines) or [last])[-1] + 1, last)
+    new = []
     for binding in bindings:
         if binding not in bound:
             bound[binding] = _Line(0, None)
             bound[binding].wanted = _text(binding, end)
-            lines.insert(at, bound[binding])
-            at += 1
+            new.append(bound[binding])
+    lines[at:at] = new
 
 
 def _of_ipv4(lines: typing.List[_Line]) -> typing.List[int]:

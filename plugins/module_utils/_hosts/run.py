@@ -7,16 +7,23 @@ import os
 import socket
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import writable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import (
-    HostsFile,
-    boot_rewriter,
-    resolve,
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
+    NotDone,
+    Step,
+    carry_out,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import Guard
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import HostsFile, resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.plan import plan
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import (
+    Problem,
+    remedy,
+    unreadable,
+)
 
 SYSTEM = "/etc/hosts"  # the file that libc reads
 _EFFECTS = {
@@ -28,20 +35,28 @@ _EFFECTS = {
 class Run(ModuleRun):
     """The run, planned from the options of the module."""
 
-    def __init__(self, options: typing.Mapping[str, typing.Any]) -> None:
+    def __init__(
+        self,
+        options: typing.Mapping[str, typing.Any],
+        back_up: typing.Callable[[str], str],
+    ) -> None:
+        """`back_up` copies a file beside it and returns the path of the copy (AnsibleModule.backup_local)."""
         for option in ("path", "records"):
             if not os.path.isabs(options[option]):
                 raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
         try:
             self.bindings = bindings_of(options["entries"])
             self.file = HostsFile(options["path"], options["records"])
+            self.before = self.file.found
+            self.is_system = self.file.path == os.path.realpath(SYSTEM)
+            self.guard = Guard(bool(self.bindings), options["records"]) if self.is_system else None
         except OSError as problem:
-            raise Problem(
-                f"Cannot read {problem.filename} ({problem.strerror}); expected a file: correct path, or run as root "
-                "(become: true)."
-            ) from problem
+            raise Problem(unreadable(problem)) from problem
         self.plan = plan(self.file.content, self.bindings)
-        self.changed = self.plan.content != self.file.found
+        self.rewritten = self.plan.content != self.before
+        self.changed = self.rewritten or bool(self.guard and self.guard.changed)
+        self.back_up = back_up if options["backup"] else None
+        self.backup_file = ""
         self.own_name: str = options["own_name"] or socket.gethostname()
         self.only_report = options["on_conflict"] == "report"
         self.written = ""
@@ -49,22 +64,17 @@ class Run(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """The sentences on conflicts, unless they are only to be reported."""
-        if self.only_report or not self.plan.conflicts:
-            return []
-        return self._conflicts() + ["Nothing was changed; with on_conflict: report the module goes on."]
+        """The sentences on conflicts, unless they are only to be reported, and on what cannot be written here."""
+        if self.plan.conflicts and not self.only_report:
+            return self._conflicts() + ["Nothing was changed; with on_conflict: report the module goes on."]
+        locked = [writable.obstacle(self.file.path, in_place=True)] if self.rewritten else []
+        locked += writable.obstacles(self.guard.places) if self.guard else []
+        return [*filter(None, locked), "Nothing was changed."] if any(locked) else []
 
     @property
     def warnings(self) -> typing.List[str]:
-        """The conflicts, and a cloud-init that removes the bindings at every boot."""
-        found = self._conflicts()
-        rewriter = boot_rewriter() if self.bindings and self.file.path == SYSTEM else ""
-        if rewriter:
-            found.append(
-                f"{rewriter} sets manage_etc_hosts, so cloud-init writes {SYSTEM} at every boot and undoes the bindings; "
-                "expected manage_etc_hosts: false: set it in a later file of /etc/cloud/cloud.cfg.d."
-            )
-        return found
+        """The conflicts that are only reported."""
+        return self._conflicts()
 
     def _conflicts(self) -> typing.List[str]:
         """One sentence for each line of the user that gives a managed name another address."""
@@ -77,17 +87,31 @@ class Run(ModuleRun):
 
     def apply(self) -> None:
         """Write the file, and ask libc for its names if it is the one that libc reads. Raises Problem."""
+        replacing = Step(self.file.path, self._replace, lambda: self.file.put_back(self.plan.content))
+        steps = [replacing, Step(self.file.path, self.file.clean)]
         try:
-            if self.changed:
-                self.written = self.file.replace(self.plan.content)
-            self.file.clean()
-        except OSError as problem:
-            raise Problem(
-                f"Cannot write {self.file.path} ({problem.strerror}: {problem.filename}), which has its old content; "
-                "expected a writable folder: run as root (become: true), and look at the mount."
-            ) from problem
-        if self.file.path == os.path.realpath(SYSTEM):
+            carry_out(self.guard.around(steps) if self.guard else steps)
+        except NotDone as problem:
+            raise NotDone(problem.cause, problem.left, self._failed(problem)) from problem
+        if self.is_system:
             self.answers = list(resolve(self.bindings))
+
+    def _replace(self) -> None:
+        if self.rewritten:
+            if self.back_up and self.before is not None:
+                self.backup_file = self.back_up(self.file.path)
+            self.written = self.file.replace(self.plan.content)
+
+    def _failed(self, problem: NotDone) -> str:
+        """The sentence on a change that was not done."""
+        if not isinstance(problem.cause, OSError):
+            return str(problem)
+        left = f" Not put back: {', '.join(problem.left)}." if problem.left else ""
+        cause = problem.cause
+        return (
+            f"Cannot write {self.file.path} ({cause.strerror}: {cause.filename}), which has its old content; "
+            f"expected a writable file: {remedy(cause)}.{left}"
+        )
 
     def failure(self, problem: Problem) -> Fields:
         """The result as planned, where conflicts are the reason."""
@@ -111,8 +135,15 @@ class Run(ModuleRun):
             "written": self.written,
             "repaired": self.file.torn,
             "path": self.file.path,
-            "diff": difference(self.file.path, self.file.found, self.plan.content),
+            "backup_file": self.backup_file,
+            "cloud_init": self.guard.items if self.guard else [],
+            "diff": self._differences(),
         }
+
+    def _differences(self) -> typing.Any:
+        """The value of `diff`: one entry, or several where the files of the guard change, too."""
+        own = difference(self.file.path, self.before, self.plan.content)
+        return [own, *self.guard.differences] if self.guard and self.guard.changed else own
 
     def summary(self, check_mode: bool) -> str:
         """A report in sentences, the counts first."""
@@ -121,6 +152,9 @@ class Run(ModuleRun):
             said.append(
                 "The file was torn by a run that was ended while it wrote in place; the old content is taken up."
             )
+        if self.guard and self.guard.changed:
+            be, longer = "would be" if check_mode else "is", "" if self.guard.wanted else "no longer "
+            said.append(f"cloud-init {be} {longer}kept from writing the file at boot.")
         said += [self._replaced(item) for item in self.plan.replaced if item["state"] != "unchanged"]
         others = [f"{entry['names'][0]} (line {entry['line']})" for entry in self.plan.entries if not entry["ours"]]
         if others:

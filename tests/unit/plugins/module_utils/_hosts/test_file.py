@@ -397,26 +397,53 @@ def test_the_machine_answers_with_the_planned_addresses(machine):
 
 def test_no_name_is_asked_for_after_the_time():
     bindings = bindings_of(ENTRIES)
-    assert list(hosts_file.resolve(bindings, seconds=0)) == [{"kobuki1computer": []}, {"kobuki2computer": []}]
+    assert list(hosts_file.resolve(bindings, seconds=0)) == [{}, {}]
+
+
+def test_a_pipe_in_the_place_of_the_file_is_named_and_does_not_hang(machine):
+    machine.hosts.unlink()
+    os.mkfifo(str(machine.hosts))
+    assert f"{machine.hosts} cannot be read (Is a pipe (FIFO))" in machine.run()["msg"]
 
 
 @pytest.mark.parametrize(
-    ("files", "winner"),
-    [
-        ({}, None),
-        ({"cloud.cfg": "manage_etc_hosts: true\n"}, "cloud.cfg"),
-        ({"cloud.cfg": "users: []\nmanage_etc_hosts : 'localhost' # x\n"}, "cloud.cfg"),
-        ({"cloud.cfg": "#manage_etc_hosts: true\nx:\n  manage_etc_hosts: true\n"}, None),
-        ({"cloud.cfg": "manage_etc_hosts: true\n", "cloud.cfg.d/99-off.cfg": "manage_etc_hosts: false\n"}, None),
-        (
-            {"cloud.cfg": "manage_etc_hosts: False\n", "cloud.cfg.d/9.cfg": "manage_etc_hosts: True\n"},
-            "cloud.cfg.d/9.cfg",
-        ),
-        ({"cloud.cfg": "manage_etc_hosts: true\n", "cloud-init.disabled": ""}, None),
-    ],
+    "content", ['{"FILE": 5}', '{"FILE": {"before": "a"}}', '{"FILE": {"before": "a", "after": "\\u1234"}}']
 )
-def test_cloud_init_that_writes_the_file_is_found(tmp_path, files, winner):
-    (tmp_path / "cloud.cfg.d").mkdir()
-    for name, text in files.items():
-        (tmp_path / name).write_text(text)
-    assert hosts_file.boot_rewriter(str(tmp_path)) == (str(tmp_path / winner) if winner else "")
+def test_a_malformed_record_is_one_sentence(machine, content):
+    machine.records.mkdir()
+    (machine.records / "hosts_entries.json").write_text(content.replace("FILE", str(machine.hosts)))
+    result = machine.run()
+    assert result["failed"] and "does not hold what this version of the module writes" in result["msg"]
+    assert machine.hosts.read_bytes() == OLD
+
+
+def test_extended_attributes_are_kept(machine):
+    os.setxattr(str(machine.hosts), "user.colour", b"blue")
+    assert machine.run()["written"] == "rename"
+    assert machine.run(entries=[])["changed"]
+    assert os.getxattr(str(machine.hosts), "user.colour") == b"blue"
+
+
+@pytest.mark.parametrize("check", [True, False])
+def test_an_immutable_file_is_refused_with_the_command_in_check_mode_too(machine, check):
+    if subprocess.run(["chattr", "+i", str(machine.hosts)], capture_output=True, check=False).returncode:
+        pytest.skip("no flags on this file system")
+    try:
+        result = machine.run(_ansible_check_mode=check)
+    finally:
+        subprocess.run(["chattr", "-i", str(machine.hosts)], check=True)
+    assert result["failed"] and f"run 'chattr -i {machine.hosts}'" in result["msg"]
+    assert "become" not in result["msg"]
+
+
+def test_a_copy_is_kept_where_one_is_asked_for(machine):
+    assert machine.run(_ansible_check_mode=True, backup=True)["backup_file"] == ""
+    kept = machine.run(backup=True)["backup_file"]
+    assert os.path.dirname(kept) == str(machine.hosts.parent) and pathlib.Path(kept).read_bytes() == OLD
+    assert machine.run(backup=True)["backup_file"] == ""
+    os.unlink(kept)
+
+
+def test_names_with_underscores_are_bound(machine):
+    assert machine.run(entries=[{"address": "192.168.1.229", "names": ["my_robot", "_x_.lan"]}])["changed"]
+    assert b"192.168.1.229\tmy_robot _x_.lan # rosfleet.multimaster\n" in machine.hosts.read_bytes()

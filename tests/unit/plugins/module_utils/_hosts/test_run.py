@@ -4,9 +4,17 @@
 """Runs of hosts_entries on a file of the test, killed at every call. (test_file.py runs the module as a program.)"""
 
 import errno
+import os
+import shutil
+import tempfile
+from pathlib import Path
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run as run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import Guard
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import Run
 
 OLD = b"127.0.0.1 localhost\n127.0.1.1 kobuki1computer\n"
@@ -25,7 +33,8 @@ class Machine:
 
     def run(self, entries):
         options = {"entries": entries, "path": str(self.hosts), "records": str(self.records)}
-        return Run({**options, "own_name": "kobuki1computer", "on_conflict": "fail"})
+        options.update({"own_name": "kobuki1computer", "on_conflict": "fail", "backup": False})
+        return Run(options, back_up=None)
 
     def apply(self, entries):
         self.run(entries).apply()
@@ -82,3 +91,148 @@ def test_the_return_values_of_a_failure_are_those_of_a_conflict(tmp_path):
     failed = run.failure(None)
     assert (failed["changed"], failed["repaired"], failed["conflicts"][0]["found"]) == (False, False, "10.0.0.9")
     assert machine.run(FIRST).failure(None) == {}
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives rights away")
+def test_a_user_is_told_to_become_root_before_anything_changes():
+    """In /run, since the folders of pytest are closed to other users."""
+    folder = Path(tempfile.mkdtemp(dir="/run"))
+    try:
+        machine = Machine(folder / "machine", OLD)
+        folder.chmod(0o755)
+        reader, writer = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.setuid(65534)
+            os.write(writer, " ".join(machine.run(FIRST).refusals).encode())
+            os._exit(0)
+        os.waitpid(child, 0)
+        said = os.read(reader, 1000).decode()
+        assert f"{machine.hosts.parent} is not writable for the user 65534" in said
+        assert "run as root (become: true). Nothing was changed." in said
+    finally:
+        shutil.rmtree(str(folder))
+
+
+# cloud-init
+
+
+@pytest.fixture
+def guarded(tmp_path, monkeypatch):
+    """Makes machines whose hosts file is that of the system, and that have cloud-init."""
+
+    def make(name, installed=True):
+        folder = tmp_path / name
+        machine = Machine(folder, OLD)
+        if installed:
+            (folder / "etc" / "cloud").mkdir()
+        monkeypatch.setattr(run_module, "SYSTEM", str(machine.hosts))
+        monkeypatch.setattr(run_module, "Guard", lambda wanted, records: Guard(wanted, records, root=str(folder)))
+        monkeypatch.setattr(run_module, "resolve", lambda bindings: [{} for binding in bindings])
+        return machine
+
+    return make
+
+
+CONFIGURATION = "etc/rosfleet-multimaster/cloud-init.cfg"
+DROP_IN = "etc/systemd/system/{}.service.d/10-rosfleet-multimaster.conf"
+
+
+def test_cloud_init_is_kept_away_while_there_are_bindings(guarded, tmp_path):
+    machine = guarded("computer")
+    before = machine.found()
+    run = machine.run(FIRST)
+    assert run.changed and run.summary(True).count("cloud-init would be kept from writing the file at boot.") == 1
+    assert [entry["after_header"].rpartition("/")[2] for entry in run.result()["diff"]] == [
+        "hosts",
+        "cloud-init.cfg",
+        "10-rosfleet-multimaster.conf",
+        "10-rosfleet-multimaster.conf",
+    ]
+    run.apply()
+    root = tmp_path / "computer"
+    assert (root / CONFIGURATION).read_text().endswith("\nmanage_etc_hosts: false\n")
+    for unit in ("cloud-init", "cloud-init-main"):
+        text = (root / DROP_IN.format(unit)).read_text()
+        assert text.endswith("\n[Service]\nEnvironment=CLOUD_CFG=/etc/rosfleet-multimaster/cloud-init.cfg\n")
+    assert {item["state"] for item in run.result()["cloud_init"]} == {"written"}
+    assert not machine.run(FIRST).changed
+    machine.apply([])
+    assert machine.found() == before
+
+
+def test_cloud_init_that_comes_later_or_goes_is_noticed(guarded, tmp_path):
+    machine = guarded("computer", installed=False)
+    machine.apply(FIRST)
+    assert machine.run(FIRST).result()["cloud_init"] == []
+    (tmp_path / "computer" / "etc" / "cloud").mkdir()
+    machine.apply(FIRST)
+    assert (tmp_path / "computer" / CONFIGURATION).exists()
+    (tmp_path / "computer" / CONFIGURATION).write_text("manage_etc_hosts: true\n")
+    states = {item["state"] for item in machine.run(FIRST).result()["cloud_init"]}
+    assert states == {"edited", "unchanged"}
+    machine.apply(FIRST)
+    assert not machine.run(FIRST).changed
+    (tmp_path / "computer" / "etc" / "cloud").rmdir()
+    machine.apply(FIRST)
+    assert not (tmp_path / "computer" / CONFIGURATION).exists()
+
+
+def test_another_file_than_that_of_the_system_has_nothing_to_do_with_cloud_init(guarded, tmp_path, monkeypatch):
+    machine = guarded("computer")
+    machine.apply(FIRST)
+    monkeypatch.setattr(run_module, "SYSTEM", "/etc/hosts.of.somebody")
+    machine.apply([])
+    assert (tmp_path / "computer" / CONFIGURATION).exists()
+
+
+@pytest.mark.parametrize("wanted", [SECOND, []])
+@pytest.mark.parametrize("first", [FIRST, []])
+def test_kill_at_any_call_with_cloud_init(guarded, killed_at, first, wanted):
+    undisturbed = guarded("undisturbed")
+    undisturbed.apply(wanted)
+    expected = undisturbed.found()
+    killed, step = True, 0
+    while killed:
+        machine = guarded(str(step))
+        before = machine.found()
+        machine.apply(first)
+        killed = killed_at(step, machine.apply, wanted)
+        machine.apply(wanted)
+        assert machine.found() == expected, step
+        assert not machine.run(wanted).changed, step
+        machine.apply([])
+        assert machine.found() == before, step
+        step += 1
+
+
+def test_a_hosts_file_that_cannot_be_written_takes_the_guard_back(guarded, monkeypatch):
+    machine = guarded("computer")
+    before, write = machine.found(), atomic.write_by_rename
+
+    def full(path, *rest, **more):
+        if path == str(machine.hosts):
+            raise OSError(errno.ENOSPC, "No space left on device", path)
+        write(path, *rest, **more)
+
+    monkeypatch.setattr(atomic, "write_by_rename", full)
+    with pytest.raises(NotDone, match=r"which has its old content; .*: make room on its file system\.$"):
+        machine.apply(FIRST)
+    assert machine.found() == before
+
+
+def test_a_record_that_cannot_be_written_at_the_end_takes_the_hosts_file_back(guarded, monkeypatch):
+    machine = guarded("computer")
+    before, save, calls = machine.found(), Record.save, []
+
+    def full_at_the_end(record, data):
+        if record.path.endswith("files-hosts_entries.json"):
+            calls.append(data)
+            if len(calls) == 2:
+                raise OSError(errno.ENOSPC, "No space left on device", record.path)
+        save(record, data)
+
+    monkeypatch.setattr(Record, "save", full_at_the_end)
+    with pytest.raises(NotDone):
+        machine.apply(FIRST)
+    assert len(calls) == 3 and machine.found() == before
