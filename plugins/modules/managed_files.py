@@ -14,9 +14,11 @@ description:
   - A file of the bundle that was changed by hand (drift) is restored, and the result says so.
   - All files are written or none. Each is replaced by renaming. If one cannot be written, those that were written
     before are rolled back. After a run that was killed, the next one repairs everything.
-  - Files belong to the user and group that the module runs as, so to root with C(become). Missing folders are made
-    with mode C(0755). Only folders that were made for files of this collection are removed again, when they are empty;
-    byte code that Python cached in such a folder goes with its source.
+  - Files belong to the user and group that the module runs as, so to root with C(become), unless O(files[].owner) or
+    O(files[].group) says another. Missing folders are made with mode C(0755). Only folders that were made for files of
+    this collection are removed again, when they are empty; byte code that Python cached in such a folder goes with its
+    source.
+  - A file that is replaced keeps its ACL and other extended attributes; its mode bounds the ACL.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
 options:
@@ -42,9 +44,21 @@ options:
         type: str
         required: true
       mode:
-        description: The permission bits as four octal digits in quotes, for example V("0755").
-        type: str
+        description:
+          - The permission bits as M(ansible.builtin.copy) takes them, for example V("0755") or V(u=rwx,go=rx).
+          - Octal digits are best in quotes. A symbolic mode changes C(0644), whatever is there.
+        type: raw
         default: "0644"
+      owner:
+        description:
+          - The name or number of the user to own the file, for example V(root). By default the user that the module
+            runs as.
+        type: str
+      group:
+        description:
+          - The name or number of the group of the file, for example V(dialout). By default the group that the module
+            runs as.
+        type: str
       validate:
         description:
           - A command and its arguments that gets the content on its standard input and fails when it is not fit to be
@@ -81,6 +95,12 @@ EXAMPLES = r"""
       {{ query('rosfleet.multimaster.file_tree', role_path ~ '/files', destination='/usr/local/lib/example')
          + [{'path': '/etc/example/parameters.json', 'content': parameters | to_nice_json}] }}
   register: nodes_result
+
+- name: Write a file that a group may read
+  rosfleet.multimaster.managed_files:
+    bundle: secret
+    files:
+      - {path: /etc/example/key, content: "{{ key }}", owner: root, group: dialout, mode: "u=rw,g=r,o="}
 
 - name: Remove them
   rosfleet.multimaster.managed_files:
@@ -168,7 +188,9 @@ def main() -> None:
                 options=dict(
                     path=dict(type="str", required=True),
                     content=dict(type="str", required=True),
-                    mode=dict(type="str", default="0644"),
+                    mode=dict(type="raw", default="0644"),
+                    owner=dict(type="str"),
+                    group=dict(type="str"),
                     validate=dict(type="list", elements="str", default=[]),
                 ),
             ),

@@ -16,7 +16,7 @@ import re
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, ownership
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step
@@ -26,7 +26,6 @@ _FILE = "a file"
 _FOLDER = "a folder"
 _CACHE = "__pycache__"
 _BUNDLE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-_MODE = re.compile(r"0[0-7]{3}")
 
 # The form of the records. Those of services have more than those of files, and both have folders.
 _SHAPE = {
@@ -48,6 +47,7 @@ class Wanted(typing.NamedTuple):
     path: str
     content: bytes
     mode: int
+    owner: typing.Optional[typing.Tuple[int, int]] = None  # (uid, gid), None for those that the module runs as
 
 
 class Found(typing.NamedTuple):
@@ -68,7 +68,7 @@ class Machine(typing.NamedTuple):
     entries: Entries  # the names in every folder of this bundle and in its byte-code cache
     leftovers: typing.List[str]  # half-written neighbours of an interrupted run
     claimed: typing.Set[str]  # folders that other bundles made
-    owner: typing.Tuple[int, int]  # the (uid, gid) that the module runs as, which owns every planned file
+    owner: typing.Tuple[int, int]  # the (uid, gid) that the module runs as, which owns a planned file by default
 
 
 class Item(typing.NamedTuple):
@@ -94,8 +94,8 @@ class Plan(typing.NamedTuple):
 
 
 def wanted_files(files: typing.Iterable[Data]) -> typing.List[Wanted]:
-    """Read the planned files from mappings of path, content (text) and mode (octal text). Raises Problem."""
-    wanted = [_wanted_file(entry["path"], entry["content"], entry["mode"]) for entry in files]
+    """Read the planned files from mappings of path, content (text), mode, and owner and group or none. Raises Problem."""
+    wanted = [_wanted_file(entry) for entry in files]
     seen: typing.Set[str] = set()
     for file in wanted:
         if file.path in seen:
@@ -111,17 +111,21 @@ def wanted_files(files: typing.Iterable[Data]) -> typing.List[Wanted]:
     return wanted
 
 
-def _wanted_file(path: str, content: str, mode: str) -> Wanted:
+def _wanted_file(entry: Data) -> Wanted:
+    path = entry["path"]
     if not path.startswith("/") or os.path.normpath(path) != path or path == "/" or "\0" in path:
         raise Problem(
             f"The path {path!r} of the files is not absolute and plain; expected for example /etc/example/file, "
             "without '..', '//' or '/' at the end."
         )
-    if not _MODE.fullmatch(mode):
+    mode = ownership.mode_of(entry["mode"])
+    if mode is None:
         raise Problem(
-            f"The mode {mode!r} of {path} is not understood; expected four octal digits in quotes, for example '0644'."
+            f"The mode {entry['mode']!r} of {path} is not understood; expected octal digits in quotes, for example "
+            "'0644', or a symbolic mode such as u=rw,go=r."
         )
-    return Wanted(path, content.encode("utf-8", "surrogateescape"), int(mode, 8))
+    owner = ownership.owner_of(path, entry.get("owner"), entry.get("group"))
+    return Wanted(path, entry["content"].encode("utf-8", "surrogateescape"), mode, owner)
 
 
 def record_of(kind: str, bundle: str, records: str) -> Record:
@@ -215,14 +219,18 @@ def _above(path: str) -> typing.List[str]:
 
 
 def _fingerprint(file: Wanted) -> str:
-    return f"{file.mode:04o} {hashlib.sha256(file.content).hexdigest()}"
+    """The mode and the digest of a planned file, and its owner where one is asked for."""
+    owner = f" {file.owner[0]}:{file.owner[1]}" if file.owner else ""
+    return f"{file.mode:04o} {hashlib.sha256(file.content).hexdigest()}{owner}"
 
 
-def _fingerprint_of_found(found: typing.Optional[Found]) -> str:
-    """The fingerprint of a file that is there; empty for anything else."""
+def _matches(found: typing.Optional[Found], fingerprint: str) -> bool:
+    """True for a file with this fingerprint; one without an owner says nothing about it."""
     if found is None or found.kind != _FILE:
-        return ""
-    return f"{found.mode:04o} {hashlib.sha256(found.content).hexdigest()}"
+        return False
+    there = [f"{found.mode:04o}", hashlib.sha256(found.content).hexdigest(), f"{found.owner[0]}:{found.owner[1]}"]
+    said = fingerprint.split()
+    return there[: len(said)] == said
 
 
 # The plan
@@ -238,7 +246,7 @@ def owned_files(remembered: Data, machine: Machine) -> typing.Dict[str, str]:
     """The owned paths, with the fingerprint of what was written last, also after a run that was killed; pure."""
     owned = {}
     for path, entry in remembered.get("files", {}).items():
-        if "writing" in entry and _fingerprint_of_found(machine.found[path]) == entry["writing"]:
+        if "writing" in entry and _matches(machine.found[path], entry["writing"]):
             owned[path] = entry["writing"]
         elif "written" in entry:
             owned[path] = entry["written"]
@@ -291,7 +299,7 @@ def _notes(
 ) -> typing.List[str]:
     """The notes on drift, on files that are right but not owned, and on folders that stay."""
     notes = [_NOTES[item.state].format(path=item.path) for item in items if item.state in _NOTES]
-    edited = [path for path in removals if _fingerprint_of_found(machine.found[path]) != owned[path]]
+    edited = [path for path in removals if not _matches(machine.found[path], owned[path])]
     notes += [f"{path}, which goes, had been changed by hand since we wrote it." for path in edited]
     return notes + [f"{folder} stays, because it holds files that are not ours." for folder in folders.kept]
 
@@ -302,16 +310,15 @@ def _state(
     """The state of a planned file as in Item, or "conflict": something that is not owned is in its way."""
     if found is None:
         return "edited" if owned else "written"
-    there, planned = _fingerprint_of_found(found), _fingerprint(file)
+    right = _matches(found, _fingerprint(file))
     if owned is None:
-        return "foreign" if there == planned else "conflict"
+        return "foreign" if right else "conflict"
     if found.kind == _FOLDER:
         return "conflict"
-    if found.owner != owner:
-        return "edited"
-    if there == planned:
+    if right and found.owner == (file.owner or owner):
         return "unchanged"
-    return "written" if there == owned else "edited"
+    has_owner = len(owned.split()) > 2
+    return "written" if _matches(found, owned) and (has_owner or found.owner == owner) else "edited"
 
 
 def _refuse(
@@ -343,9 +350,11 @@ def _in_the_way(file: Wanted, found: typing.Optional[Found]) -> str:
     what = found.kind if found else "nothing"
     if found and found.kind == _FILE:
         what = f"a file of {len(found.content)} bytes with mode {found.mode:04o}"
+        what += f" and owner {found.owner[0]}:{found.owner[1]}" if file.owner else ""
+    planned = f" and owner {file.owner[0]}:{file.owner[1]}" if file.owner else ""
     return (
         f"{file.path} is {what} that this collection did not write, and the plan is a file of {len(file.content)} bytes "
-        f"with mode {file.mode:04o}: move it away, or take the path out of the plan."
+        f"with mode {file.mode:04o}{planned}: move it away, or take the path out of the plan."
     )
 
 
@@ -442,7 +451,7 @@ def _removal(path: str, before: typing.Optional[Found]) -> Step:
 def _write(file: Wanted, machine: Machine) -> Step:
     return Step(
         file.path,
-        lambda: atomic.write_by_rename(file.path, file.content, file.mode, machine.owner),
+        lambda: atomic.write_by_rename(file.path, file.content, file.mode, file.owner or machine.owner),
         lambda: _put_back(file.path, machine.found[file.path]),
         failure=_LOST,
     )
@@ -516,7 +525,8 @@ def _difference_of(
     entry = difference(path, found and found.content, after and after.content)
     if found and after and found.kind == _FILE and found.content == after.content:
         entry["before"] = f"mode {found.mode:04o}, owner {found.owner[0]}:{found.owner[1]}\n"
-        entry["after"] = f"mode {after.mode:04o}, owner {owner[0]}:{owner[1]}\n"
+        uid, gid = after.owner or owner
+        entry["after"] = f"mode {after.mode:04o}, owner {uid}:{gid}\n"
     elif found and found.kind != _FILE:
         entry["before"] = f"({found.kind})\n"
     return entry

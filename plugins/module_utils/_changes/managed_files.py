@@ -40,6 +40,12 @@ class ManagedFiles(ModuleRun):
     def refusals(self) -> typing.List[str]:
         """The sentences on what cannot be written here; else that on the first file that its own command refuses."""
         locked = writable.obstacles(files.places(self.plan, self.record))
+        others = sorted(file.path for file in self.plan.writes if file.owner not in (None, self.machine.owner))
+        if others and self.machine.owner[0] != 0 and not locked:
+            locked = [
+                f"{others[0]} is to have another owner or group, which the user {self.machine.owner[0]} cannot give it; "
+                "expected root: run as root (become: true)."
+            ]
         if locked:
             return [*locked, "Nothing was changed."]
         commands = {entry["path"]: entry["validate"] for entry in self.options["files"] if entry["validate"]}

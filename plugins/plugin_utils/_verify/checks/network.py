@@ -58,7 +58,7 @@ NAME = Check(
         Cause("the name is not known there", "run site.yml, which writes /etc/hosts", when=_no_address),
         Cause(
             "/etc/hosts there binds the name to the loopback interface",
-            "run site.yml; if the line comes back, cloud-init writes it: set manage_etc_hosts to false there",
+            "run site.yml, which also keeps cloud-init from writing the line again at boot",
             when=_loopback_name,
         ),
         Cause(

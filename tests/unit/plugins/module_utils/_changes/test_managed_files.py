@@ -4,6 +4,7 @@
 """Runs of managed_files on a folder that stands for the machine: what they return, and killed at every call."""
 
 import os
+import subprocess
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
@@ -145,3 +146,103 @@ def test_kill_at_any_call_leaves_what_the_next_run_repairs(tmp_path, killed_at, 
         assert machine.state() == {"theirs": b"theirs"}, step
         step += 1
     assert step > 15 or first == wanted or not wanted
+
+
+def owned(machine, owner, mode="0640", content="A"):
+    """A run with one file that has an owner."""
+    listed = [{"path": str(machine.root / "a"), "content": content, "mode": mode, "validate": [], **owner}]
+    return ManagedFiles({"bundle": "b", "files": listed, "brief": [], "records": str(machine.records)}, machine.command)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_owner_and_group_are_given_kept_and_changed(machine):
+    path = machine.root / "a"
+
+    def state_of(run):
+        state = run.plan.items[0].state
+        run.apply()
+        return state, (path.stat().st_uid, path.stat().st_gid), run.plan.notes
+
+    assert state_of(owned(machine, {"owner": "1234", "group": "5678"})) == ("written", (1234, 5678), [])
+    assert not owned(machine, {"owner": "1234", "group": "5678"}).changed
+    assert state_of(owned(machine, {"owner": "1234"})) == ("written", (1234, 0), [])
+    os.chown(str(path), 7, 7)
+    state, owner, notes = state_of(owned(machine, {"owner": "1234"}))
+    assert (state, owner) == ("edited", (1234, 0)) and "by hand" in notes[0]
+    assert state_of(owned(machine, {})) == ("written", (0, 0), [])
+    assert not owned(machine, {}).changed
+    assert state_of(owned(machine, {"group": "9"}, mode="u=rw,g=r,o=")) == ("written", (0, 9), [])
+
+
+def test_a_file_of_somebody_else_with_another_owner_than_planned_is_in_the_way(machine):
+    (machine.root / "a").write_text("A")
+    (machine.root / "a").chmod(0o640)
+    with pytest.raises(Problem, match="with mode 0640 and owner 1234:5678"):
+        owned(machine, {"owner": "1234", "group": "5678"})
+    assert owned(machine, {}).plan.items[0].state == "foreign"
+
+
+def test_a_user_who_is_not_root_cannot_give_files_away_and_is_told_before(machine, monkeypatch):
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    said = owned(machine, {"owner": "1234"}).refusals
+    assert said[-1] == "Nothing was changed." and "another owner or group" in said[0] and "become: true" in said[0]
+
+
+@pytest.fixture
+def immutable(machine):
+    """Makes a path immutable until the end of the test."""
+    paths = []
+
+    def lock(path):
+        if subprocess.run(["chattr", "+i", str(path)], capture_output=True, check=False).returncode:
+            pytest.skip("no flags on this file system")
+        paths.append(path)
+
+    yield lock
+    for path in paths:
+        subprocess.run(["chattr", "-i", str(path)], check=True)
+
+
+def test_an_immutable_file_is_refused_before_anything_changes(machine, immutable):
+    machine.apply({"a": "A", "b": "B"})
+    immutable(machine.root / "b")
+    for wanted in ({"a": "A2", "b": "B2"}, {"a": "A2"}):
+        said = machine.run(wanted).refusals
+        assert len(said) == 2 and f"run 'chattr -i {machine.root}/b'" in said[0]
+    assert machine.run({"a": "A2", "b": "B"}).refusals == []
+
+
+def test_a_file_that_was_never_touched_is_not_said_to_be_lost(machine, immutable):
+    """The file becomes immutable after the plan."""
+    machine.apply({"a": "A", "b": "B"})
+    before, run = machine.state(), machine.run({"a": "A2", "b": "B2"})
+    immutable(machine.root / "b")
+    with pytest.raises(NotDone, match=r"chattr -i.*Everything that this run had changed was put back\.$") as caught:
+        run.apply()
+    assert caught.value.left == [] and machine.state() == before
+
+
+def test_attributes_of_a_file_come_back_with_it(machine, monkeypatch):
+    machine.apply({"a": "A", "b": "B"})
+    os.setxattr(str(machine.root / "a"), "user.colour", b"blue")
+    run, write = machine.run({"b": "B2"}), atomic.write_by_rename
+
+    def full(path, content, *rest, **more):
+        if content == b"B2":
+            raise OSError(28, "No space left on device", path)
+        write(path, content, *rest, **more)
+
+    monkeypatch.setattr(atomic, "write_by_rename", full)
+    with pytest.raises(NotDone):
+        run.apply()
+    assert os.getxattr(str(machine.root / "a"), "user.colour") == b"blue"
+
+
+def test_a_pipe_in_a_folder_that_is_read_does_not_hang(machine):
+    os.mkfifo(str(machine.root / "a"))
+    with pytest.raises(Problem, match="a device, pipe or socket"):
+        machine.run({"a": "A"})
+    (machine.records).mkdir()
+    os.mkfifo(str(machine.records / "files-other.json"))
+    with pytest.raises(Problem, match=r"files-other.json cannot be read \(Is a pipe"):
+        machine.run({"b": "B"})

@@ -33,7 +33,7 @@ FINDINGS = [
         "192.168.1.239",
         "127.0.1.1",
         "/etc/hosts there binds the name to the loopback interface",
-        "run site.yml; if the line comes back, cloud-init writes it: set manage_etc_hosts to false there",
+        "run site.yml, which also keeps cloud-init from writing the line again at boot",
     ),
     Finding(
         "name",
@@ -43,7 +43,7 @@ FINDINGS = [
         "192.168.1.229",
         "127.0.1.1",
         "/etc/hosts there binds the name to the loopback interface",
-        "run site.yml; if the line comes back, cloud-init writes it: set manage_etc_hosts to false there",
+        "run site.yml, which also keeps cloud-init from writing the line again at boot",
     ),
     Finding("ping_name", ONE, TWO, FAILED, "an answer of kobuki2computer", "no answer", because="name"),
     Finding("ping_name", TWO, ONE, OK, "an answer of kobuki1computer", "0.4 ms"),
@@ -79,7 +79,7 @@ Failed:
      expected: 192.168.1.239 (kobuki1computer -> kobuki2computer)
      found:    127.0.1.1 (kobuki1computer -> kobuki2computer)
      cause:    /etc/hosts there binds the name to the loopback interface
-     remedy:   run site.yml; if the line comes back, cloud-init writes it: set manage_etc_hosts to false there
+     remedy:   run site.yml, which also keeps cloud-init from writing the line again at boot
   1 more follows from these.
 
 Warnings:
