@@ -32,6 +32,16 @@ options:
       V(/opt/ros/noetic/bin).
     type: dict
     default: {}
+  for_root:
+    description:
+      - Those of them that root and every user but O(person) get, as RV(rosfleet.multimaster.multimaster_info#module:ros.found[].for_root).
+      - Services get all of O(ros), since they have no rights.
+    type: dict
+    default: {}
+  person:
+    description: The user who gets all of O(ros), V(*) for every user but root, or empty for no user.
+    type: str
+    default: ""
 """
 
 EXAMPLES = r"""
@@ -40,8 +50,10 @@ EXAMPLES = r"""
     bundle: environment
     files: "{{ rendered.files }}"
   vars:
-    ros: "{{ multimaster_info.ros.chosen.environment }}"
-    rendered: "{{ multimaster_plan.environment | rosfleet.multimaster.environment_files(multimaster_info, ros=ros) }}"
+    ros: "{{ multimaster_info.ros.chosen }}"
+    rendered: >-
+      {{ multimaster_plan.environment | rosfleet.multimaster.environment_files(
+           multimaster_info, ros=ros.environment, for_root=ros.for_root, person=ros.person) }}
 """
 
 RETURN = r"""
@@ -62,6 +74,7 @@ _value:
       type: str
 """
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -69,7 +82,9 @@ from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
 
 
-def environment_files(ours: Any, machine: Any, ros: Any = None) -> dict[str, Any]:
+def environment_files(
+    ours: Any, machine: Any, ros: Any = None, for_root: Any = None, person: str = ""
+) -> dict[str, Any]:
     """Return files and notes for one machine; see DOCUMENTATION."""
     if not isinstance(ours, Mapping) or not ours.get("ROS_MASTER_URI"):
         raise AnsibleFilterError(
@@ -81,10 +96,14 @@ def environment_files(ours: Any, machine: Any, ros: Any = None) -> dict[str, Any
             f"The machine is described by {machine!r}; expected the return of "
             "rosfleet.multimaster.multimaster_info: set environment_machine, or let the role preflight look first."
         )
-    environment = environment_module.merge(ros or {}, ours)
+    if not re.fullmatch(r"\*|([A-Za-z_][A-Za-z0-9_.-]*)?", person):
+        raise AnsibleFilterError(
+            f"The user who gets the environment is {person!r}; expected the name of an account, '*', or nothing: correct environment_person."
+        )
+    environment = environment_module.reaching(ros or {}, for_root or {}, person, ours)
     return {
         "files": environment_module.files(environment, environment_module.machine(machine)),
-        "notes": environment_module.notes(machine),
+        "notes": environment_module.notes(machine, environment),
         "digest": environment_module.digest(environment),
     }
 

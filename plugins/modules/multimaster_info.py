@@ -10,8 +10,9 @@ description:
   - Reads in one run what has to be known before a robot's computer is changed. Its interfaces and addresses, where
     ROS 1 is, who holds the ports of the services, which files set other values of C(ROS_MASTER_URI), and what sshd is
     set up for.
-  - A set-up file of ROS is really sourced, and rospy really imported, as the user V(nobody), since the services
-    run as such a user, and since a person's workspace is no code for root.
+  - A set-up file of ROS is really sourced, and rospy really imported, in a unit of systemd with a user of its own, which
+    ends with all its processes. The services run so too, and a person's workspace is no code for root. Whose the files are
+    decides who gets their variables.
   - Nothing here waits for more than some seconds, and a strange part of a machine is a sentence in RV(problems),
     not a failure.
 extends_documentation_fragment:
@@ -314,6 +315,27 @@ ros:
           returned: always
           type: dict
           sample: {ROS_DISTRO: noetic, PATH: /opt/ros/noetic/bin}
+        for_root:
+          description: Those of them that root may have. None, unless the set-up file and all its folders are root's alone.
+          returned: always
+          type: dict
+          sample: {ROS_DISTRO: noetic, PATH: /opt/ros/noetic/bin}
+        person:
+          description: The user who gets all of them, V(*) for every user but root, empty for no user. Services get them in any case.
+          returned: always
+          type: str
+          sample: "*"
+        doubt:
+          description: Why root may not have them, in a few words, or empty.
+          returned: always
+          type: str
+          sample: /home/robot belongs to robot
+        left_out:
+          description: Variables that nobody gets, and entries of lists that are not absolute.
+          returned: always
+          type: list
+          elements: str
+          sample: [LD_PRELOAD, PATH (./bin)]
         rospy:
           description: Whether an unprivileged user can import rospy.
           returned: always

@@ -950,22 +950,22 @@ def look(params: Params, quiet: bool) -> Result:
     began = time.monotonic()
     result: Result = {part.name: part.nothing for part in PARTS}
     result["problems"] = []
-    with Ros(params["environment_file"]) as ros:
+    ros = Ros(params["environment_file"])
 
-        def attempt(part: Part) -> typing.Tuple[Part, typing.Any, str]:
-            try:
-                return part, part.look(params, ros, began + params["patience"]), ""
-            except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
-                return part, part.nothing, f"{part.name} could not be looked at: {problem}."
+    def attempt(part: Part) -> typing.Tuple[Part, typing.Any, str]:
+        try:
+            return part, part.look(params, ros, began + params["patience"]), ""
+        except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
+            return part, part.nothing, f"{part.name} could not be looked at: {problem}."
 
-        def late(part: Part) -> typing.Tuple[Part, typing.Any, str]:
-            return part, part.nothing, f"{part.name} gave no result within {LONGEST:g} s."
+    def late(part: Part) -> typing.Tuple[Part, typing.Any, str]:
+        return part, part.nothing, f"{part.name} gave no result within {LONGEST:g} s."
 
-        for settled in (False, True):
-            now = [part for part in PARTS if part.settled == settled and wanted(part, params, quiet)]
-            for part, value, problem in concurrently(attempt, now, LONGEST, late):
-                result[part.name] = value
-                result["problems"] += [problem] if problem else []
+    for settled in (False, True):
+        now = [part for part in PARTS if part.settled == settled and wanted(part, params, quiet)]
+        for part, value, problem in concurrently(attempt, now, LONGEST, late):
+            result[part.name] = value
+            result["problems"] += [problem] if problem else []
     result["seconds"] = round(time.monotonic() - began, 1)
     return result
 
@@ -978,9 +978,9 @@ def start(module: AnsibleModule) -> Result:
     call(params)
     if params["is_router"]:
         return {"msg": "The router of the common network has no talker."}
-    with Ros(params["environment_file"]) as ros:
-        missing = ros.missing()
-        error = missing or talker.start(ros, params["run"], params["name"], params["lifetime"])
+    ros = Ros(params["environment_file"])
+    missing = ros.missing()
+    error = missing or talker.start(ros, params["run"], params["name"], params["lifetime"])
     if error and (params["is_master"] or not missing):
         module.fail_json(msg=f"Cannot start the talker: {error.rstrip('.')}.")
     if error:

@@ -4,16 +4,26 @@
 """The parts of multimaster_fkie on this machine: executables of ROS packages, and Debian packages. Nothing is changed."""
 
 import json
+import os
+import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import (
+    foreign,
+    last_line,
+    run,
+    text,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 
 # The Debian packages that the collection installed, a name on each line; the role nodes writes it.
 INSTALLED = "/etc/rosfleet-multimaster/packages"
 _LOOKING = 60.0  # seconds; a workspace on a small computer, cold
 _APT = 20.0  # seconds; 0.1 on a PC
 
-# Runs as the user nobody, under the Python of ROS (2.7 or 3): looks as rosrun does, then imports.
+_PATH = re.compile(r"(?:/[A-Za-z0-9_.+-]+)+")
+
+# Runs without rights, under the Python of ROS (2.7 or 3): looks as rosrun does, then imports.
 _LOOK = """
 import importlib, json, os, sys
 
@@ -66,15 +76,29 @@ def nodes(
     """
     if not wanted:
         return []
-    answer = run([python, "-c", _LOOK, json.dumps(wanted)], environment, _LOOKING, unprivileged=True)
-    try:
-        return json.loads(answer.output.decode("utf-8").splitlines()[-1])
-    except (ValueError, IndexError):
-        why = (answer.error.splitlines() or ["no answer"])[-1]
-        return [
-            {"package": node["package"], "executable": node["executable"], "path": "", "problem": why}
-            for node in wanted
-        ]
+    answer = foreign([python, "-c", _LOOK, json.dumps(wanted)], environment, _LOOKING)
+    told = last_line(answer.output)
+    if not isinstance(told, list) or len(told) != len(wanted):
+        why = plain((answer.error.splitlines() or ["no answer"])[-1])
+        return [_node(node, "", why) for node in wanted]
+    return [_checked(node, entry) for node, entry in zip(wanted, told)]
+
+
+def _checked(node: typing.Dict[str, typing.Any], told: typing.Any) -> typing.Dict[str, str]:
+    """Return what was told of a node, as far as it is so: modules that were imported could tell anything."""
+    path = told.get("path") if isinstance(told, dict) else None
+    problem = told.get("problem") if isinstance(told, dict) else None
+    if not isinstance(path, str) or not isinstance(problem, str):
+        return _node(node, "", "the modules of the workspace gave an answer that cannot be read")
+    if path and not _PATH.fullmatch(path):
+        return _node(node, "", "its path is not absolute, or has other characters than letters, digits and _ . + -")
+    if path and not os.path.isfile(path):
+        return _node(node, "", f"{plain(path)} is no file")
+    return _node(node, path, plain(problem))
+
+
+def _node(node: typing.Dict[str, typing.Any], path: str, problem: str) -> typing.Dict[str, str]:
+    return {"package": node["package"], "executable": node["executable"], "path": path, "problem": problem}
 
 
 def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[typing.Dict[str, typing.Any]]:

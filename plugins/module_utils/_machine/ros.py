@@ -3,20 +3,26 @@
 
 """The installations of ROS 1 on this machine, and the environment that each gives to a program.
 
-A set-up file is sourced, and rospy is imported, as the user nobody. The services run as such a user, and a person's
-workspace is no code for root.
+A set-up file is sourced, and rospy is imported, by a user of its own without any rights. The services run as such a user,
+and a person's workspace is no code for root. What it answers is somebody else's word: each value is looked at again.
 """
 
 import glob
-import json
 import os
 import re
 import shlex
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, CLEAN, run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import (
+    BASE_PATH,
+    CLEAN,
+    foreign,
+    last_line,
+    run,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import is_plain, plain
 
 PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
 PYTHON2 = "/usr/bin/python2.7"  # what the ROS distributions before Noetic are built for
@@ -29,10 +35,11 @@ _SHELLS = {".bash": "bash", ".sh": "sh", ".zsh": "zsh"}
 _SOURCING = 10.0  # seconds; catkin's own file takes 0.2 on a PC
 _IMPORTING = 20.0  # seconds; 0.4 on a PC, cold on a small robot several
 
+_LARGEST = 64 << 10  # bytes of all variables; more than 128 KiB in one of them, and no program starts any more
 _LISTS = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "LC_ALL")
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*$")
-_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_VERSION = re.compile(r"[23]\.[0-9]{1,3}\.[0-9]{1,3}")
 
 _ASK = """
 import importlib, json, sys
@@ -133,6 +140,14 @@ def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[t
 def examine(kind: str, setup: str) -> Record:
     """Look at one installation: its environment, its commands, and if an unprivileged user can import rospy."""
     environment, problem = source(setup) if setup else ({}, "")
+    variables = trust.sort(environment)
+    reach = trust.reach(setup, variables)
+    environment = {} if reach.refusal else variables.usable
+    if reach.refusal:
+        problem = (
+            f"The set-up file {setup} is no code for the services, since {reach.refusal}; expected files and folders that "
+            "one user alone can change: take the right to write away from others (chmod o-w)."
+        )
     fallback = {"prefix": os.path.basename(os.path.dirname(setup)), "workspace": "", "debian": "debian"}
     version = "2" if environment.get("ROS_VERSION") == "2" else "1"
     record = {
@@ -143,6 +158,10 @@ def examine(kind: str, setup: str) -> Record:
         "python": PYTHON,
         "python_version": "",
         "environment": environment,
+        "for_root": reach.for_root,
+        "person": reach.person,
+        "doubt": reach.doubt,
+        "left_out": [plain(name) for name in variables.left_out],
         "rospy": False,
         "missing": list(MODULES),
         "commands": {name: shutil.which(name, path=full(environment)["PATH"]) or "" for name in COMMANDS},
@@ -160,23 +179,26 @@ def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
     shell = _SHELLS.get(os.path.splitext(setup)[1], "bash")
     # No positional parameters: catkin's files hand theirs on. What they print is not the environment.
     script = f"{{ . {shlex.quote(setup)}; }} >&2; exec /usr/bin/env -0"
-    answer = run([shell, "-c", script], limit=_SOURCING, unprivileged=True)
+    answer = foreign([shell, "-c", script], CLEAN, _SOURCING)
+    if len(answer.output) > _LARGEST:
+        return {}, f"The set-up file {setup} makes more than {_LARGEST >> 10} KiB of variables; expected those of ROS."
     variables = added(answer.output)
     if answer.status == 0 and variables:
         return variables, ""
-    said = (answer.error.splitlines() or ["it says nothing"])[-1].rstrip(".")
+    said = plain((answer.error.splitlines() or ["it says nothing"])[-1]).rstrip(".")
     return {}, closed([setup]) or f"The set-up file {setup}, sourced by {shell}, sets no variables: {said}."
 
 
 def added(output: bytes) -> typing.Dict[str, str]:
     """Read the variables in the output of `env -0` that a set-up file made; of PATH only the entries that it added.
 
-    A value with a line break or another control character fits into no file of an environment and is left out.
+    A value with a line break, another control character or bytes that are no UTF-8 fits into no file of an environment
+    and is left out.
     """
     variables = {}
     for entry in output.decode("utf-8", "surrogateescape").split("\0"):
         name, equals, value = entry.partition("=")
-        if not equals or name in _OF_THE_SHELL or not _NAME.match(name) or _CONTROL.search(value):
+        if not equals or name in _OF_THE_SHELL or not _NAME.fullmatch(name) or not is_plain(value):
             continue
         if name in _LISTS:
             base = BASE_PATH.split(":") if name == "PATH" else []
@@ -193,10 +215,14 @@ def full(environment: typing.Dict[str, str]) -> typing.Dict[str, str]:
 
 
 def hooks(environment: typing.Dict[str, str]) -> str:
-    """Find the folder of shell files that the prefix's set-up file sources at its end; empty where there is none."""
+    """Find the folder of shell files that the prefix's set-up file sources at its end; empty where there is none.
+
+    Root writes there. So a folder that somebody else can replace, by a link for example, is passed over.
+    """
     for prefix in reversed(environment.get("CMAKE_PREFIX_PATH", "").split(":")):
-        if prefix and os.path.isdir(os.path.join(prefix, HOOKS)):
-            return os.path.join(prefix, HOOKS)
+        folder = os.path.join(prefix, HOOKS)
+        if prefix.startswith("/") and os.path.isdir(folder) and not trust.doubts(folder):
+            return folder
     return ""
 
 
@@ -208,29 +234,37 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
         return {
             "problem": f"The rospy of {where} is made for Python 2, but there is no {python}; install it (python2.7)."
         }
-    answer = run([python, "-c", _ASK] + list(MODULES), full(environment), _IMPORTING, unprivileged=True)
-    try:
-        told = json.loads(answer.output.decode("utf-8").splitlines()[-1])
-    except (ValueError, IndexError):
-        return {"problem": f"The modules of {where} cannot be imported: {answer.error or 'no answer'}."}
+    answer = foreign([python, "-c", _ASK] + list(MODULES), full(environment), _IMPORTING)
+    version, lacking = _told(last_line(answer.output))
+    if not version:
+        said = plain((answer.error.splitlines() or ["no answer"])[-1])
+        return {"problem": f"The modules of {where} cannot be imported: {said}."}
     result = {
         "python": python,
-        "python_version": told["version"],
-        "missing": told["missing"],
-        "rospy": "rospy" not in told["missing"],
+        "python_version": version,
+        "missing": lacking,
+        "rospy": "rospy" not in lacking,
     }
-    if told["missing"]:
+    if lacking:
         folders = [item for item in environment.get("PYTHONPATH", "").split(":") if os.path.isabs(item)]
-        packages = ", ".join("python3-" + name.replace("_", "-") for name in told["missing"])
+        packages = ", ".join("python3-" + name.replace("_", "-") for name in lacking)
         advice = "install what is missing" if setup else f"install {packages}"
-        missing = ", ".join(told["missing"])
-        result["problem"] = closed(folders) or f"{python} cannot import {missing} out of {where}; {advice}."
+        result["problem"] = closed(folders) or f"{python} cannot import {', '.join(lacking)} out of {where}; {advice}."
     return result
+
+
+def _told(answer: typing.Any) -> typing.Tuple[str, typing.List[str]]:
+    """Return the version and the missing modules out of an answer of foreign code; no version where it is no answer."""
+    version = answer.get("version") if isinstance(answer, dict) else None
+    lacking = answer.get("missing") if isinstance(answer, dict) else None
+    if not isinstance(version, str) or not _VERSION.fullmatch(version) or not isinstance(lacking, list):
+        return "", []
+    return version, [name for name in MODULES if name in lacking]
 
 
 def closed(paths: typing.Iterable[str]) -> str:
     """Name the first folder or file on the way to these paths that is closed to the user nobody, in a sentence."""
-    answer = run([PYTHON, "-c", _CLOSED] + [path for path in paths if os.path.exists(path)], unprivileged=True)
+    answer = run([PYTHON, "-I", "-c", _CLOSED] + [path for path in paths if os.path.exists(path)], unprivileged=True)
     part = answer.output.decode("utf-8", "replace").strip()
     if not part:
         return ""

@@ -48,6 +48,7 @@ _ANY_OF_THEM = "|".join(VARIABLES)
 _SETENV = re.compile(rf"\s*(?:.*[;&\s])?setenv\s+({_ANY_OF_THEM})\s+(\S+)")
 _PAM = re.compile(rf"\s*({_ANY_OF_THEM})\s+(?:DEFAULT|OVERRIDE)=(\S+)")
 _GENERATOR = "/systemd/user-environment-generators/30-systemd-environment-d-generator"
+_OUR_GENERATOR = "/etc/systemd/user-environment-generators/90-rosfleet-multimaster"
 _DEEPEST = 16  # sshd refuses files that include each other more deeply
 _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "TERM")
 
@@ -210,8 +211,15 @@ def _ssh() -> typing.Optional[typing.Dict[str, str]]:
 def _desktop() -> typing.Optional[typing.Dict[str, str]]:
     for folder in ("/usr/lib", "/lib"):
         if os.path.exists(folder + _GENERATOR):
-            answer = run([folder + _GENERATOR], {"HOME": "/nonexistent", "PATH": BASE_PATH}, unprivileged=True)
-            return unquoted(answer.output.decode("utf-8", "replace")) if answer.status == 0 else None
+            variables = {"HOME": "/nonexistent", "PATH": BASE_PATH}
+            seen: typing.Dict[str, str] = {}
+            # Ours comes later, and sees what the earlier one has said.
+            for program in [folder + _GENERATOR] + ([_OUR_GENERATOR] if os.path.exists(_OUR_GENERATOR) else []):
+                answer = run([program], dict(variables, **seen), unprivileged=True)
+                if answer.status != 0:
+                    return None
+                seen.update(unquoted(answer.output.decode("utf-8", "replace")))
+            return seen
     return None
 
 

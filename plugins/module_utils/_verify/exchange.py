@@ -5,12 +5,12 @@
 
 import inspect
 import json
-import os
 import re
 import time
 import typing
 import xmlrpc.client
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import CALLER, NO_SCRIPT, Ros
@@ -92,22 +92,25 @@ def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str,
 
 def _ask(ros: Ros, questions: typing.Dict[str, typing.Any]) -> typing.Tuple[typing.Dict[str, typing.Any], str]:
     """Run message_types under the Python of ROS; return its answers, and an error or ''."""
-    paths = [os.path.join(ros.folder, name) for name in ("asked.py", "questions.json")]
-    for path, text in zip(paths, (inspect.getsource(message_types), json.dumps(questions))):
-        with open(path, "w") as stream:
-            stream.write(text)
-        os.chmod(path, 0o644)
     words = ros.python()
     if not words:
         return {}, NO_SCRIPT
-    output, error = ros.program("the Python of ROS", words + paths, TYPES)
+    words += ["-c", inspect.getsource(message_types)]
+    output, error = ros.program("the Python of ROS", words, TYPES, json.dumps(questions))
     answers: typing.Dict[str, typing.Any] = {}
-    for line in output.splitlines():
-        try:
-            answers.update(json.loads(line))
-        except ValueError:  # what somebody's package prints when it is imported
-            continue
+    for line in output.splitlines():  # among what somebody's package prints when it is imported
+        told = last_line(line.encode()) if line.startswith("{") else None
+        if isinstance(told, dict):
+            answers.update({name: told[name] for name in ("types", "service") if _texts(told.get(name))})
     return answers, error
+
+
+def _texts(told: typing.Any) -> bool:
+    """Return True for {text: text}, or {text: {text: text}}: what the program should answer."""
+    if not isinstance(told, dict):
+        return False
+    values = [value for entry in told.values() for value in (entry.values() if isinstance(entry, dict) else [entry])]
+    return all(isinstance(value, str) for value in values)
 
 
 def _parts(

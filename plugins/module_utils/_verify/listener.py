@@ -43,4 +43,4 @@ def main(name, deadline, wanted):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], float(sys.argv[2]), json.loads(sys.argv[3]))
+    main(sys.argv[1], float(sys.argv[2]), json.load(sys.stdin))

@@ -42,10 +42,8 @@ def registered(service):
     return found
 
 
-def main(path):
-    """Answer the questions of a file, one line each, so that a service that never answers keeps nothing else back."""
-    with open(path) as stream:
-        questions = json.load(stream)
+def main(questions):
+    """Answer the questions, one line each, so that a service that never answers keeps nothing else back."""
     for name, answer in (("types", md5sums), ("service", registered)):
         if questions[name]:
             sys.stdout.write(json.dumps({name: answer(questions[name])}) + "\n")
@@ -54,4 +52,4 @@ def main(path):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(json.load(sys.stdin))

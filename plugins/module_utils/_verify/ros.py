@@ -3,20 +3,19 @@
 
 """The ROS of this computer: its commands, its roscore, and the masters that its discovery node lists.
 
-The commands are those of section 3.3 of the report. The commands run in the environment of the collection's services, as the user nobody.
+The commands are those of section 3.3 of the report. They run in the environment of the collection's services, which may be
+that of a person's workspace, so they are foreign code: without rights, and with a folder of their own that root never opens.
 """
 
-import os
-import pwd
 import re
 import shlex
 import shutil
-import tempfile
 import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, foreign, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
@@ -33,25 +32,12 @@ class NoRos(Exception):
 
 
 class Ros:
-    """The ROS of this computer, as its services see it. To be used in `with`: it has a folder for the nodes' logs."""
+    """The ROS of this computer, as its services see it."""
 
     def __init__(self, environment_file: str) -> None:
         self.file = environment_file
         self.variables = environment(text(environment_file))
         self.uri = self.variables.get("ROS_MASTER_URI", "")
-        self.folder = ""
-
-    def __enter__(self) -> "Ros":
-        self.folder = tempfile.mkdtemp(prefix="multimaster-verify-")
-        try:
-            nobody = pwd.getpwnam("nobody")
-            os.chown(self.folder, nobody.pw_uid, nobody.pw_gid)
-        except (KeyError, PermissionError):
-            pass  # not root: the commands run as this user
-        return self
-
-    def __exit__(self, *error: typing.Any) -> None:
-        shutil.rmtree(self.folder, ignore_errors=True)
 
     def command(self, name: str) -> str:
         """The path of a command of ROS. Raises NoRos."""
@@ -78,18 +64,18 @@ class Ros:
         """Run a command of ROS; return its output and its error. At its time limit it is interrupted, so its node unregisters."""
         return self.program(name, [self.command(name)] + arguments, max(seconds, SHORTEST))
 
-    def program(self, name: str, words: typing.List[str], limit: float) -> typing.Tuple[str, str]:
-        """Run any program in the same way for `limit` seconds at most; its errors call it `name`."""
+    def program(self, name: str, words: typing.List[str], limit: float, given: str = "") -> typing.Tuple[str, str]:
+        """Run any program in the same way for `limit` seconds at most; its errors call it `name`, and `given` is its input."""
         argv = ["timeout", "--signal=INT", f"--kill-after={FAREWELL}", f"{limit:.1f}"] + words
         variables = dict(self.variables, PATH=self.variables.get("PATH", BASE_PATH), LC_ALL="C.UTF-8")
-        variables.update(HOME=self.folder, ROS_HOME=self.folder, PYTHONUNBUFFERED="1", PYTHONDONTWRITEBYTECODE="1")
-        answer = run(argv, variables, limit + 2 * FAREWELL, unprivileged=True)
+        variables.update(PYTHONUNBUFFERED="1", PYTHONDONTWRITEBYTECODE="1")
+        answer = foreign(argv, variables, limit + 2 * FAREWELL, given, homes=("HOME", "ROS_HOME", "ROS_LOG_DIR"))
         output = answer.output.decode("utf-8", "replace")
         if answer.status == 0:
             return output, ""
         if answer.status == 124:  # timeout(1)
             return output, f"{name} printed nothing within {limit:.0f} s"
-        return output, (answer.error.splitlines() or [f"{name} ended with status {answer.status}"])[-1]
+        return output, plain((answer.error.splitlines() or [f"{name} ended with status {answer.status}"])[-1])
 
     def ask(self, method: str, *arguments: typing.Any) -> typing.Any:
         """Call a method of the master API. Raises OSError with a sentence where the roscore gives no value."""

@@ -7,6 +7,7 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import FAREWELL, Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.services import state_of
 
@@ -64,4 +65,4 @@ def state() -> typing.Dict[str, typing.Any]:
         return {"running": True, "error": ""}
     lines = run(["journalctl", "--quiet", "--no-pager", "--output=cat", "--lines=5", "--unit=" + TALKER])
     said = lines.output.decode("utf-8", "replace").strip().splitlines()
-    return {"running": False, "error": said[-1] if said else "it did not run"}
+    return {"running": False, "error": plain(said[-1]) if said else "it did not run"}

@@ -5,11 +5,12 @@
 
 import inspect
 import json
-import os
 import re
 import time
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import last_line
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import listener
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import NO_SCRIPT, SHORTEST, Ros
@@ -88,18 +89,24 @@ def listen(
     words = ros.python()
     if not words:
         return {}, NO_SCRIPT
-    path = os.path.join(ros.folder, "listener.py")
-    with open(path, "w") as stream:
-        stream.write(inspect.getsource(listener))
-    os.chmod(path, 0o644)
     wanted = {topic_of(talker): sentence_of(label, talker) for talker in talkers}
     limit = max(deadline - time.monotonic(), SHORTEST)
-    words += [path, listener_of(own), f"{time.time() + limit - LAST:.1f}", json.dumps(wanted)]
-    output, error = ros.program("the listener", words, limit)
-    try:
-        return json.loads(output), error
-    except ValueError:
+    words += ["-c", inspect.getsource(listener), listener_of(own), f"{time.time() + limit - LAST:.1f}"]
+    output, error = ros.program("the listener", words, limit, json.dumps(wanted))
+    heard = last_line(output.encode())
+    if not isinstance(heard, dict):
         return {}, f"the listener failed: {error or 'it printed nothing'}"
+    return {topic: _said(heard[topic]) for topic in wanted if isinstance(heard.get(topic), dict)}, error
+
+
+def _said(told: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
+    """Return what the listener told of a topic in the types that it should have: it ran with a workspace's modules."""
+    seconds = told.get("seconds")
+    return {
+        "text": plain(told.get("text", "")),
+        "node": plain(told.get("node", "")),
+        "seconds": seconds if isinstance(seconds, (int, float)) and 0 <= seconds < 1e6 else None,
+    }
 
 
 def _uri(ros: Ros, node: str) -> str:

@@ -12,7 +12,7 @@ import hashlib
 import re
 import shlex
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.units import CONFIGURATION, LIBRARY
@@ -51,6 +51,9 @@ class Environment:
     texts: Mapping[str, str] = field(default_factory=dict)
     lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     unset: tuple[str, ...] = ()
+    # What root gets, and everybody but `person`; None where all get the same. Services get the whole.
+    others: Environment | None = None
+    person: str = ""  # the user who gets the whole, "*" for every user but root, empty for no user
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,7 @@ class Machine:
 
     ssh: bool = True  # sshd takes our file
     ssh_path: str = SSH_PATH  # the PATH that sshd gives
+    ssh_match: bool = True  # no other SetEnv is below a Match: ours would come first, and sshd takes only one
     hooks: str = ""  # the folder of ROS's own hooks; empty where there is none
 
 
@@ -79,12 +83,19 @@ def merge(ros: Mapping[str, str], ours: Mapping[str, str]) -> Environment:
     return Environment(dict(sorted(texts.items())), dict(sorted(lists.items())), unset)
 
 
+def reaching(ros: Mapping[str, str], for_root: Mapping[str, str], person: str, ours: Mapping[str, str]) -> Environment:
+    """Merge as `merge` does, where not everybody gets all: root must not act on what somebody else can change."""
+    whole, others = merge(ros, ours), merge(for_root, ours)
+    return whole if whole == others else replace(whole, others=others, person=person)
+
+
 def machine(info: Mapping[str, Any]) -> Machine:
     """Return the facts that the files depend on, out of the return of multimaster_info."""
     sshd = info["sshd"]
     return Machine(
         ssh=sshd["installed"] and sshd["includes_drop_ins"] and not _global_setenv(sshd),
         ssh_path=sshd["path"] or SSH_PATH,
+        ssh_match=not _match_setenv(sshd),
         hooks=((info["ros"].get("chosen") or {}).get("hooks") or ""),
     )
 
@@ -95,7 +106,8 @@ def files(environment: Environment, machine: Machine) -> list[dict[str, Any]]:
     for path, render in CONSUMERS:
         content = render(environment, machine)
         if content:
-            file = {"path": path.format(hooks=machine.hooks), "content": content, "mode": "0644"}
+            mode = "0755" if path == GENERATOR else "0644"
+            file = {"path": path.format(hooks=machine.hooks), "content": content, "mode": mode}
             made.append({**file, "validate": SSHD_TEST} if path == SSHD else file)
     return made
 
@@ -105,7 +117,7 @@ def digest(environment: Environment) -> str:
     return hashlib.sha256(_units(environment, Machine()).encode()).hexdigest()
 
 
-def notes(info: Mapping[str, Any]) -> list[str]:
+def notes(info: Mapping[str, Any], environment: Environment) -> list[str]:
     """Return a sentence for each consumer that cannot be reached on this machine."""
     sshd = info["sshd"]
     if not sshd["installed"]:
@@ -115,12 +127,20 @@ def notes(info: Mapping[str, Any]) -> list[str]:
             f"Commands by ssh do not get the environment of ROS on {info['hostname']}: its sshd reads no drop-ins "
             f"(no Include of {SSHD.rpartition('/')[0]}/*.conf outside a Match in /etc/ssh/sshd_config)."
         ]
-    return [
+    against = _global_setenv(sshd)
+    found = [
         f"Commands by ssh do not get the environment of ROS on {info['hostname']}: "
         f"{other['file']} line {other['line']} has a SetEnv already, and sshd uses only the first; "
         "move its variables elsewhere, or add ours to it."
-        for other in _global_setenv(sshd)
+        for other in against
     ]
+    if environment.others and environment.person and not against:
+        found += [
+            f"Commands by ssh do not get the variables of the set-up file of ROS on {info['hostname']}: {other['file']} line "
+            f"{other['line']} has a SetEnv below a Match, and sshd uses only the first of those; move its variables elsewhere."
+            for other in _match_setenv(sshd)
+        ]
+    return found
 
 
 def differences(
@@ -136,9 +156,10 @@ def differences(
     """
     expected = merge({}, ours)
     found = []
-    for what, path in SEEN.items():
+    for what, paths in SEEN.items():
         variables = seen[what]
-        if path not in rendered or variables is None:
+        path = next((path for path in paths if path in rendered), "")
+        if not path or variables is None:
             continue
         skipped = set(known) if what == "login" else set()
         for name, value in expected.texts.items():
@@ -167,6 +188,10 @@ def _global_setenv(sshd: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [other for other in sshd["other_setenv"] if not other["match"]]
 
 
+def _match_setenv(sshd: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [other for other in sshd["other_setenv"] if other["match"]]
+
+
 def _units(environment: Environment, machine: Machine) -> str:
     """Render the file for systemd (systemd.exec(5), EnvironmentFile=): whole values, nothing is expanded."""
     values = {**environment.texts, **_whole(environment, UNIT_PATH)}
@@ -175,9 +200,27 @@ def _units(environment: Environment, machine: Machine) -> str:
 
 def _profile(environment: Environment, machine: Machine) -> str:
     """Render POSIX sh for /etc/profile and display managers; it works under any options (set -eu) and prints nothing."""
+    return _HEADER + "\n".join(_by_user(environment, _exports)) + "\n"
+
+
+def _exports(environment: Environment) -> list[str]:
     lines = [f"unset {name}" for name in environment.unset]
     lines += [f"export {name}={shlex.quote(value)}" for name, value in environment.texts.items()]
-    return _HEADER + "\n".join(lines + _prepended(environment.lists)) + "\n"
+    return lines + _prepended(environment.lists)
+
+
+def _by_user(environment: Environment, render: Callable[[Environment], list[str]]) -> list[str]:
+    """Render lines of sh, where not everybody gets the same those for the person and those for others."""
+    others = environment.others
+    if not others:
+        return render(environment)
+    if not environment.person:
+        return render(others)
+    if environment.person == "*":
+        start, first, second = 'case "$(/usr/bin/id -u)" in "" | 0)', others, environment
+    else:
+        start, first, second = f'case "$(/usr/bin/id -un)" in {environment.person})', environment, others
+    return [start, *render(first), ";; *)", *render(second), ";; esac"]
 
 
 def _hook(environment: Environment, machine: Machine) -> str:
@@ -208,6 +251,9 @@ def _prepended(lists: Mapping[str, Sequence[str]]) -> list[str]:
 
 def _desktop(environment: Environment, machine: Machine) -> str:
     """Render a file for desktops (environment.d(5)): `$` is doubled, since values are expanded after the quotes are gone."""
+    if environment.others and environment.person:
+        return ""  # every user's systemd reads this file, root's too
+    environment = environment.others or environment
     lines = [f"{name}={_quoted(value.replace('$', '$$'))}\n" for name, value in environment.texts.items()]
     for name, entries in environment.lists.items():
         joined = _quoted(":".join(entries).replace("$", "$$"))
@@ -215,15 +261,49 @@ def _desktop(environment: Environment, machine: Machine) -> str:
     return _HEADER + "".join(lines)
 
 
+def _generator(environment: Environment, machine: Machine) -> str:
+    """Render a generator for desktops (systemd.environment-generator(7)), which can ask whose systemd runs it."""
+    if not (environment.others and environment.person):
+        return ""
+
+    def said(environment: Environment) -> list[str]:
+        return [*_exports(environment), f"say {' '.join([*environment.texts, *environment.lists])}"]
+
+    return _GENERATOR_START + "\n".join(_by_user(environment, said)) + "\n"
+
+
+_GENERATOR_START = f"""\
+#!/bin/sh
+{_HEADER}say() {{
+    for name do
+        eval "value=\\${{$name-}}"
+        printf '%s="%s"\\n' "$name" "$(printf %s "$value" | PATH=/usr/bin:/bin sed 's/[\\"$`]/\\\\&/g')"
+    done
+}}
+"""
+
+
 def _ssh(environment: Environment, machine: Machine) -> str:
-    """Render SetEnv (sshd_config(5)): sshd uses the first such line only, so all variables are in one."""
+    """Render SetEnv (sshd_config(5)): sshd uses the first such line only, so all variables are in one.
+
+    Of two that are not below the same Match, it uses the one below a Match that is true. A Match ends with this file.
+    """
     if not machine.ssh:
         return ""
+    others = environment.others
+    if not others:
+        return f"{_HEADER}{_setenv(environment, machine)}"
+    users = {"": "", "*": "!root,*"}.get(environment.person, environment.person)
+    more = f"Match User {users}\n{_setenv(environment, machine)}" if users and machine.ssh_match else ""
+    return f"{_HEADER}{_setenv(others, machine)}{more}"
+
+
+def _setenv(environment: Environment, machine: Machine) -> str:
     values = {**environment.texts, **_whole(environment, machine.ssh_path)}
     # The quotes are around the whole word: OpenSSH before 8.7 knows them only at its start.
     pairs = map("=".join, sorted(values.items()))
     words = [pair if _PLAIN.fullmatch(pair) else f'"{_escaped(pair)}"' for pair in pairs]
-    return f"{_HEADER}SetEnv {' '.join(words)}\n"
+    return f"SetEnv {' '.join(words)}\n"
 
 
 def _whole(environment: Environment, path: str) -> dict[str, str]:
@@ -249,15 +329,17 @@ SSHD = "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf"
 SSHD_TEST = ["/bin/sh", "-c", "! /usr/sbin/sshd -t -f /dev/stdin 2>&1 | grep /dev/stdin"]
 PROFILE = "/etc/profile.d/rosfleet-multimaster.sh"
 DESKTOP = "/etc/environment.d/90-rosfleet-multimaster.conf"
+GENERATOR = "/etc/systemd/user-environment-generators/90-rosfleet-multimaster"
 
 CONSUMERS: tuple[tuple[str, Callable[[Environment, Machine], str]], ...] = (
     (f"{CONFIGURATION}/environment", _units),
     (PROFILE, _profile),
     (DESKTOP, _desktop),
+    (GENERATOR, _generator),
     (SSHD, _ssh),
     # In the order of names: after 1.ros_package_path.sh of ros_environment, before 10.roslaunch.sh (localhost).
     ("{hooks}/1.rosfleet-multimaster.sh", _hook),
 )
-# The environments that multimaster_info reads back, and the file behind each.
-SEEN = {"login": PROFILE, "ssh": SSHD, "desktop": DESKTOP}
+# The environments that multimaster_info reads back, and the files that may be behind each.
+SEEN = {"login": (PROFILE,), "ssh": (SSHD,), "desktop": (DESKTOP, GENERATOR)}
 CALLED = {"login": "a new login shell", "ssh": "a command by ssh", "desktop": "a terminal of the desktop"}

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers, quoting, units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers, quoting, set_up, units
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Interface, Port
 
 # The units of the collection: what they hold is no stranger's.
@@ -56,6 +56,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         warnings += _exports(plan, info) + _sshd(plan, info)
         ros = _ros(plan, info)
         if not ros:
+            warnings += set_up.warnings(plan.computer, info["ros"]["chosen"])
             nodes = providers.find(plan, info["ros"]["chosen"], info)
             filled, ros = _provided(filled, info, nodes), list(nodes.problems)
             limits += nodes.limits(plan)

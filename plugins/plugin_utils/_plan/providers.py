@@ -142,7 +142,7 @@ def _existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Found:
     where = chosen["setup"] or "Debian's packages"
     wrong = [
         f"{node['package']}/{node['executable']} "
-        + (f"does not run ({node['problem']})" if node["path"] else "is not there")
+        + (f"does not run ({node['problem']})" if node["problem"] else "is not there")
         for node in nodes
         if node["problem"] or not node["path"]
     ]

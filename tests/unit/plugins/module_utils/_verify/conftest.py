@@ -25,8 +25,7 @@ def ros(tmp_path):
         path.write_text("#!/bin/sh\n" + script)
         path.chmod(0o755)
 
-    with Ros(str(tmp_path / "environment")) as made:
-        yield made, command
+    return Ros(str(tmp_path / "environment")), command
 
 
 class Master:

@@ -64,8 +64,8 @@ class Master:
 # Stands for the Python of ROS.
 PYTHON = """#!/usr/bin/env python3
 import json, sys
-assert "roslib" in open(sys.argv[1]).read()
-asked = json.load(open(sys.argv[2]))
+assert sys.argv[1] == "-c" and "roslib" in sys.argv[2]
+asked = json.load(sys.stdin)
 print("a package that talks when it is imported")
 if asked["types"]:
     print(json.dumps({"types": {"nav_msgs/Odometry": "cd5e"}}))
@@ -107,8 +107,7 @@ def ros(tmp_path, served):
         (tmp_path / name).chmod(0o755)
     master = Master()
     (tmp_path / "environment").write_text(f"ROS_MASTER_URI={served(master)}\nPATH={tmp_path}:/usr/bin:/bin\n")
-    with probe_ros.Ros(str(tmp_path / "environment")) as made:
-        yield made, master
+    return probe_ros.Ros(str(tmp_path / "environment")), master
 
 
 def looked_at(ros):
@@ -214,12 +213,11 @@ def test_without_the_python_of_ros_only_the_sums_are_missing(ros):
 
 def test_a_roscore_that_is_not_there(tmp_path):
     (tmp_path / "environment").write_text("ROS_MASTER_URI=http://127.0.0.1:1\n")
-    with probe_ros.Ros(str(tmp_path / "environment")) as made:
-        found = looked_at(made)
+    found = looked_at(probe_ros.Ros(str(tmp_path / "environment")))
     assert "127.0.0.1:1" in found["error"] and found["topics"] == found["imports"] == []
 
 
-def test_the_program_itself(monkeypatch, capsys, tmp_path):
+def test_the_program_itself(monkeypatch, capsys):
     """With the parts of ROS that it asks pretended: one type has a class, one has none, one breaks when it is imported."""
 
     def message_class(name):
@@ -237,11 +235,7 @@ def test_the_program_itself(monkeypatch, capsys, tmp_path):
     for name, module in pretended.items():
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(message_types.os, "_exit", ended.append)
-    questions = tmp_path / "questions.json"
-    questions.write_text(
-        json.dumps({"types": ["std_msgs/String", "none/None", "broken/Type"], "service": "/get_sync_info"})
-    )
-    message_types.main(str(questions))
+    message_types.main({"types": ["std_msgs/String", "none/None", "broken/Type"], "service": "/get_sync_info"})
     first, second = map(json.loads, capsys.readouterr().out.splitlines())
     assert first == {"types": {"std_msgs/String": "992c"}}
     assert second == {"service": {THERE: {"/planner": "http://there:1/"}}}

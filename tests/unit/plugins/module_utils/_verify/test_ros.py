@@ -3,6 +3,8 @@
 
 """The ROS of a computer: commands, the roscore, and the outputs of rosservice."""
 
+import os
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as probe_ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
@@ -13,9 +15,11 @@ from hypothesis import strategies as st
 
 def test_command_runs_in_the_environment_of_the_file(ros):
     made, command = ros
-    command("rosservice", 'echo "$ROS_MASTER_URI $ROS_HOME $*"; test -w "$ROS_HOME"')
+    command("rosservice", 'echo "$ROS_MASTER_URI $HOME $ROS_HOME $*"; touch "$ROS_HOME/log"')
     output, error = made.run("rosservice", ["call", "/x"], 5)
-    assert output.split() == ["http://127.0.0.1:1", made.folder, "call", "/x"] and not error
+    uri, home, *rest = output.split()
+    assert (uri, rest) == ("http://127.0.0.1:1", [home, "call", "/x"]) and not error
+    assert not os.path.exists(home)
 
 
 def test_command_that_never_ends_is_interrupted(ros, monkeypatch):
@@ -35,11 +39,11 @@ def test_command_that_fails_or_is_not_there(ros):
 
 
 def test_without_an_environment_there_is_a_sentence(tmp_path):
-    with probe_ros.Ros(str(tmp_path / "none")) as made:
-        assert "no ROS_MASTER_URI" in probe_ros.roscore(made, 0)["error"]
-        assert "site.yml" in probe_ros.list_masters(made, set(), 0)["error"]
-        assert topics.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0) == []
-        assert "site.yml" in made.missing()
+    made = probe_ros.Ros(str(tmp_path / "none"))
+    assert "no ROS_MASTER_URI" in probe_ros.roscore(made, 0)["error"]
+    assert "site.yml" in probe_ros.list_masters(made, set(), 0)["error"]
+    assert topics.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0) == []
+    assert "site.yml" in made.missing()
 
 
 def test_master_api(roscore):

@@ -11,8 +11,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify impor
 # Stands for the Python of ROS: what it is given is the listener and its arguments, and it says what it heard.
 LISTENER = """#!/usr/bin/env python3
 import json, sys
-assert "rospy" in open(sys.argv[1]).read()
-wanted = json.loads(sys.argv[4])
+assert sys.argv[1] == "-c" and "rospy" in sys.argv[2]
+wanted = json.load(sys.stdin)
 print(json.dumps({topic: {"text": TEXT, "node": "/n", "seconds": 0.2} for topic, text in wanted.items() if "2" in topic}))
 """
 

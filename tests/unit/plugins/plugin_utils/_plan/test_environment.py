@@ -261,3 +261,89 @@ def test_lists_of_both_sides_agree():
 def test_only_sshd_is_asked_about_its_file():
     made = environment_files(OURS, INFO)["files"]
     assert [file["path"] for file in made if "validate" in file] == [environment_module.SSHD]
+
+
+# Not everybody gets all
+
+
+WORKSPACE = {"PYTHONPATH": "/home/robot/ws/python", "PATH": "/home/robot/ws/bin", "ROS_DISTRO": "noetic"}
+
+
+def reaching(person, for_root=None):
+    return environment_module.reaching(WORKSPACE, for_root or {}, person, OURS)
+
+
+def as_user(content, monkeypatch, name, uid):
+    """A profile as it is read by a user: `id` is another program."""
+    fake = pathlib.Path(os.environ["SCRATCH"]) / "id"
+    fake.write_text(f'#!/bin/sh\n[ "$1" = -u ] && echo {uid} || echo {name}\n')
+    fake.chmod(0o755)
+    return content.replace("/usr/bin/id", str(fake))
+
+
+USERS = {"root": 0, "robot": 1000, "operator": 1001}
+
+
+@pytest.mark.parametrize("name", USERS)
+@pytest.mark.parametrize(("person", "those"), [("robot", {"robot"}), ("*", {"robot", "operator"}), ("", set())])
+@pytest.mark.parametrize("reader", ["profile", "generator"])
+def test_what_is_not_roots_reaches_those_it_may(monkeypatch, person, those, name, reader):
+    files = rendered(reaching(person))
+    if reader == "profile":
+        seen = sourced(as_user(files[environment_module.PROFILE], monkeypatch, name, USERS[name]))
+    elif not person:
+        assert environment_module.GENERATOR not in files
+        seen = {"PYTHONPATH": PYTHON, **OURS}
+        assert "/home/robot" not in files[environment_module.DESKTOP]
+    else:
+        assert environment_module.DESKTOP not in files  # every systemd of a user reads it
+        program = as_user(files[environment_module.GENERATOR], monkeypatch, name, USERS[name])
+        done = subprocess.run(["sh", "-c", program], env={"PATH": "/usr/bin:/bin"}, capture_output=True, check=True)
+        assert done.stderr == b""
+        seen = shells.unquoted(done.stdout.decode())
+    theirs = ["/home/robot/ws/python"] if name in those else []
+    assert seen["PYTHONPATH"].split(":") == [PYTHON, *theirs]
+    assert ("ROS_DISTRO" in seen) is (name in those)
+    assert ("/home/robot/ws/bin" in seen.get("PATH", "")) is (name in those)
+    assert seen["ROS_MASTER_URI"] == OURS["ROS_MASTER_URI"]
+
+
+def test_services_get_all_of_it_and_ssh_by_user():
+    files = rendered(reaching("robot"))
+    assert f"PYTHONPATH={PYTHON}:/home/robot/ws/python\n" in files["/etc/rosfleet-multimaster/environment"]
+    for_all, match, for_robot = files[environment_module.SSHD].splitlines()[1:]
+    assert for_all.startswith("SetEnv ") and "/home/robot" not in for_all and "ROS_MASTER_URI=" in for_all
+    assert match == "Match User robot" and "/home/robot/ws/python" in for_robot and "ROS_MASTER_URI=" in for_robot
+    assert "\nMatch User !root,*\n" in rendered(reaching("*"))[environment_module.SSHD]
+    assert "Match" not in rendered(reaching(""))[environment_module.SSHD]
+
+
+def test_where_all_get_the_same_the_files_are_plain():
+    files = rendered(reaching("*", WORKSPACE))
+    assert files == rendered(environment_module.merge(WORKSPACE, OURS))
+    assert environment_module.GENERATOR not in files and "/usr/bin/id" not in files[environment_module.PROFILE]
+
+
+def test_a_setenv_below_somebody_elses_match_stays_the_first():
+    other = {"file": "/etc/ssh/sshd_config", "line": 7, "text": "SetEnv A=1", "match": True}
+    info = {**INFO, "sshd": {**INFO["sshd"], "other_setenv": [other]}}
+    made = environment_files(OURS, info, ros=WORKSPACE, for_root={}, person="robot")
+    content = {file["path"]: file["content"] for file in made["files"]}[environment_module.SSHD]
+    assert "Match" not in content and "/home/robot" not in content
+    (note,) = made["notes"]
+    assert "sshd_config line 7 has a SetEnv below a Match" in note
+
+
+@settings(deadline=None, max_examples=30)
+@given(VALUES, VALUES.filter(lambda text: ":" not in text))
+def test_the_generator_quotes_everything(text, entry):
+    environment = environment_module.reaching({"ROS_NOTE": text, "PYTHONPATH": entry}, {}, "*", OURS)
+    program = rendered(environment)[environment_module.GENERATOR].replace("/usr/bin/id -u", "echo 7")
+    done = subprocess.run(["sh", "-c", program], env={"PATH": "/usr/bin:/bin"}, capture_output=True, check=True)
+    seen = shells.unquoted(done.stdout.decode())
+    assert (seen["ROS_NOTE"], seen["PYTHONPATH"]) == (text, f"{PYTHON}:{entry}")
+
+
+def test_a_name_that_is_no_account_is_refused():
+    with pytest.raises(Exception, match="expected the name of an account"):
+        environment_files(OURS, INFO, ros=WORKSPACE, person="robot\nPermitRootLogin yes")

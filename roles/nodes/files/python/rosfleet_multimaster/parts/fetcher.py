@@ -11,10 +11,9 @@ from ..core.sync import Fetch, Sync
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
-from ..edge.xml_rpc import STATE
 from . import program
 
-TIMEOUT = 10.0  # seconds
+TIMEOUT, MAX_STATE = 10.0, 16 << 20  # seconds, bytes: 5,000 topics are 3 MB
 
 
 class Fetcher:
@@ -44,15 +43,14 @@ class Fetcher:
 
 def _fetch(fetch: Fetch, sync_remote_nodes: bool) -> State:
     """The state of a master, filtered there where it can be."""
-    rpc = Rpc(fetch.monitor_uri, TIMEOUT, STATE)
+    rpc = Rpc(fetch.monitor_uri, TIMEOUT, MAX_STATE)
     try:
         try:
-            state: State = rpc.call("masterInfoFiltered", fetch.rules.to_wire(sync_remote_nodes), read=parse)
+            return parse(rpc.call("masterInfoFiltered", fetch.rules.to_wire(sync_remote_nodes)))
         except Fault:
             if "masterInfoFiltered" in rpc.call("system.listMethods"):
                 raise
-            state = rpc.call("masterInfo", read=parse)
-        return state
+            return parse(rpc.call("masterInfo"))
     except Malformed as problem:
         raise ValueError(f"it sends no state of a master: {problem}") from None
     finally:

@@ -1,1 +1,0 @@
-../../../roles/nodes/files/python/rosfleet_multimaster/edge/xml_rpc.py

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Sentences about whom the variables of a set-up file of ROS do not reach; `multimaster_info` has looked whose it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
+    """Return a sentence for what root, other users or everybody do not get; `chosen` is the ROS of the machine."""
+    found = []
+    setup, person, doubt = chosen["setup"], chosen.get("person", "*"), chosen.get("doubt", "")
+    given = chosen.get("environment", {})
+    for_root = chosen.get("for_root", given)
+    if doubt:
+        others = (
+            f"the services and the user {person} get them; root and other users get the collection's own only, such as ROS_MASTER_URI"
+            if person
+            else "the services get them, and no user; users source the file themselves"
+        )
+        found.append(
+            f"{host}: root gets no variables of the set-up file {setup}, since {doubt}; expected files and folders that root alone can "
+            f"change: {others}. Install the workspace as root (for example to /opt) where root or all users need it."
+        )
+    elif set(given) - set(for_root):
+        found.append(
+            f"{host}: the set-up file {setup} sets {', '.join(sorted(set(given) - set(for_root)))}, which root does not get; expected "
+            "variables of ROS, with paths that root alone can change: set others in root's own profile, if root needs them."
+        )
+    if chosen.get("left_out"):
+        found.append(
+            f"{host}: the set-up file {setup} sets {', '.join(chosen['left_out'])}, which nobody gets; expected variables of ROS, and "
+            "absolute folders in lists: set what makes programs run other code than their own where it is needed, and there alone."
+        )
+    return found

@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Sentences about a set-up file that root may not trust."""
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import set_up
+
+SETUP = "/home/robot/ws/devel/setup.bash"
+ALL = {"PATH": "/home/robot/ws/bin", "MODEL": "burger"}
+
+
+def said(**changes):
+    chosen = {"setup": SETUP, "environment": ALL, "for_root": ALL, "person": "*", "doubt": "", "left_out": []}
+    found = set_up.warnings("kobuki1computer", {**chosen, **changes})
+    assert all(text.startswith("kobuki1computer: ") and "; expected " in text for text in found)
+    return found
+
+
+def test_what_is_roots_needs_no_words():
+    assert said() == []
+    assert set_up.warnings("kobuki1computer", {"setup": ""}) == []
+
+
+def test_a_persons_workspace():
+    (text,) = said(for_root={}, person="robot", doubt="/home/robot belongs to robot")
+    assert f"root gets no variables of the set-up file {SETUP}, since /home/robot belongs to robot; expected" in text
+    assert "the services and the user robot get them" in text
+    (text,) = said(for_root={}, person="", doubt="/home can be written by a group")
+    assert "the services get them, and no user" in text
+
+
+def test_names():
+    (text,) = said(for_root={"PATH": "/opt/bin"})
+    assert "sets MODEL, which root does not get" in text
+    (text,) = said(left_out=["LD_PRELOAD", "PATH (./bin)"])
+    assert "sets LD_PRELOAD, PATH (./bin), which nobody gets" in text
