@@ -16,7 +16,14 @@ description:
     and so is C(net.ipv4.conf.all.forwarding), which is another name of the same variable of the kernel.
   - The values from before are recorded. A setting that is no longer listed is taken back,
     so that an empty list takes back everything. A value that somebody else has changed since then is left and named.
-  - When a write fails half way, the values that were written before it are put back, and the drop-in is untouched.
+  - The kernel changes other keys beside some keys, for example those of every interface with C(net.ipv4.ip_forward),
+    C(net.ipv4.conf.default.rp_filter) or C(net.ipv6.conf.all.disable_ipv6). This module knows them, writes such a key first, and
+    so gives every listed key its own value.
+  - The settings are written in the order of the list, after the keys that change others, and are taken back in the reverse order.
+    So two keys of which the kernel refuses one while the other has its present value are to be listed in the order that works.
+  - When a write fails half way, the values that were written before it are put back, with those that the kernel has changed
+    beside them, and the drop-in is untouched. Addresses and routes that the kernel removes with V(disable_ipv6) do not come back with
+    the value; the failure says so.
   - With O(confirm_within), a change that cuts the controller off is taken back by the machine itself.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
@@ -38,9 +45,15 @@ options:
       value:
         description:
           - The value as the kernel says it, for example V("1"); several numbers are separated by spaces, for example
-            V("4096 131072 6291456").
-        type: str
+            V("4096 131072 6291456"). A boolean stands for V("1") or V("0").
+        type: raw
         required: true
+      ignore_missing:
+        description:
+          - Whether this kernel may lack the key, as that of an interface that is not there, for example V(true).
+            The drop-in has its line nevertheless, and the key gets its value when it is there at a boot or at a later run.
+        type: bool
+        default: false
   drop_in:
     description:
       - The file that sets the values at boot, for example V(/etc/sysctl.d/90-rosfleet-multimaster.conf).
@@ -71,6 +84,10 @@ options:
       - The folder of the record of the values from before, for example V(/var/lib/rosfleet-multimaster).
     type: path
     default: /var/lib/rosfleet-multimaster
+seealso:
+  - module: rosfleet.multimaster.routes
+  - module: ansible.posix.sysctl
+    description: One key in one run, in a file that it shares with others.
 author:
   - rosfleet contributors (@rosfleet)
 """
@@ -90,6 +107,15 @@ EXAMPLES = r"""
       - name: net.ipv4.ip_forward
         value: "0"
     confirm_within: 30
+
+- name: Filter by the way back on all interfaces, loosely, and not at all on one that may be unplugged
+  rosfleet.multimaster.sysctl:
+    settings:
+      - name: net.ipv4.conf.default.rp_filter
+        value: 2
+      - name: net.ipv4.conf.eth1.rp_filter
+        value: false
+        ignore_missing: true
 
 - name: Take everything back
   rosfleet.multimaster.sysctl:
@@ -140,7 +166,8 @@ settings:
       sample: true
     state:
       description:
-        - V(ok) or V(changed), or why it cannot be set. V(missing) means that this kernel has no such key,
+        - V(ok) or V(changed), or why it cannot be set. V(missing) means that this kernel has no such key
+          (no failure with O(settings[].ignore_missing)),
           V(read_only) that it lies on a read-only mount, V(denied) that the user may not write it,
           V(invalid) that the kernel refuses the value.
       type: str
@@ -217,7 +244,7 @@ taken_back:
       returned: always
       sample: restored
 also_changed:
-  description: Keys that somebody had set apart and that the kernel changed with C(net.ipv4.ip_forward).
+  description: Keys that somebody had set apart and that the kernel changed beside a listed one, such as C(net.ipv4.ip_forward).
   returned: always, unless an option is wrong
   type: list
   elements: dict
@@ -285,7 +312,8 @@ def main() -> None:
                 "required": True,
                 "options": {
                     "name": {"type": "str", "required": True},
-                    "value": {"type": "str", "required": True},
+                    "value": {"type": "raw", "required": True},
+                    "ignore_missing": {"type": "bool", "default": False},
                 },
             },
             drop_in={"type": "path", "default": "/etc/sysctl.d/90-rosfleet-multimaster.conf"},

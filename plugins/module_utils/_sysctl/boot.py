@@ -17,7 +17,7 @@ import shlex
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.atomic import read_bytes
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, remedy
 
 # In order of precedence: a file hides the files with the same name in later folders (sysctl.d(5)).
 SYSCTL_FOLDERS = ("/etc/sysctl.d", "/run/sysctl.d", "/usr/local/lib/sysctl.d", "/usr/lib/sysctl.d", "/lib/sysctl.d")
@@ -33,8 +33,12 @@ _UNIT_FOLDERS = (
     "/lib/systemd/system",
 )
 
-# Two names of one variable of the kernel (net/ipv4/devinet.c: ip_forward is the `forwarding` of `all`).
-_OTHER_NAME = {"net/ipv4/conf/all/forwarding": "net/ipv4/ip_forward"}
+# Two names of one variable of the kernel (net/ipv4/devinet.c: ip_forward is the `forwarding` of `all`;
+# net/netfilter/nf_conntrack_standalone.c).
+_OTHER_NAME = {
+    "net/ipv4/conf/all/forwarding": "net/ipv4/ip_forward",
+    "net/nf_conntrack_max": "net/netfilter/nf_conntrack_max",
+}
 
 _YES = ("1", "yes", "y", "true", "t", "on")
 _NO = ("0", "no", "n", "false", "f", "off")
@@ -167,7 +171,7 @@ class Tree:
                 return ""
             raise Problem(
                 f"The file {path} cannot be read ({problem.strerror}); expected to see everything that sets kernel settings at "
-                "boot: run as root (become: true)."
+                f"boot: {remedy(problem)}."
             ) from problem
 
     def names(self, folder: str) -> typing.Set[str]:
@@ -234,6 +238,10 @@ def sysctl_d(tree: Tree) -> typing.List[Assignment]:
     files = configuration_files(tree, SYSCTL_FOLDERS)
     if not boots_with_systemd(tree):
         files.append("/etc/sysctl.conf")
+        found = [assignment for path in files for assignment in parse(tree.read(path), path)]
+        # procps knows excluded keys for patterns alone; a line that sets the key itself counts.
+        listed = {assignment.key for assignment in found if assignment.value is not None}
+        return [assignment for assignment in found if assignment.value is not None or assignment.key not in listed]
     elif tree.is_masked("systemd-sysctl.service"):
         files = []
     return [assignment for path in files for assignment in parse(tree.read(path), path)]
@@ -251,7 +259,8 @@ def networkd(tree: Tree) -> typing.List[Assignment]:
     """systemd-networkd.
 
     Up to systemd 255, IPForward= of a .network file turns forwarding on and never off (systemd.network(5)). From 256,
-    IPv4Forwarding= and IPv6Forwarding= of networkd.conf turn it on or off (networkd.conf(5)).
+    IPv4Forwarding= and IPv6Forwarding= of networkd.conf turn it on or off (networkd.conf(5)). IPMasquerade= of a .network
+    file implies what turns it on, in all versions.
     """
     if not tree.enabled_by("systemd-networkd.service"):
         return []
@@ -261,10 +270,14 @@ def networkd(tree: Tree) -> typing.List[Assignment]:
 def _of_networks(tree: Tree) -> typing.List[Assignment]:
     found = []
     for file in configuration_files(tree, _NETWORK_FOLDERS, ".network"):
-        value, path, line = _ini(tree, _with_drop_ins(tree, file), "IPForward")
-        for family, key in (("ipv4", "net/ipv4/ip_forward"), ("ipv6", "net/ipv6/conf/all/forwarding")):
-            if value in _YES or value == family:
-                found.append(Assignment(key, "1", path, line))
+        files = _with_drop_ins(tree, file)
+        # A plain yes means both families to the first, and IPv4 alone to the second.
+        for option, yes in (("IPForward", ("ipv4", "ipv6")), ("IPMasquerade", ("ipv4",))):
+            value, path, line = _ini(tree, files, option)
+            families = yes if value in _YES else ("ipv4", "ipv6") if value == "both" else (value,)
+            for family, key in (("ipv4", "net/ipv4/ip_forward"), ("ipv6", "net/ipv6/conf/all/forwarding")):
+                if family in families:
+                    found.append(Assignment(key, "1", path, line))
     return found
 
 

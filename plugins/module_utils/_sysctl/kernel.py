@@ -5,6 +5,7 @@
 
 import errno
 import os
+import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import matches, name_of, normal
@@ -37,34 +38,119 @@ def _opposite(value: str) -> str:
     return "1" if value == "0" else "0"
 
 
-Rule = typing.Tuple[str, typing.Callable[[str], str]]  # pattern of keys, their value from the value of the key
+def _zero(value: str) -> str:
+    return "0"
 
-# inet_forward_change() in net/ipv4/devinet.c, addrconf_fixup_forwarding() in net/ipv6/addrconf.c
-_IPV4_FORWARDING: typing.Tuple[Rule, ...] = (
-    ("net/ipv4/ip_forward", _same),
-    ("net/ipv4/conf/*/forwarding", _same),
-    ("net/ipv4/conf/all/accept_redirects", _opposite),
+
+class Rule(typing.NamedTuple):
+    """What the kernel changes beside a key."""
+
+    key: str  # a pattern of keys
+    others: str  # a pattern of those that change; `{}` is the last level of the key
+    value: typing.Callable[[str], str] = _same  # their value, from that of the key
+    spares: bool = False  # what somebody has set apart stays as it is
+    but: typing.Tuple[str, ...] = ()  # interfaces that do not change
+    unless: typing.Tuple[str, ...] = ()  # last levels of keys that change nothing
+
+
+# Entries whose default is not copied (DEVINET_SYSCTL_FLUSHING_ENTRY and forwarding in net/ipv4/devinet.c).
+_NOT_COPIED = (
+    ("forwarding", "mc_forwarding", "disable_policy", "disable_xfrm", "promote_secondaries", "route_localnet")
+    + ("drop_unicast_in_l2_multicast",)
+)  # fmt: skip
+_IPV4_FORWARDING = ("net/ipv4/ip_forward", "net/ipv4/conf/all/forwarding")
+RULES: typing.Tuple[Rule, ...] = (
+    # inet_forward_change() in net/ipv4/devinet.c
+    *(Rule(key, other) for key in _IPV4_FORWARDING for other in ("net/ipv4/ip_forward", "net/ipv4/conf/*/forwarding")),
+    *(Rule(key, "net/ipv4/conf/all/accept_redirects", _opposite) for key in _IPV4_FORWARDING),
+    # devinet_copy_dflt_conf() there, neigh_copy_dflt_parms() in net/core/neighbour.c
+    Rule("net/ipv4/conf/default/*", "net/ipv4/conf/*/{}", spares=True, but=("all",), unless=_NOT_COPIED),
+    Rule("net/ipv4/neigh/default/*", "net/ipv4/neigh/*/{}", spares=True),
+    Rule("net/ipv6/neigh/default/*", "net/ipv6/neigh/*/{}", spares=True),
+    # net/ipv6/addrconf.c; nothing else of `all` is copied, and no default
+    Rule("net/ipv6/conf/all/forwarding", "net/ipv6/conf/*/forwarding"),
+    Rule("net/ipv6/conf/all/disable_ipv6", "net/ipv6/conf/*/disable_ipv6"),
+    Rule("net/ipv6/conf/all/addr_gen_mode", "net/ipv6/conf/*/addr_gen_mode"),
+    Rule("net/ipv6/conf/all/ignore_routes_with_linkdown", "net/ipv6/conf/*/ignore_routes_with_linkdown"),
+    Rule("net/ipv6/conf/all/force_forwarding", "net/ipv6/conf/*/force_forwarding", but=("default",)),
+    # mm/page-writeback.c, mm/util.c: of two ways to say one limit, the one that is not used is 0
+    Rule("vm/dirty_bytes", "vm/dirty_ratio", _zero),
+    Rule("vm/dirty_ratio", "vm/dirty_bytes", _zero),
+    Rule("vm/dirty_background_bytes", "vm/dirty_background_ratio", _zero),
+    Rule("vm/dirty_background_ratio", "vm/dirty_background_bytes", _zero),
+    Rule("vm/overcommit_kbytes", "vm/overcommit_ratio", _zero),
+    Rule("vm/overcommit_ratio", "vm/overcommit_kbytes", _zero),
 )
-BESIDE: typing.Dict[str, typing.Tuple[Rule, ...]] = {
-    "net/ipv4/ip_forward": _IPV4_FORWARDING,
-    "net/ipv4/conf/all/forwarding": _IPV4_FORWARDING,
-    "net/ipv6/conf/all/forwarding": (("net/ipv6/conf/*/forwarding", _same),),
-}
 
 
-def beside(key: str, value: str, keys: typing.Iterable[str]) -> typing.Dict[str, str]:
-    """The other keys, among `keys`, that the kernel sets when this key gets this value, with their new values."""
-    return {
-        other: rule(value)
-        for pattern, rule in BESIDE.get(key, ())
-        for other in keys
-        if other != key and matches(pattern, other)
-    }
+class Others(typing.NamedTuple):
+    """A rule for one key."""
+
+    pattern: str
+    rule: Rule
+
+    def has(self, other: str) -> bool:
+        """True where the kernel changes this key."""
+        return matches(self.pattern, other) and not any(level in self.rule.but for level in other.split("/"))
+
+
+def others_of(key: str) -> typing.List[Others]:
+    """What the kernel changes beside a key."""
+    last = key.rpartition("/")[2]
+    return [
+        Others(rule.others.format(last), rule) for rule in RULES if matches(rule.key, key) and last not in rule.unless
+    ]
+
+
+def followers(key: str, value: str, keys: typing.Iterable[str]) -> typing.Dict[str, str]:
+    """The keys, among `keys`, that the kernel can set beside this key, with what they hold where they follow this value."""
+    others, found = others_of(key), {}
+    for other in keys if others else ():
+        for entry in others:
+            if other != key and entry.has(other):
+                found[other] = entry.rule.value(value)
+    return found
+
+
+def spared(key: str) -> bool:
+    """True where the kernel leaves alone what somebody has set apart from this key."""
+    return any(entry.rule.spares for entry in others_of(key))
+
+
+def beside(key: str, value: str, values: typing.Mapping[str, str]) -> typing.Dict[str, str]:
+    """The other keys that the kernel sets when this key gets this value, with their new values.
+
+    Nobody can see what was set apart to the value that the key has, too: it is taken for one that follows.
+    """
+    found = followers(key, value, values)
+    if spared(key):
+        before = followers(key, values[key], found)
+        found = {other: new for other, new in found.items() if values[other] == before[other]}
+    return found
+
+
+def changes_others(key: str) -> bool:
+    """True where the kernel changes other keys beside this one."""
+    return bool(others_of(key))
 
 
 def changes_others_first(keys: typing.Iterable[str]) -> typing.List[str]:
-    """The keys in the order in which they are written: those that change others come first."""
-    return sorted(keys, key=lambda key: (key not in BESIDE, key))
+    """The keys in the order in which they are written: those that change others come first, else as given."""
+    return sorted(keys, key=lambda key: not changes_others(key))
+
+
+# Values that the kernel is known to refuse
+
+_WHOLE = re.compile(r"0|-?[1-9][0-9]{0,9}")
+_WHOLE_NUMBERS = ("net/ipv4/ip_forward", "net/ipv[46]/conf/*/*", "net/ipv[46]/neigh/*/*", "net/ipv4/icmp_echo_*")
+_TEXTS = ("stable_secret",)
+
+
+def unfit(setting: Setting) -> bool:
+    """True for a value that no kernel takes and reads back: a key that holds a whole number gets something else."""
+    if setting.key.rpartition("/")[2] in _TEXTS or not any(matches(one, setting.key) for one in _WHOLE_NUMBERS):
+        return False
+    return not _WHOLE.fullmatch(setting.value)
 
 
 # Refusals
@@ -84,6 +170,8 @@ _SENTENCES = {
     "expected {wanted}: set it where the container is started, or give the container a writable /proc/sys.",
     "denied": "{name}: user {user} may not change {path} ({reason}), which holds {found}, expected {wanted}: "
     "run as root (become: true), in a container with the capability for it.",
+    "denied to root": "{name}: nobody may change {path} ({reason}), not even root, and it holds {found}, expected {wanted}: "
+    "take it off the settings, or give the container the capability for it.",
     "invalid": "{name}: the kernel refuses the value {wanted} ({reason}) and keeps {found}: "
     "give a value that it accepts.",
 }
@@ -92,7 +180,8 @@ _SENTENCES = {
 def refusal(path: str, setting: Setting, found: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
     """The state and the sentence for a setting that the kernel refuses with this errno."""
     state = _STATES.get(number, "invalid")
-    return state, _SENTENCES[state].format(
+    denied_to_root = state == "denied" and os.geteuid() == 0
+    return state, _SENTENCES["denied to root" if denied_to_root else state].format(
         name=name_of(setting.key),
         path=path,
         wanted=setting.value,
@@ -150,15 +239,45 @@ class Kernel:
 
     def current(self, keys: typing.Iterable[str]) -> typing.Dict[str, Found]:
         """The values of these keys, and of the keys that the kernel changes beside them."""
-        patterns = [pattern for key in keys for pattern, rule in BESIDE.get(key, ())]
-        others = [other for pattern in patterns for other in self.keys(pattern)]
+        entries = [entry for key in keys for entry in others_of(key)]
+        others = [other for entry in entries for other in self.keys(entry.pattern) if entry.has(other)]
         found = {key: self.look(key) for key in keys}
         found.update((key, self.look(key)) for key in others if key not in found)
         return found
 
-    def restore(self, values: Values) -> None:
-        """Restore these values. Raises OSError."""
-        for key in changes_others_first(values):
-            value = values[key]
-            if value is not None and self.read(key) != value:
-                self.write(key, value)
+    def settle(self, goals: typing.Mapping[str, str]) -> typing.Dict[str, int]:
+        """Bring these keys to these values, and write only what differs; returns the errno for each key that stays otherwise.
+
+        The kernel refuses some values while another key has its present one, and changes keys beside keys. So this goes on
+        as long as it gets nearer to the goals.
+        """
+        wrong, problems = self._wrong(goals), dict.fromkeys(goals, 0)
+        while wrong:
+            for key in wrong:
+                try:
+                    if self.read(key) != goals[key]:
+                        self.write(key, goals[key])
+                except OSError as problem:
+                    problems[key] = problem.errno or errno.EIO
+            still = self._wrong(goals)
+            if len(still) >= len(wrong):
+                return {key: problems[key] for key in still}
+            wrong = still
+        return {}
+
+    def _wrong(self, goals: typing.Mapping[str, str]) -> typing.List[str]:
+        def holds(key: str) -> typing.Optional[str]:
+            try:
+                return self.read(key)
+            except OSError:
+                return None
+
+        return [key for key in goals if holds(key) != goals[key]]
+
+    def restore(self, values: Values) -> typing.List[str]:
+        """Restore these values; returns a text for each that could not be restored."""
+        goals = {key: value for key in changes_others_first(values) for value in [values[key]] if value is not None}
+        return [
+            f"{self.path(key)} ({os.strerror(number) if number else 'it holds another value than ' + goals[key]})"
+            for key, number in self.settle(goals).items()
+        ]

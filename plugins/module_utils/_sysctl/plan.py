@@ -3,10 +3,12 @@
 
 """The plan for kernel settings: the writes from what the kernel holds to what is wanted, and the record of them. Pure.
 
-Settings that are no longer listed are taken back first. Then the listed settings are written, so they have the last word
-over keys that the kernel changes beside others.
+Settings that are no longer listed are taken back first, in the reverse order of the list that set them: the kernel refuses
+some values while another key has its present one. Then the listed settings are written, so they have the last word over
+keys that the kernel changes beside others.
 """
 
+import collections
 import os
 import re
 import typing
@@ -20,10 +22,12 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot 
     variable_of,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import (
-    BESIDE,
     Setting,
     Values,
     beside,
+    changes_others,
+    followers,
+    spared,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import Entry, SettingsRecord
 
@@ -52,6 +56,7 @@ class Plan(typing.NamedTuple):
     """The writes of one run in their order, the drop-in, and the record before and after them."""
 
     writes: typing.List[Setting]
+    goals: typing.Dict[str, str]  # what the writes are for: key -> value
     text: typing.Optional[str]  # of the drop-in, None for no drop-in
     interim: SettingsRecord
     final: SettingsRecord
@@ -63,7 +68,7 @@ class Plan(typing.NamedTuple):
 # The option
 
 
-def settings_of(items: typing.Iterable[typing.Mapping[str, str]]) -> typing.List[Setting]:
+def settings_of(items: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typing.List[Setting]:
     """The settings in a list of {name, value}, each key once; keys that change others come first.
 
     Raises Problem for an item that makes no sense, and for two values of one key.
@@ -78,11 +83,26 @@ def settings_of(items: typing.Iterable[typing.Mapping[str, str]]) -> typing.List
                 "one value for it: remove one of them."
             )
     # The order holds for the drop-in, too: a key that changes others must not have the last word over them.
-    return sorted((setting for name, setting in wanted.values()), key=lambda setting: setting.key not in BESIDE)
+    return sorted((setting for name, setting in wanted.values()), key=lambda setting: not changes_others(setting.key))
 
 
-def _setting(item: typing.Mapping[str, str]) -> Setting:
-    name, key, value = item["name"], key_of(item["name"].lstrip("-").strip()), normal(item["value"])
+def optional_of(items: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typing.FrozenSet[str]:
+    """The keys whose absence is no failure."""
+    return frozenset(key_of(item["name"].lstrip("-").strip()) for item in items if item.get("ignore_missing"))
+
+
+def _text(name: str, value: typing.Any) -> str:
+    """A value as the kernel says it: 1 and 0 for a boolean, also for one that a template has made a text."""
+    if isinstance(value, bool) or value in ("True", "False"):
+        return "1" if value in (True, "True") else "0"
+    if isinstance(value, (int, str)):
+        return str(value)
+    raise Problem(f"settings: {name} has the value {value!r}, expected a text, a whole number or a boolean.")
+
+
+def _setting(item: typing.Mapping[str, typing.Any]) -> Setting:
+    name, key = item["name"], key_of(item["name"].lstrip("-").strip())
+    value = normal(_text(name, item["value"]))
     plain = re.match(r"[^\s=#;*?\[\]/]+(/[^\s=*?\[\]/]+)+$", key) and key.isprintable()
     if not plain or key_of(name_of(key)) != key or ".." in key:
         raise Problem(
@@ -93,9 +113,11 @@ def _setting(item: typing.Mapping[str, str]) -> Setting:
     return Setting(key, value)
 
 
-def drop_in_text(settings: typing.Iterable[Setting]) -> typing.Optional[str]:
-    """The text of the drop-in for these settings, None for no drop-in."""
-    lines = [f"{name_of(setting.key)} = {setting.value}\n" for setting in settings]
+def drop_in_text(settings: typing.Iterable[Setting], optional: typing.Container[str] = ()) -> typing.Optional[str]:
+    """The text of the drop-in for these settings, None for no drop-in. `optional`: keys that may be missing at boot."""
+    lines = [
+        f"{'-' if setting.key in optional else ''}{name_of(setting.key)} = {setting.value}\n" for setting in settings
+    ]
     return HEADER + "".join(lines) if lines else None
 
 
@@ -117,11 +139,12 @@ def plan(
     record: SettingsRecord,
     drop_in: str,
     folders: typing.Iterable[str] = (),
+    optional: typing.Container[str] = (),
 ) -> Plan:
     """The plan from the kernel's current values and the record to the settings.
 
     `current` holds the value of every key of settings and record, and of every key that the kernel changes beside them;
-    None where there is no such key. `folders`: those that will be made for the drop-in.
+    None where there is no such key. `folders`: those that will be made for the drop-in. `optional`: keys that may be missing.
     """
     start = {key: value for key, value in current.items() if value is not None}
     kernel = _Simulation(start)
@@ -132,17 +155,22 @@ def plan(
         if setting.key in kernel.values:
             kernel.write(setting.key, setting.value)
 
-    interim, final = dict(record.settings), {}
+    interim: typing.Dict[str, Entry] = collections.OrderedDict()
+    final: typing.Dict[str, Entry] = collections.OrderedDict()
     for setting in settings:
         variable = variable_of(setting.key)
-        interim[variable], final[variable] = _one_listed(setting, start, record.settings)
+        if setting.key in start or variable in record.settings:
+            interim[variable], final[variable] = _one_listed(setting, start, record.settings)
+    for variable, entry in record.settings.items():
+        interim.setdefault(variable, entry)
     drop_ins = sorted(set(record.drop_ins) | {drop_in})
     made = record.folders or list(folders)
     return Plan(
         writes=kernel.writes,
-        text=drop_in_text(settings),
+        goals=kernel.goals,
+        text=drop_in_text(settings, optional),
         interim=SettingsRecord(drop_ins, made, interim),
-        final=SettingsRecord([drop_in], made, final) if final else SettingsRecord(),
+        final=SettingsRecord([drop_in], made, final) if settings else SettingsRecord(),
         after={key: kernel.values.get(key) for key in current},
         taken_back=taken_back,
         also_changed=_also_changed(settings, kernel, base),
@@ -155,23 +183,31 @@ class _Simulation:
     def __init__(self, values: typing.Mapping[str, str]) -> None:
         self.values = dict(values)
         self.writes: typing.List[Setting] = []
+        self.goals: typing.Dict[str, str] = collections.OrderedDict()
 
     def write(self, key: str, value: str) -> None:
         """Plan a write, unless the key has the value already."""
         if self.values[key] != value:
+            changed = beside(key, value, self.values)
             self.writes.append(Setting(key, value))
-            self.values.update(beside(key, value, self.values))
+            self.values.update(changed)
             self.values[key] = value
+            for other in changed:  # a later write has the last word
+                self.goals.pop(other, None)
+        self.goals[key] = value
+
+    def hold(self, key: str, value: str) -> None:
+        """Note a value that the kernel spares."""
+        self.values[key] = self.goals[key] = value
 
 
 # One setting taken back
 
 
 def _no_longer_listed(record: SettingsRecord, kept: typing.Set[str]) -> typing.List[Entry]:
-    """The entries of the record without a listed setting; keys that change others come first."""
-    variables = set(record.settings) - kept
-    ordered = sorted(variables, key=lambda variable: (record.settings[variable].key not in BESIDE, variable))
-    return [record.settings[variable] for variable in ordered]
+    """The entries of the record without a listed setting, the last one first; keys that change others before all."""
+    entries = [record.settings[variable] for variable in reversed(list(record.settings)) if variable not in kept]
+    return sorted(entries, key=lambda entry: not changes_others(entry.key))
 
 
 def _one_taken_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> TakenBack:
@@ -191,12 +227,16 @@ def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
     """Plan the value from before, and those of the keys beside it as they were, or as somebody else has set them since."""
     if entry.before is None:
         raise AssertionError("a setting without a key is refused, so it has no record")
-    followed, others = beside(entry.key, kernel.values[entry.key], kernel.values), dict(kernel.values)
+    followed, others = followers(entry.key, kernel.values[entry.key], kernel.values), dict(kernel.values)
     kernel.write(entry.key, entry.before)
-    for other, value in beside(entry.key, entry.before, kernel.values).items():
+    for other, value in followers(entry.key, entry.before, kernel.values).items():
         untouched = others[other] == followed[other]
-        if variable_of(other) not in kept | {variable_of(entry.key)}:
+        if variable_of(other) in kept | {variable_of(entry.key)}:
+            continue
+        if not spared(entry.key):
             kernel.write(other, entry.beside.get(other, value) if untouched else others[other])
+        elif other in entry.beside:
+            kernel.hold(other, others[other])
 
 
 # One listed setting
@@ -215,7 +255,7 @@ def _one_listed(
 def _new_entry(key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> Entry:
     """The record of a key that becomes ours: its value from before, and those of the keys that it changes beside it."""
     value = _before(key, start, owned)
-    others = {} if value is None else beside(key, value, start)
+    others = {} if value is None else followers(key, value, start)
     before = {other: _before(other, start, owned) for other in others}
     apart = {other: found for other, found in before.items() if found is not None and found != others[other]}
     return Entry(key, value, (), apart)
@@ -226,10 +266,10 @@ def _before(key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str
     if variable_of(key) in owned:
         return owned[variable_of(key)].before
     for entry in owned.values():
-        ours = beside(entry.key, entry.set[-1], [key])
+        ours = followers(entry.key, entry.set[-1], [key])
         if key in ours and ours[key] == start.get(key) and entry.before is not None:
             # The key has this value because of another setting of ours.
-            return entry.beside.get(key, beside(entry.key, entry.before, [key])[key])
+            return entry.beside.get(key, followers(entry.key, entry.before, [key])[key])
     return start.get(key)
 
 
@@ -242,11 +282,11 @@ def _also_changed(
         AlsoChanged(name_of(other), base[other], kernel.values[other])
         for setting in settings
         if setting in kernel.writes
-        for other in beside(setting.key, setting.value, kernel.values)
+        for other in followers(setting.key, setting.value, kernel.values)
         if other not in listed and base[other] != kernel.values[other] and _was_apart(setting.key, other, base)
     ]
 
 
 def _was_apart(key: str, other: str, base: typing.Mapping[str, str]) -> bool:
     """True where the other key did not follow this key, as it does when nobody sets it."""
-    return base[other] != beside(key, base[key], [other])[other]
+    return base[other] != followers(key, base[key], [other])[other]

@@ -3,12 +3,16 @@
 
 """The record of the module sysctl: the values from before its settings, its drop-ins and its folders."""
 
+import collections
 import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import changes_others_first
 
 Data = typing.Dict[str, typing.Any]  # JSON
 SHAPE = {
     "drop_ins": [str],
     "folders": [str],
+    "order": [str],
     "settings": {"*": {"key": str, "before": (str, type(None)), "set": [str], "beside": {"*": str}}},
 }
 
@@ -31,20 +35,30 @@ class SettingsRecord(typing.NamedTuple):
 
     drop_ins: typing.Sequence[str] = ()  # those that we may have written: two after a killed run with a new name
     folders: typing.Sequence[str] = ()  # those that we made for the drop-in, outermost first
-    settings: typing.Mapping[str, Entry] = {}  # the kernel's variable -> entry
+    settings: typing.Mapping[str, Entry] = {}  # the kernel's variable -> entry, in the order of the list that set them
 
     def plain(self) -> Data:
         """The record as JSON holds it; an empty record holds nothing."""
         if not any(self):
             return {}
         settings = {variable: entry.plain() for variable, entry in self.settings.items()}
-        return {"drop_ins": list(self.drop_ins), "folders": list(self.folders), "settings": settings}
+        data = {"drop_ins": list(self.drop_ins), "folders": list(self.folders), "settings": settings}
+        order = list(self.settings)
+        return data if order == _usual(order) else {**data, "order": order}
+
+
+def _usual(variables: typing.Iterable[str]) -> typing.List[str]:
+    """The order that a record has where it names none."""
+    return changes_others_first(sorted(variables))
 
 
 def read(data: Data) -> SettingsRecord:
     """The record in the data of its file."""
-    settings = {
-        variable: Entry(entry["key"], entry["before"], tuple(entry["set"]), entry["beside"])
-        for variable, entry in data.get("settings", {}).items()
-    }
+    stored = data.get("settings", {})
+    order = data.get("order") or _usual(stored)
+    settings = collections.OrderedDict(
+        (variable, Entry(entry["key"], entry["before"], tuple(entry["set"]), entry["beside"]))
+        for variable in [*order, *sorted(set(stored) - set(order))]
+        for entry in [stored[variable]]
+    )
     return SettingsRecord(data.get("drop_ins", []), data.get("folders", []), settings)

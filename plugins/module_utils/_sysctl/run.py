@@ -7,15 +7,17 @@ The record of the values from before is on disk before the first write, and the 
 after a killed run, the next one knows everything that it needs to repair.
 """
 
+import errno
 import os
+import stat
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, carry_out
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, Step, carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import (
     Assignment,
@@ -27,14 +29,18 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot 
     parse,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import (
+    Found,
     Kernel,
     Setting,
     changes_others_first,
+    followers,
     refusal,
+    unfit,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan import (
     HEADER,
     check_drop_in,
+    optional_of,
     plan,
     settings_of,
 )
@@ -44,6 +50,10 @@ _TAKEN_BACK = {
     "left": "{name} is left at {runtime_after}: somebody else has changed it since this module set {expected}.",
     "missing": "{name} is gone from this kernel, so there is nothing to take back.",
 }
+
+_MODE = 0o644  # of the drop-in
+# $1: a file of the kernel, $2: its value. One that has the value already is not set apart by writing it.
+_PUT_BACK = 'set -f; [ ! -e "$1" ] || [ "$(echo $(cat "$1"))" = "$2" ] || printf "%s\\n" "$2" >"$1"'
 
 Options = typing.Mapping[str, typing.Any]
 Data = typing.Dict[str, typing.Any]  # JSON
@@ -61,6 +71,7 @@ class Run(ModuleRun):
             if not os.path.isabs(options[option]):
                 raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
         self.settings = settings_of(options["settings"])
+        self.optional = optional_of(options["settings"])
         self.drop_in = options["drop_in"]
         check_drop_in(self.drop_in)
         self.fails_on_conflict = options["on_conflict"] == "fail"
@@ -72,17 +83,22 @@ class Run(ModuleRun):
         self.file = self._place(self.drop_in)
         self.before = self._own_text()
         self.stale = self._stale()
+        self.lost: typing.List[str] = []  # the keys with which IPv6 was off for a moment
 
         listed = [setting.key for setting in self.settings]
         owned = [entry.key for entry in self.recorded.settings.values()]
         self.found = self.kernel.current(listed + owned)
         self.current = {key: found.value for key, found in self.found.items()}
-        self.plan = plan(self.settings, self.current, self.recorded, self.drop_in, self._missing_folders())
+        self.plan = plan(
+            self.settings, self.current, self.recorded, self.drop_in, self._missing_folders(), self.optional
+        )
         self.taken_back = [dict(item._asdict()) for item in self.plan.taken_back]
         self.items = self._items()
         # Anything to do: in the kernel, in the drop-ins, or in the record.
         text, final = self.plan.text, self.plan.final.plain()
-        self.changed = bool(self.plan.writes or self.stale or self.before != text or self.stored != final)
+        self.changed = bool(
+            self.plan.writes or self.stale or self.before != text or self._wrong_mode() or self.stored != final
+        )
 
     # The drop-in
 
@@ -98,10 +114,16 @@ class Run(ModuleRun):
         text = self.tree.read(self.drop_in) if regular else ""
         if regular and (text.startswith(HEADER) or self.drop_in in self.stored.get("drop_ins", [])):
             return text
+        why = "neither our first line nor our record" if regular else "no regular file, as this module writes one"
         raise Problem(
-            f"drop_in: {self.drop_in} is there and not ours (neither our first line nor our record), expected no file or one "
-            "that this module wrote: move it away, or name another file in drop_in."
+            f"drop_in: {self.drop_in} is there and not ours ({why}), expected no file or one that this module wrote: "
+            "move it away, or name another file in drop_in."
         )
+
+    def _wrong_mode(self) -> bool:
+        """True where our drop-in stays and not everybody may read it, or others than root may write it."""
+        kept = self.before is not None and self.plan.text is not None
+        return kept and stat.S_IMODE(os.lstat(self.file).st_mode) != _MODE
 
     def _stale(self) -> typing.Dict[str, str]:
         """Our drop-ins under earlier names, with their texts. A file that is no longer ours stays."""
@@ -136,11 +158,8 @@ class Run(ModuleRun):
     ) -> Data:
         """The result for one setting. `decides`: its assignment at boot. `has_line`: the drop-in has its line already."""
         found, writes = self.found[setting.key], setting in self.plan.writes
-        state, problem = "ok", None
-        if found.value is None or (writes and found.refusal):
-            state, problem = refusal(self.kernel.path(setting.key), setting, found.value, found.refusal)
-        elif writes or not has_line:
-            state = "changed"
+        refused, problem = self._refusal(setting, found, writes)
+        changes = problem is None and (writes or not has_line)
         boot_value = None if decides is None or decides.value is None else normal(decides.value)
         return {
             "name": name_of(setting.key),
@@ -149,11 +168,34 @@ class Run(ModuleRun):
             "runtime_after": self.plan.after[setting.key],
             "boot_value": boot_value,
             "boot_file": decides.file if decides else None,
-            "changed": state == "changed",
-            "state": state,
+            "changed": changes,
+            "state": refused or ("changed" if changes else "ok"),
             "problem": problem,
             "conflict": None if boot_value == setting.value else _conflict(boot_value, decides, hidden),
         }
+
+    def _refusal(self, setting: Setting, found: Found, writes: bool) -> typing.Tuple[str, typing.Optional[str]]:
+        """The state and the sentence for a setting that cannot be set, as far as that is known before; "" and None else."""
+        if found.value is None or (writes and found.refusal):
+            state, problem = refusal(self.kernel.path(setting.key), setting, found.value, found.refusal)
+            return state, None if state == "missing" and setting.key in self.optional else problem
+        if writes and unfit(setting):
+            return "invalid", (
+                f"{name_of(setting.key)}: found the value {setting.value}, expected a whole number as the kernel says it, such as "
+                f"{found.value}: correct the value."
+            )
+        if self.plan.after[setting.key] != setting.value:
+            return "invalid", self._contradiction(setting)
+        return "", None
+
+    def _contradiction(self, setting: Setting) -> str:
+        other = next(
+            other for other in self.settings if setting.key in followers(other.key, other.value, [setting.key])
+        )
+        return (
+            f"settings: {name_of(setting.key)} = {setting.value} and {name_of(other.key)} = {other.value} cannot both be, since "
+            f"the kernel sets the first to {self.plan.after[setting.key]} with the second; expected one of them: remove the other."
+        )
 
     # For the shell of the modules
 
@@ -209,7 +251,9 @@ class Run(ModuleRun):
         }
 
     def failure(self, problem: Problem) -> Data:
-        """The return values beside the sentence: those of a success."""
+        """The return values beside the sentence: those of a success, with the values that the kernel has."""
+        for setting, item in zip(self.settings, self.items):
+            item["runtime_after"] = self.kernel.look(setting.key).value
         return self.result()
 
     def summary(self, check_mode: bool) -> str:
@@ -237,9 +281,14 @@ class Run(ModuleRun):
 
     def undo_commands(self) -> typing.List[typing.List[str]]:
         """The commands that restore the present values."""
-        program = '[ ! -e "$1" ] || printf "%s\\n" "$2" >"$1"'
         values = [(key, self.current[key]) for key in changes_others_first(self.current) if not self.found[key].refusal]
-        return [["sh", "-c", program, "sh", self.kernel.path(key), value] for key, value in values if value is not None]
+        # What the kernel refuses while another key has its present value, it takes the second time.
+        return [
+            ["sh", "-c", program, "sh", self.kernel.path(key), value]
+            for program in (f"{_PUT_BACK} 2>/dev/null || :", _PUT_BACK)
+            for key, value in values
+            if value is not None
+        ]
 
     def undo_files(self) -> typing.Sequence[typing.Tuple[str, typing.Optional[bytes]]]:
         """The files to restore together with the values: none, since `apply_runtime` writes none."""
@@ -247,7 +296,7 @@ class Run(ModuleRun):
 
     def apply_runtime(self) -> None:
         """Write the kernel's values alone. Raises Problem as `apply`."""
-        carry_out([self._kernel_step()])
+        self._carry_out([self._kernel_step()])
 
     # The change
 
@@ -267,7 +316,7 @@ class Run(ModuleRun):
                 Step(self.drop_in, do=self._write_files, undo=self._restore_files),
                 Step(self.record.path, do=lambda: self.record.save(final)),
             ]
-        carry_out(steps)
+        self._carry_out(steps)
 
     def _remove_leftovers(self) -> None:
         """Remove the temporary files of a killed run."""
@@ -278,26 +327,61 @@ class Run(ModuleRun):
 
     def _kernel_step(self) -> Step:
         what = f"the values in {self.kernel.proc}"
-        return Step(what, do=self._write_values, undo=lambda: self.kernel.restore(self.current))
+        return Step(what, do=self._write_values, undo=self._restore_values, failure="{reason}")
 
     def _write_values(self) -> None:
         for write in self.plan.writes:
             try:
                 self.kernel.write(write.key, write.value)
             except OSError as problem:
-                path, held = self.kernel.path(write.key), self.current[write.key]
-                raise Problem(refusal(path, write, held, problem.errno or 0)[1]) from problem
-        for setting, item in zip(self.settings, self.items):
-            held = item["runtime_after"] = self.kernel.read(setting.key)
-            if held != setting.value:
-                raise Problem(
-                    f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {held}, expected the same: write "
-                    "the value as the kernel says it."
-                )
+                if write in self.settings:
+                    raise self._refused(write, problem.errno or errno.EIO) from problem
+                # Taken back: the kernel may take the value when another key has its value from before.
+        wrong = self.kernel.settle(self.plan.goals)
+        for key, number in wrong.items():
+            setting = Setting(key, self.plan.goals[key])
+            if setting not in self.settings:
+                _state, text = refusal(self.kernel.path(key), setting, self.current[key], number or errno.EINVAL)
+                raise Problem("Taking back " + text)
+            raise self._otherwise(setting)
+
+    def _item_of(self, setting: Setting) -> Data:
+        return self.items[self.settings.index(setting)]
+
+    def _refused(self, setting: Setting, number: int) -> Problem:
+        """What the run ends with where the kernel refuses a listed value; its item says so."""
+        state, text = refusal(self.kernel.path(setting.key), setting, self.current[setting.key], number)
+        self._item_of(setting).update(state=state, problem=text, changed=False)
+        return Problem(text)
+
+    def _otherwise(self, setting: Setting) -> Problem:
+        """What the run ends with where the kernel holds another value than it was given."""
+        text = (
+            f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {self.kernel.look(setting.key).value}, "
+            "expected the same: write the value as the kernel says it."
+        )
+        self._item_of(setting).update(state="invalid", problem=text, changed=False)
+        return Problem(text)
+
+    def _restore_values(self) -> typing.List[str]:
+        """Bring every value back that the run may have changed; returns what does not come back."""
+        enabled = [key for key, value in self.current.items() if key.endswith("/disable_ipv6") and value == "0"]
+        self.lost = [name_of(key) for key in enabled if self.kernel.look(key).value == "1"]
+        return self.kernel.restore(self.current)
+
+    def _carry_out(self, steps: typing.Iterable[Step]) -> None:
+        try:
+            carry_out(steps)
+        except NotDone as problem:
+            if not self.lost or problem.left:
+                raise
+            end = "not the addresses and routes of IPv6 that the kernel removed with"
+            text = f"{sentence(problem.cause)} The values are as they were before, but {end} {', '.join(self.lost)}."
+            raise NotDone(problem.cause, problem.left, text) from problem
 
     def _write_files(self) -> None:
         text = self.plan.text
-        if text is not None and text != self.before:
+        if text is not None and (text != self.before or self._wrong_mode()):
             atomic.make_folders(os.path.dirname(self.file))
             atomic.write_by_rename(self.file, text.encode("utf-8", "surrogateescape"))
         for path in self.stale:

@@ -3,9 +3,12 @@
 
 """The plan for kernel settings: writes, record, drop-in and results. Pure."""
 
+import json
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import plan as settings_plan
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import SettingsRecord
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,8 +27,8 @@ def settings_of(**settings):
     return settings_plan.settings_of(listed(**settings))
 
 
-def plan(settings, current, record=None):
-    return settings_plan.plan(settings, current, record or SettingsRecord(), DROP_IN)
+def plan(settings, current, owned=None):
+    return settings_plan.plan(settings, current, owned or SettingsRecord(), DROP_IN)
 
 
 def test_what_is_as_wanted_is_not_written_but_recorded():
@@ -115,6 +118,43 @@ def test_the_value_from_before_is_not_our_own_doing():
     second = plan(both, {FORWARD: "1", ETH0: "1"}, first.final)
     assert second.final.settings[ETH0].before == "0"
     assert plan([], second.after, second.final).after == {FORWARD: "0", ETH0: "0"}
+
+
+def test_two_ways_to_say_one_limit():
+    start = {"vm/dirty_bytes": "0", "vm/dirty_ratio": "20"}
+    settings = settings_plan.settings_of([{"name": "vm.dirty_bytes", "value": 100000000}])
+    done = plan(settings, start)
+    assert done.after == {"vm/dirty_bytes": "100000000", "vm/dirty_ratio": "0"}
+    assert [(item.name, item.before, item.after) for item in done.also_changed] == [("vm.dirty_ratio", "20", "0")]
+    back = plan([], done.after, done.final)
+    assert (back.after, dict(back.goals)) == (start, {"vm/dirty_ratio": "20"})
+
+
+def test_settings_are_taken_back_in_the_reverse_order_of_the_list_also_from_an_old_record():
+    settings = settings_of(ip_unprivileged_port_start="80", ip_local_port_range="600 60000", ip_forward="1")
+    start = {FORWARD: "0", "net/ipv4/ip_local_port_range": "1 2", "net/ipv4/ip_unprivileged_port_start": "1"}
+    done = plan(settings, start)
+    stored = json.loads(json.dumps(done.final.plain(), sort_keys=True))
+    assert stored["order"] == [setting.key for setting in settings]
+    back = plan([], done.after, record.read(stored))
+    assert [write.key.rpartition("/")[2] for write in back.writes] == [
+        "ip_forward",
+        "ip_local_port_range",
+        "ip_unprivileged_port_start",
+    ]
+    del stored["order"]  # as earlier versions wrote it
+    assert plan([], done.after, record.read(stored)).after == start
+    assert (
+        "order" not in plan(settings_of(ip_forward="1", tcp_a="1"), {FORWARD: "0", "net/ipv4/tcp_a": "0"}).final.plain()
+    )
+
+
+def test_a_default_spares_what_was_set_apart():
+    names = [f"net/ipv4/conf/{name}/rp_filter" for name in ("all", "default", "eth0", "eth1")]
+    start = dict(zip(names, ("0", "0", "1", "0"), strict=True))
+    done = plan(settings_of(**{"conf.default.rp_filter": "1"}), start)
+    assert list(done.after.values()) == ["0", "1", "1", "1"]
+    assert plan([], done.after, done.final).after == start  # eth0 has the value of the default now, and stays
 
 
 values = st.fixed_dictionaries({key: st.sampled_from(["0", "1"]) for key in (FORWARD, ETH0, LO, REDIRECTS, BROADCASTS)})

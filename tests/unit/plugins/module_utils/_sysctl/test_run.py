@@ -15,7 +15,6 @@ import tempfile
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan import HEADER, settings_of
 
@@ -349,6 +348,101 @@ def test_kill_at_any_moment_leaves_what_the_next_run_mends(tmp_path, wanted):
         assert step > 10 or wanted == first
 
 
+# What the list may say
+
+
+def test_booleans_and_numbers_are_values(machine):
+    result = machine.run([{"name": "net.ipv4.ip_forward", "value": True}, {"name": BROADCASTS, "value": 0}])
+    assert [item["value"] for item in result["settings"]] == ["1", "0"]
+    assert (machine.value("ip_forward"), machine.value("icmp_echo_ignore_broadcasts")) == ("1", "0")
+    assert not machine.run([{"name": "net.ipv4.ip_forward", "value": "True"}, {"name": BROADCASTS, "value": "False"}])[
+        "changed"
+    ]
+    assert (
+        "has the value [1], expected a text, a whole number or a boolean"
+        in (machine.run([{"name": "net.ipv4.ip_forward", "value": [1]}])["msg"])
+    )
+
+
+def test_a_missing_key_may_be_missing(machine):
+    untouched = machine.state()
+    wanted = [*REPORT, {"name": "net.ipv4.conf.wlan0.rp_filter", "value": 2, "ignore_missing": True}]
+    for result in (machine.run(wanted, check=True), machine.run(wanted)):
+        assert result["changed"]
+        assert [(item["state"], item["problem"]) for item in result["settings"]][2] == ("missing", None)
+    assert machine.drop_in.read_text().splitlines()[-1] == "-net.ipv4.conf.wlan0.rp_filter = 2"
+    again = machine.run(wanted)
+    assert not again["changed"] and not any(item["changed"] for item in again["settings"])
+    machine.hold(conf__wlan0__rp_filter="0")  # the interface is there now
+    assert [item["state"] for item in machine.run(wanted)["settings"]] == ["ok", "ok", "changed"]
+    assert machine.value("conf/wlan0/rp_filter") == "2"
+    machine.run([])
+    assert machine.value("conf/wlan0/rp_filter") == "0"
+    shutil.rmtree(machine.proc / "net/ipv4/conf")
+    assert machine.state() == untouched
+
+
+def test_nothing_but_a_missing_key(machine):
+    untouched = machine.state()
+    wanted = [{"name": "net.ipv4.conf.wlan0.rp_filter", "value": 2, "ignore_missing": True}]
+    assert machine.run(wanted)["changed"] and machine.drop_in.exists()
+    assert not machine.run(wanted)["changed"]
+    assert machine.run([])["changed"]
+    assert machine.state() == untouched
+
+
+def test_two_ways_to_say_one_limit_are_a_contradiction(machine):
+    for name, value in (("dirty_bytes", "0"), ("dirty_ratio", "20")):
+        (machine.proc / "vm").mkdir(exist_ok=True)
+        (machine.proc / "vm" / name).write_text(value + "\n")
+    untouched = machine.state()
+    for check in (True, False):
+        result = machine.run(
+            [{"name": "vm.dirty_bytes", "value": 1000000}, {"name": "vm.dirty_ratio", "value": 30}], check=check
+        )
+        assert result["msg"] == (
+            "settings: vm.dirty_bytes = 1000000 and vm.dirty_ratio = 30 cannot both be, since the kernel sets the first to 0 with "
+            "the second; expected one of them: remove the other."
+        )
+    assert machine.state() == untouched
+
+
+def test_the_mode_of_the_drop_in_is_repaired(machine):
+    machine.run(REPORT)
+    for mode in (0o600, 0o666):
+        machine.drop_in.chmod(mode)
+        assert machine.run(REPORT, check=True)["changed"]
+        assert machine.drop_in.stat().st_mode & 0o777 == mode
+        assert machine.run(REPORT)["changed"]
+        assert machine.drop_in.stat().st_mode & 0o777 == 0o644
+        assert not machine.run(REPORT)["changed"]
+
+
+def test_a_pipe_among_the_files_is_named(machine):
+    (machine.root / "etc/sysctl.d").mkdir(parents=True)
+    os.mkfifo(machine.root / "etc/sysctl.d/50-pipe.conf")
+    message = machine.run(REPORT)["msg"]
+    assert "/etc/sysctl.d/50-pipe.conf cannot be read (Is a pipe (FIFO))" in message and "move that away" in message
+
+
+def test_a_link_to_nothing_hides_a_file(machine):
+    (machine.root / "dev").mkdir()
+    (machine.root / "dev/null").symlink_to("/dev/zero")  # a device, as on a machine
+    (machine.root / "etc/sysctl.d").mkdir(parents=True)
+    (machine.root / "etc/sysctl.d/99-x.conf").symlink_to("/dev/null")
+    machine.write("/usr/lib/sysctl.d/99-x.conf", "net.ipv4.ip_forward = 0\n")
+    assert machine.run(REPORT)["changed"]
+
+
+def test_a_link_in_our_place_is_named_as_one(machine):
+    machine.run(REPORT)
+    text = machine.drop_in.read_text()
+    machine.drop_in.unlink()
+    machine.write("/etc/other", text)
+    machine.drop_in.symlink_to("/etc/other")
+    assert "not ours (no regular file, as this module writes one)" in machine.run(REPORT)["msg"]
+
+
 # The dead-man's switch: the run time, the confirmation, the boot part
 
 
@@ -426,7 +520,7 @@ def test_a_value_that_cannot_be_put_back_stays_in_the_record(machine, monkeypatc
         real(key, value)
 
     monkeypatch.setattr(run.kernel, "write", write)
-    with pytest.raises(Problem, match=r"Not put back: the values in .*\(Input/output error\)\.$"):
+    with pytest.raises(Problem, match=r"Not put back: .*/ip_forward \(Input/output error\)\.$"):
         run.apply()
     assert machine.value("ip_forward") == "1"
     assert sysctl.Run(machine.options([])).taken_back[1]["state"] == "restored"
@@ -512,19 +606,151 @@ def test_kernel_undo_commands_bring_everything_back(namespace):
     assert {key: namespace.held(key) for key in keys} == before
 
 
-@as_root
-def test_kernel_does_beside_a_key_what_the_table_says(namespace):
-    """The table of what the kernel changes beside a key, against this kernel."""
-    for key in kernel.BESIDE:
-        if subprocess.run([*namespace.prefix, "test", "-e", "/proc/sys/" + key], check=False).returncode:
+# In the namespace: every key of `all` and `default`, and what it changes beside it.
+EVERY_KEY = """
+import glob, json, os
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import kernel
+
+proc = kernel.Kernel()
+keys = [path[10:] for path in sorted(glob.glob("/proc/sys/net/ipv[46]/conf/*/*")) + ["/proc/sys/net/ipv4/ip_forward"]]
+
+
+def values():
+    found = {}
+    for key in keys:
+        try:
+            found[key] = proc.read(key)
+        except OSError:  # a secret that nobody has set, and what can only be written
+            pass
+    return found
+
+
+wrong, tried, others = [], 0, 0
+start = before = values()
+for key in start:
+    if key.split("/")[3:4] not in (["all"], ["default"]) and not key.endswith("ip_forward"):
+        continue
+    for value in {"0": "10", "1": "01"}.get(start[key], "01" + start[key]):
+        try:
+            proc.write(key, value)
+        except OSError:
             continue
-        for value in ("1", "0"):
-            names = [FORWARD, ETH0, LO, REDIRECTS, "net/ipv4/conf/all/forwarding", "net/ipv4/conf/default/forwarding"]
-            if "ipv6" in key:
-                names = ["net/ipv6/conf/%s/forwarding" % name for name in ("all", "default", "eth0", "lo")]
-            namespace.held(key, value)
-            expected = kernel.beside(key, value, names)
-            assert {other: namespace.held(other) for other in expected} == expected
+        found = values()
+        expected = {**before, **kernel.beside(key, value, before), key: found[key]}  # times are rounded
+        tried, others = tried + 1, others + sum(found[other] != before[other] for other in found if other != key)
+        wrong += [(key, value, other, found[other], expected[other]) for other in found if found[other] != expected[other]]
+        before = found
+    if before != start:
+        proc.settle({other: start[other] for other in kernel.changes_others_first(start) if other in before})
+        before = values()
+        assert before == start, key
+print(json.dumps([tried, others, wrong]))
+"""
+
+
+def in_namespace(namespace, program, *arguments):
+    """Run a Python program in a network namespace; return what it prints as JSON."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    command = [*namespace.prefix, sys.executable, "-c", program, *arguments]
+    return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment).stdout)
+
+
+@as_root
+def test_kernel_does_beside_every_key_what_the_table_says(namespace):
+    subprocess.run([*namespace.prefix, "ip", "link", "add", "eth1", "type", "bridge"], check=True)
+    namespace.held("net/ipv4/conf/eth1/rp_filter", 7)  # set apart, once and for all
+    tried, others, wrong = in_namespace(namespace, EVERY_KEY)
+    assert wrong == []
+    assert tried > 150 and others > 150
+
+
+RP_FILTER = [
+    {"name": "net.ipv4.conf.eth0.rp_filter", "value": 0},
+    {"name": "net.ipv4.conf.default.rp_filter", "value": 2},
+]
+
+
+@as_root
+@pytest.mark.parametrize("by_hand", [False, True])
+def test_kernel_default_of_all_interfaces_but_one(namespace, by_hand):
+    keys = [f"net/ipv4/conf/{name}/rp_filter" for name in ("default", "eth0", "lo")]
+    if by_hand:
+        namespace.held(keys[2], 1)
+    before = [namespace.held(key) for key in keys]
+    assert [item["state"] for item in namespace.run(RP_FILTER, check=True)["settings"]] == ["changed", "changed"]
+    result = namespace.run(RP_FILTER)
+    assert result["changed"], result
+    assert [namespace.held(key) for key in keys] == ["2", "0", "1" if by_hand else "2"]
+    assert namespace.drop_in.read_text().splitlines()[1:] == [
+        "net.ipv4.conf.default.rp_filter = 2",
+        "net.ipv4.conf.eth0.rp_filter = 0",
+    ]
+    assert not namespace.run(RP_FILTER)["changed"]
+    assert namespace.run([])["changed"]
+    assert [namespace.held(key) for key in keys] == before
+
+
+@as_root
+@pytest.mark.parametrize("name", ["disable_ipv6", "addr_gen_mode", "ignore_routes_with_linkdown"])
+def test_kernel_failure_brings_back_what_was_changed_beside(namespace, name):
+    """Somebody has set one interface apart; `all` changes it, and then another setting is refused."""
+    keys = [f"net/ipv6/conf/{interface}/{name}" for interface in ("all", "default", "eth0", "lo")]
+    if subprocess.run([*namespace.prefix, "test", "-e", "/proc/sys/" + keys[0]], check=False).returncode:
+        pytest.skip("no IPv6 here")
+    namespace.held(keys[2], 1)
+    namespace.held(keys[0], 1)
+    namespace.held(keys[0], 0)
+    namespace.held(keys[2], 1)
+    before = [namespace.held(key) for key in keys]
+    assert before == ["0", "0", "1", "0"]
+    untouched = namespace.state()
+    refused = {"name": "net.ipv4.ip_local_port_range", "value": "9 1"}
+    result = namespace.run([{"name": keys[0], "value": "1"}, refused])
+    assert result["failed"]
+    assert [(item["state"], item["runtime_after"]) for item in result["settings"]] == [
+        ("changed", "0"),
+        ("invalid", "32768 60999"),
+    ]
+    assert result["settings"][1]["problem"] in result["msg"]
+    assert [namespace.held(key) for key in keys] == before
+    assert namespace.state() == untouched
+    said = "addresses and routes of IPv6 that the kernel removed with" in result["msg"]
+    assert said == (name == "disable_ipv6") and ("Everything is as it was before." in result["msg"]) != said
+
+
+@as_root
+def test_kernel_also_changed_names_what_comes_back(namespace):
+    keys = ["net/ipv6/conf/all/disable_ipv6", "net/ipv6/conf/eth0/disable_ipv6"]
+    namespace.held(keys[0], 1)
+    namespace.held(keys[1], 0)
+    result = namespace.run([{"name": keys[0], "value": False}])
+    assert result["also_changed"] == []  # it has what all interfaces get
+    namespace.run([])
+    assert [namespace.held(key) for key in keys] == ["1", "0"]
+    namespace.held(keys[0], 0)
+    namespace.held(keys[1], 1)
+    result = namespace.run([{"name": "net.ipv6.conf.all.ignore_routes_with_linkdown", "value": True}])
+    assert result["changed"] and namespace.held("net/ipv6/conf/eth0/ignore_routes_with_linkdown") == "1"
+
+
+@as_root
+def test_kernel_takes_back_in_the_reverse_order(namespace):
+    """Each of the two is refused while the other has its present value."""
+    ports, first = "net/ipv4/ip_local_port_range", "net/ipv4/ip_unprivileged_port_start"
+    settings = [{"name": ports, "value": "40000 60000"}, {"name": first, "value": 35000}]
+    before = [namespace.held(key) for key in (ports, first)]
+    namespace.run(settings)
+    assert [namespace.held(key).split() for key in (ports, first)] == [["40000", "60000"], ["35000"]]
+    assert not namespace.run(settings)["changed"]
+    namespace.run([])
+    assert [namespace.held(key) for key in (ports, first)] == before
+    low = [{"name": first, "value": 80}, {"name": ports, "value": "600 60000"}]
+    namespace.run(low)
+    namespace.run([])
+    assert [namespace.held(key) for key in (ports, first)] == before
+    refused = namespace.run([*low, {"name": "net.ipv4.tcp_rmem", "value": "x"}])
+    assert "Everything is as it was before." in refused["msg"]
+    assert [namespace.held(key) for key in (ports, first)] == before
 
 
 @as_root
@@ -538,20 +764,47 @@ def test_kernel_keeps_interfaces_that_are_set_apart(namespace):
 @as_root
 def test_kernel_refuses_a_value_and_everything_is_as_before(namespace):
     untouched = namespace.state()
-    result = namespace.run([{"name": "net.ipv4.ip_forward", "value": "1"}, {"name": BROADCASTS, "value": "many"}])
+    result = namespace.run(
+        [{"name": "net.ipv4.ip_forward", "value": "1"}, {"name": "net.ipv4.tcp_rmem", "value": "many"}]
+    )
+    held = " ".join(namespace.held("net/ipv4/tcp_rmem").split())
     assert result["msg"] == (
-        "net.ipv4.icmp_echo_ignore_broadcasts: the kernel refuses the value many (Invalid argument) and keeps 1: "
+        f"net.ipv4.tcp_rmem: the kernel refuses the value many (Invalid argument) and keeps {held}: "
         "give a value that it accepts. Everything is as it was before."
     )
+    item = result["settings"][1]
+    assert (item["state"], item["changed"], item["runtime_after"]) == ("invalid", False, held)
+    assert result["msg"].startswith(item["problem"])
     assert namespace.held(FORWARD) == "0"
     assert namespace.state() == untouched
 
 
 @as_root
 def test_kernel_reads_a_value_otherwise(namespace):
-    result = namespace.run([{"name": "net.ipv4.ip_forward", "value": "01"}])
-    assert "the kernel was given 01 and holds 1" in result["msg"]
-    assert namespace.held(FORWARD) == "0"
+    result = namespace.run([{"name": "net.ipv4.tcp_fin_timeout", "value": "0x3d"}])
+    assert "the kernel was given 0x3d and holds 61" in result["msg"]
+    assert result["settings"][0]["state"] == "invalid"
+    assert namespace.held("net/ipv4/tcp_fin_timeout") == "60"
+
+
+@as_root
+@pytest.mark.parametrize("value", ["01", "many", "1 2", "", "0x1"])
+def test_kernel_a_value_that_is_no_whole_number_is_refused_in_check_mode_too(namespace, value):
+    untouched = namespace.state()
+    for check in (True, False):
+        result = namespace.run([REPORT[1], {"name": BROADCASTS, "value": value}], check=check)
+        assert result["failed"] and [item["state"] for item in result["settings"]] == ["changed", "invalid"]
+        assert (
+            f"net.ipv4.icmp_echo_ignore_broadcasts: found the value {value}, expected a whole number" in result["msg"]
+        )
+    assert namespace.state() == untouched
+
+
+@as_root
+def test_kernel_a_key_that_root_may_not_write_either(namespace):
+    result = namespace.run([{"name": "net.ipv4.conf.eth0.mc_forwarding", "value": "1"}], check=True)
+    assert result["settings"][0]["state"] == "denied"
+    assert "not even root" in result["msg"] and "become" not in result["msg"]
 
 
 @as_root

@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Kernel settings on a robot: what the kernel changes beside a key. With a drop-in and a record beside those of the fleet."""
+
+HOST = "kobuki2computer"
+PLACES = {"drop_in": "/etc/sysctl.d/91-test.conf", "records": "/var/lib/test-of-kernel-settings"}
+RP_FILTER = [
+    {"name": "net.ipv4.conf.eth0.rp_filter", "value": 0},
+    {"name": "net.ipv4.conf.default.rp_filter", "value": 2},
+]
+
+
+def values(lab, *names):
+    return lab.run(HOST, f"sysctl -n {' '.join(names)}").split()
+
+
+def settings(lab, *listed):
+    return lab.module(HOST, "sysctl", {"settings": list(listed), **PLACES})
+
+
+def test_a_default_of_all_interfaces_but_one_also_after_a_boot(lab):
+    names = [f"net.ipv4.conf.{name}.rp_filter" for name in ("default", "eth0", "lo")]
+    before = values(lab, *names)
+    status, output = settings(lab, *RP_FILTER)
+    assert status == 0 and "CHANGED" in output, output
+    assert values(lab, *names)[:2] == ["2", "0"]
+    status, output = settings(lab, *RP_FILTER)
+    assert status == 0 and "SUCCESS" in output, output
+
+    lab.podman("restart", "--time=5", HOST)
+    lab.wait_until_up(HOST)
+    assert values(lab, *names)[:2] == ["2", "0"]
+    assert settings(lab)[0] == 0
+    assert values(lab, *names) == before
+
+
+def test_a_failure_brings_back_an_interface_that_was_set_by_hand(lab):
+    names = [f"net.ipv6.conf.{name}.disable_ipv6" for name in ("all", "default", "eth0", "lo")]
+    lab.run(HOST, "sysctl -qw net.ipv6.conf.all.disable_ipv6=1 net.ipv6.conf.all.disable_ipv6=0")
+    lab.run(HOST, "sysctl -qw net.ipv6.conf.eth0.disable_ipv6=1")
+    status, output = settings(
+        lab,
+        {"name": "net.ipv6.conf.all.disable_ipv6", "value": True},
+        {"name": "net.ipv4.ip_local_port_range", "value": "9 1"},
+    )
+    assert status != 0 and "the kernel refuses the value 9 1" in output, output
+    assert values(lab, *names) == ["0", "0", "1", "0"]
+    assert lab.run(HOST, f"ls -d {PLACES['drop_in']} {PLACES['records']} 2>/dev/null", check=False) == ""
