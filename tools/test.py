@@ -157,6 +157,7 @@ SECONDS = {
     "placement": 130,
     "fourth_robot": 110,
     "clock": 70,
+    "firewall": 130,
     "exchanges": 70,
 }
 

@@ -23,6 +23,7 @@ ROOMS = {
         "_hosts": {"_changes", "_machine"},
         "_sysctl": {"_changes", "_machine"},
         "_routes": {"_changes", "_machine"},
+        "_firewall": {"_changes", "_machine"},
         "_verify": {"_machine"},
     },
     PLUGIN_UTILS: {

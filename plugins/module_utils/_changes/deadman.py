@@ -118,6 +118,7 @@ class Switch:
         undo: typing.Iterable[typing.Sequence[str]],
         files: typing.Iterable[typing.Tuple[str, typing.Optional[bytes]]] = (),
         memory: typing.Any = None,
+        last: typing.Iterable[typing.Sequence[str]] = (),
     ) -> None:
         """Start the timer: `undo` happens in so many seconds, unless the switch is released.
 
@@ -132,6 +133,7 @@ class Switch:
             steps = [["try"] + list(argv) for argv in undo]
             for number, (path, content) in enumerate(files):
                 steps.append(["try", "rm", "-f", path] if content is None else self._keep(number, path, content))
+            steps += [["try"] + list(argv) for argv in last]
             text = _SCRIPT.format(
                 path=commands.BASE_PATH,
                 folder=shlex.quote(self.folder),
@@ -246,7 +248,7 @@ class Guard:
 
     runtime_changes   True if the run time changes
     memory            all that the second run has to know, for JSON
-    undo_commands()   for Switch.arm, as undo_files()
+    undo_commands()   for Switch.arm, as undo_files() and undo_last()
     apply_runtime()   changes the run time alone
     apply()           changes all that is not yet as planned: the run time, then the boot part
 
@@ -309,7 +311,8 @@ class Guard:
         return None
 
     def _try_out(self, run: typing.Any) -> None:
-        self.switch.arm(self.token, self.seconds, run.undo_commands(), run.undo_files(), run.memory)
+        undo = (run.undo_commands(), run.undo_files(), run.memory, run.undo_last())
+        self.switch.arm(self.token, self.seconds, *undo)
         try:
             run.apply_runtime()
         except Problem:

@@ -48,6 +48,10 @@ class ModuleRun:
         """The sentences of `msg`."""
         raise NotImplementedError
 
+    def undo_last(self) -> typing.List[typing.List[str]]:
+        """The commands with which a dead-man's switch ends its way back, after the files."""
+        return []
+
     def apply(self) -> None:
         """Carry out the plan. Raises Problem; then everything is as it was before, or the sentence says what is not."""
         raise NotImplementedError

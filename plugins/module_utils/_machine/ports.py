@@ -52,11 +52,12 @@ def parse(protocol: str, table: str) -> typing.List[Socket]:
         if len(fields) < 10 or (protocol == "tcp" and fields[3] != _LISTEN):
             continue
         address, _separator, port = fields[1].partition(":")
-        sockets.append(Socket(protocol, int(port, 16), _address(address), int(fields[7]), fields[9]))
+        sockets.append(Socket(protocol, int(port, 16), address_of(address), int(fields[7]), fields[9]))
     return sockets
 
 
-def _address(digits: str) -> str:
+def address_of(digits: str) -> str:
+    """Read an address of a table of /proc/net."""
     # 32-bit words, each printed in the byte order of the machine
     words = [int(digits[start : start + 8], 16) for start in range(0, len(digits), 8)]
     family = socket.AF_INET if len(words) == 1 else socket.AF_INET6

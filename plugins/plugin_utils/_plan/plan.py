@@ -6,12 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from ipaddress import IPv4Address, IPv4Network
+from ipaddress import IPv4Network
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Computer, Fleet, Robot, Router
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import belonging, parameters, providers
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
     DEFAULT_ROUTE,
+    Belonging,
     ComputerPlan,
     ExpectedRoute,
     Firewall,
@@ -43,6 +44,7 @@ def fleet_plan(fleet: Fleet) -> FleetPlan:
     if fleet.router and fleet.router.name:
         computers[fleet.router.name] = _router(fleet, fleet.router)
     members = tuple(_member(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers)
+    belongs = belonging.belonging(fleet)
     return FleetPlan(
         hosts_entries=tuple(
             HostsEntry(computer.address, (computer.name, *computer.variables.aliases)) for computer in fleet.computers
@@ -68,8 +70,8 @@ def fleet_plan(fleet: Fleet) -> FleetPlan:
         multicast_routing=fleet.variables.multicast_routing,
         members=members,
         listeners=_listeners(members),
-        let_in=_let_in(fleet) if _filters(fleet) else (),
-        belonging=belonging.belonging(fleet),
+        let_in=_let_in(fleet, belongs) if _filters(fleet) else (),
+        belonging=belongs,
         computers=computers,
     )
 
@@ -156,14 +158,9 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
         sysctl=_sysctl(fleet) + (FORWARDING if is_gateway else ()),
         routes=() if existing else _routes(fleet, robot, computer),
         routes_expected=expected,
-        look_at=LookAt(
-            parts=LOOKED_AT + LOOKED_AT_WITH_ROS,
-            destinations=tuple(route.destination[1] for route in expected),
-            packages=providers.packages_to_look_for(robot.variables.provider, is_master),
-            nodes=providers.nodes_to_look_for(robot.variables.provider),
-        ),
+        look_at=_look_at(robot, is_master, expected),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
-        firewall=Firewall((robot.network,) if is_gateway else ()) if _filters(fleet) else None,
+        firewall=_firewall(fleet, (robot.network,) if is_gateway else ()),
         environment={
             "ROS_MASTER_URI": _master_uri(fleet, robot),
             ("ROS_HOSTNAME" if fleet.variables.advertise == "name" else "ROS_IP"): belonging.advertised(
@@ -180,6 +177,15 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
     )
 
 
+def _look_at(robot: Robot, is_master: bool, expected: Iterable[ExpectedRoute]) -> LookAt:
+    return LookAt(
+        parts=LOOKED_AT + LOOKED_AT_WITH_ROS,
+        destinations=tuple(route.destination[1] for route in expected),
+        packages=providers.packages_to_look_for(robot.variables.provider, is_master),
+        nodes=providers.nodes_to_look_for(robot.variables.provider),
+    )
+
+
 def _router(fleet: Fleet, router: Router) -> ComputerPlan:
     """Return the plan of the router (section 4.2 of the report): no computer of a robot, so nothing of ROS."""
     return ComputerPlan(
@@ -192,7 +198,7 @@ def _router(fleet: Fleet, router: Router) -> ComputerPlan:
         roscore="existing",
         sysctl=FORWARDING + NO_REDIRECTS,
         routes=tuple(Route(robot.network, robot.gateway.common_address) for robot in fleet.robots if robot.gateway),
-        firewall=Firewall(_behind_router(fleet)) if _filters(fleet) else None,
+        firewall=_firewall(fleet, _behind_router(fleet)),
         look_at=LookAt(parts=LOOKED_AT),
     )
 
@@ -246,21 +252,20 @@ def _filters(fleet: Fleet) -> bool:
     return fleet.variables.firewall == "fleet"
 
 
-def _let_in(fleet: Fleet) -> tuple[IPv4Network, ...]:
-    """Return every planned address, once, in the order of the inventory.
+def _firewall(fleet: Fleet, networks: tuple[IPv4Network, ...]) -> Firewall | None:
+    return Firewall(networks) if _filters(fleet) else None
 
-    A gateway is there with both addresses: where it masquerades, the computers behind it are seen with one of them. The
-    router of the inventory is as well: it takes part in verify.
+
+def _let_in(fleet: Fleet, belongs: Belonging) -> tuple[IPv4Network, ...]:
+    """Return who passes the packet filters: every planned address, and who is allowed besides.
+
+    Where a gateway masquerades, the computers behind it are seen with its address, also with that of a device that is no
+    computer of the inventory.
     """
-    found: list[IPv4Address] = []
-    for robot in fleet.robots:
-        for computer in robot.computers:
-            found += [computer.address, computer.discovery_address]
-        if robot.gateway:
-            found += [robot.gateway.address, robot.gateway.common_address]
-    if fleet.router and fleet.router.name:
-        found.append(fleet.router.address)
-    return tuple(IPv4Network(address) for address in dict.fromkeys(found))
+    gateways = [robot.gateway for robot in fleet.robots if robot.gateway]
+    devices = [address for gateway in gateways for address in (gateway.address, gateway.common_address)]
+    planned = dict.fromkeys([*belongs.computers, *devices])
+    return (*(IPv4Network(address) for address in planned), *belongs.allow)
 
 
 def _behind_router(fleet: Fleet) -> tuple[IPv4Network, ...]:

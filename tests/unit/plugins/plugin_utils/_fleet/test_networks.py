@@ -414,11 +414,13 @@ def test_a_packet_filter_lets_every_planned_address_in_and_protects_the_networks
     def change(data):
         filtered(data)
         data["variables"]["router"].pop("multimaster_firewall")  # a variable of the robots
+        for values in data["variables"].values():
+            values["multimaster_allow"] = ["192.168.1.77"]
 
     plan = to_plain(plan_module.fleet_plan(fleet(change)))
     planned = [values["multimaster_address"] for values in MULTI["variables"].values()]
     gateways = [f"192.168.1.{last}" for last in (201, 202, 203)]
-    assert {entry.removesuffix("/32") for entry in plan["let_in"]} == {*planned, *gateways}
+    assert {entry.removesuffix("/32") for entry in plan["let_in"]} == {*planned, *gateways, "192.168.1.77"}
     assert len(plan["let_in"]) == len(set(plan["let_in"]))
     networks = {name: entry["firewall"]["networks"] for name, entry in plan["computers"].items()}
     assert networks["tibi-nav"] == []

@@ -1,0 +1,210 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: firewall
+short_description: A packet filter that lets the fleet in, at run time and at boot
+version_added: "0.5.0"
+description:
+  - Protects the TCP and UDP ports 1024 to 65535 of this computer, on which ROS listens, from everybody but O(members).
+    On a gateway or router it protects those of the O(networks) behind it in the same way.
+  - Where C(ufw) or C(firewalld) is active, it speaks to that one. Otherwise it has a table of its own in C(nftables), which is
+    replaced in one transaction, and a small unit that loads it at boot before the network is there. Rules of others stay.
+  - Ports below 1024, ICMP and IGMP are not touched, and neither are connections that are there already.
+    Ports of ssh stay open to everybody. These are the ports on which a server of ssh of root listens, the port of this connection
+    and O(ssh_ports).
+  - Rules of ours that somebody has removed come back. With empty O(members) everything of ours is removed.
+  - Where the controller comes by something else than ssh, on a port that would be closed, the module fails before anything changes.
+  - With O(confirm_within), a change that cuts the controller off is taken back by the machine itself.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes
+  - rosfleet.multimaster.confirmed
+options:
+  members:
+    description:
+      - The addresses and networks that are let in, for example V([192.168.1.229, 192.168.1.239]); V([]) removes everything of ours.
+    type: list
+    elements: str
+    required: true
+  also:
+    description:
+      - Further addresses and networks that are let in, for example V([192.168.2.201]). They count only where O(members) is not empty.
+    type: list
+    elements: str
+    default: []
+  networks:
+    description:
+      - The networks behind this computer that are protected as well, for example V([192.168.11.0/24]).
+    type: list
+    elements: str
+    default: []
+  open_ports:
+    description:
+      - Ports that stay open to everybody, each with its protocol, for example V([51820/udp]).
+    type: list
+    elements: str
+    default: []
+  ssh_ports:
+    description:
+      - Further TCP ports of ssh that stay open to everybody, for example V([2222]).
+        The controller adds those that the inventory names (C(ansible_port)).
+    type: list
+    elements: int
+    default: []
+  backend:
+    description:
+      - What filters the packets, for example V(nftables).
+    type: str
+    default: auto
+    choices:
+      auto: The first that is active.
+      ufw: Rules of ufw with a comment of ours, above those of others.
+      firewalld: Two policies of firewalld (0.9 or later), which are asked before every zone.
+      nftables: A table of our own.
+  records:
+    description:
+      - The folder of the record of what is ours, for example V(/var/lib/rosfleet-multimaster).
+    type: path
+    default: /var/lib/rosfleet-multimaster
+author:
+  - rosfleet contributors (@rosfleet)
+"""
+
+EXAMPLES = r"""
+- name: Let only two robots and a laptop in
+  rosfleet.multimaster.firewall:
+    members: [192.168.1.229, 192.168.1.239, 192.168.1.50]
+    confirm_within: 60
+
+- name: Protect the network behind a gateway, too
+  rosfleet.multimaster.firewall:
+    members: [192.168.1.201, 192.168.11.100, 192.168.11.101]
+    networks: [192.168.11.0/24]
+    confirm_within: 60
+
+- name: Take everything back
+  rosfleet.multimaster.firewall:
+    members: []
+"""
+
+RETURN = r"""
+backend:
+  description: What filters the packets, null where nothing of ours is to be there.
+  returned: always, unless an option is wrong
+  type: str
+  sample: nftables
+members:
+  description: What was found and done per address or network that is let in.
+  returned: always, unless an option is wrong
+  type: list
+  elements: dict
+  contains:
+    address:
+      description: The address or network in normal form.
+      type: str
+      returned: always
+      sample: 192.168.1.229
+    changed:
+      description: Whether our rules did not have it before the run.
+      type: bool
+      returned: always
+      sample: true
+    state:
+      description: V(ok) or V(changed).
+      type: str
+      returned: always
+      sample: changed
+networks:
+  description: What was found and done per protected network.
+  returned: always, unless an option is wrong
+  type: list
+  elements: dict
+  contains:
+    address:
+      description: The network in normal form.
+      type: str
+      returned: always
+      sample: 192.168.11.0/24
+    changed:
+      description: Whether our rules did not have it before the run.
+      type: bool
+      returned: always
+      sample: true
+    state:
+      description: V(ok) or V(changed).
+      type: str
+      returned: always
+      sample: changed
+open_ports:
+  description: The protected ports that stay open to everybody, those of ssh among them.
+  returned: always, unless an option is wrong
+  type: list
+  elements: str
+  sample: [2222/tcp]
+removed:
+  description: The back ends from which our rules were removed.
+  returned: always, unless an option is wrong
+  type: list
+  elements: str
+  sample: []
+notes:
+  description: Sentences about what had been changed by hand.
+  returned: always, unless an option is wrong
+  type: list
+  elements: str
+  sample: []
+unconfirmed:
+  description: Whether the change waits for its confirmation, with O(confirm_within); the controller's result is never this one.
+  returned: always, unless an option is wrong
+  type: bool
+  sample: false
+confirmed:
+  description: Whether the controller confirmed the change over a new connection, with O(confirm_within).
+  returned: when it did
+  type: bool
+  sample: true
+rolled_back:
+  description: Whether the change was taken back, because it was not confirmed in time or could not be completed.
+  returned: failed
+  type: bool
+  sample: true
+same_connection:
+  description: Whether the confirming run came over the connection from before the change, which proves nothing.
+  returned: with O(confirmation), when it did
+  type: bool
+  sample: true
+msg:
+  description: What was done, in a sentence.
+  returned: always
+  type: str
+  sample: "The rules of nftables were changed: 4 addresses are let in, 0 networks behind this computer are protected."
+"""
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.table import CHOICES
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.run import Run
+
+
+def main() -> None:
+    module = AnsibleModule(
+        argument_spec=dict(
+            deadman.OPTIONS,
+            members={"type": "list", "elements": "str", "required": True},
+            also={"type": "list", "elements": "str", "default": []},
+            networks={"type": "list", "elements": "str", "default": []},
+            open_ports={"type": "list", "elements": "str", "default": []},
+            ssh_ports={"type": "list", "elements": "int", "default": []},
+            backend={"type": "str", "default": "auto", "choices": CHOICES},
+            records={"type": "path", "default": "/var/lib/rosfleet-multimaster"},
+        ),
+        supports_check_mode=True,
+    )
+    guard = deadman.Guard(module, "firewall", "packet filter rules")
+    run_module(module, lambda memory: Run(module.params, memory), guard)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The policies of firewalld as text and as XML, and what a reload would lose.
+
+tests/systems/test_firewall.py has the real firewalld.
+"""
+
+import xml.etree.ElementTree as ET
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, firewalld
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Port, Wanted
+
+WANTED = Wanted(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))
+LISTING = """\
+public (active)
+  target: default
+  interfaces: eth0
+  ports: 8080/tcp
+
+trusted
+  target: ACCEPT
+  interfaces:
+  ports:
+"""
+OWN = "\n\nrosfleet-input (active)\n  priority: -14000\n"
+
+
+def test_rules_in_the_words_of_firewall_cmd():
+    rules = firewalld.BackEnd(False).rules(WANTED)
+    for rule in (
+        'rosfleet-input: rule priority="-2" family="ipv4" source address="10.5.0.1" port port="1024-65535" protocol="tcp" accept',
+        'rosfleet-input: rule priority="-2" family="ipv6" source address="fd00::1" port port="1024-65535" protocol="udp" accept',
+        'rosfleet-input: rule priority="-2" protocol value="igmp" accept',
+        'rosfleet-input: rule priority="-2" port port="2222" protocol="tcp" accept',
+        'rosfleet-input: rule priority="-1" port port="1024-65535" protocol="udp" drop',
+        'rosfleet-forward: rule priority="-2" family="ipv4" source address="10.5.0.1" destination address="10.6.0.0/24" accept',
+        'rosfleet-forward: rule priority="-1" family="ipv4" destination address="10.6.0.0/24" port port="1024-65535" protocol="tcp" drop',
+    ):
+        assert rule in rules
+
+
+def test_files_hold_the_same_rules():
+    files = {file["path"]: ET.fromstring(file["content"]) for file in firewalld.BackEnd(False).files(WANTED)}
+    assert sorted(files) == [
+        "/etc/firewalld/policies/rosfleet-forward.xml",
+        "/etc/firewalld/policies/rosfleet-input.xml",
+    ]
+    counted = sum(len(root.findall("rule")) for root in files.values())
+    assert counted == len(firewalld.BackEnd(False).rules(WANTED))
+    root = files["/etc/firewalld/policies/rosfleet-input.xml"]
+    assert root.attrib == {"target": "CONTINUE", "priority": "-14000"}
+    assert root.find("egress-zone").attrib == {"name": "HOST"}
+    assert root.find("rule/port").attrib == {"port": "1024-65535", "protocol": "tcp"}
+
+
+def test_names_are_as_short_as_firewalld_wants_them():
+    assert all(len(policy) <= 17 for policy in firewalld.policies(WANTED))
+
+
+def test_without_networks_nothing_is_said_about_what_passes():
+    assert list(firewalld.policies(WANTED._replace(networks=()))) == ["rosfleet-input"]
+
+
+@pytest.mark.parametrize(
+    ("permanent", "refused"),
+    [
+        (LISTING.replace(" (active)", "").replace("eth0", ""), False),
+        (LISTING.replace(" 8080/tcp", ""), True),
+    ],
+)
+def test_what_a_reload_would_lose_is_named(monkeypatch, tmp_path, permanent, refused):
+    monkeypatch.setattr(firewalld, "FOLDER", str(tmp_path))
+    monkeypatch.setattr(firewalld.BackEnd, "active", lambda _self: True)
+    monkeypatch.setattr(contract, "do", lambda argv: permanent if "--permanent" in argv else LISTING + OWN)
+    sentence = firewalld.BackEnd(False).refusal()
+    assert ("ports: 8080/tcp" in sentence) is refused
+    assert bool(sentence) is refused
+
+
+def test_a_firewalld_without_policies_is_named(monkeypatch, tmp_path):
+    monkeypatch.setattr(firewalld, "FOLDER", str(tmp_path / "policies"))
+    monkeypatch.setattr(firewalld.BackEnd, "active", lambda _self: True)
+    assert (
+        firewalld.BackEnd(False).refusal().startswith(f"firewalld has no {tmp_path}/policies, expected firewalld 0.9")
+    )

@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The rules of ufw, and where they go among those of others, over the files of ufw as it writes them.
+
+tests/systems/test_firewall.py has the real ufw.
+"""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, ufw
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Port, Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+WANTED = Wanted(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))
+OTHERS = "allow tcp 22 0.0.0.0/0 any 0.0.0.0/0 in"
+ALLOW = "allow tcp 1024:65535 0.0.0.0/0 any 10.5.0.1 in"
+DENY = "deny tcp 1024:65535 0.0.0.0/0 any 0.0.0.0/0 in"
+OURS = " comment=726f73666c6565742e6d756c74696d6173746572"
+
+
+@pytest.fixture
+def machine(tmp_path, monkeypatch):
+    """A ufw whose rules are given, and the commands that it is asked to do."""
+    files = {4: str(tmp_path / "user.rules"), 6: str(tmp_path / "user6.rules")}
+    monkeypatch.setattr(ufw, "FILES", files)
+    monkeypatch.setattr(ufw, "DEFAULTS", str(tmp_path / "defaults"))
+    monkeypatch.setattr(contract, "program", lambda name: "/usr/sbin/" + name)
+    (tmp_path / "defaults").write_text("IPV6=no\n")
+    asked = []
+    monkeypatch.setattr(contract, "do", lambda argv: asked.append(" ".join(argv)))
+
+    def hold(*texts):
+        text = "".join(f"### tuple ### {rule}\n-A ufw-user-input ...\n\n" for rule in texts)
+        (tmp_path / "user.rules").write_text("*filter\n### RULES ###\n\n" + text)
+        return asked
+
+    return hold
+
+
+def test_rules_let_in_first_and_keep_out_last():
+    found = ufw.rules(WANTED, [4, 6])
+    assert [rule.lets for rule in found] == sorted((rule.lets for rule in found), reverse=True)
+    texts = [rule.text for rule in found]
+    assert ALLOW in texts and DENY in texts
+    assert "allow udp 1024:65535 ::/0 any fd00::1 in" in texts
+    assert "allow igmp any 0.0.0.0/0 any 0.0.0.0/0 in" in texts
+    assert "route:allow any any 10.6.0.0/24 any 10.5.0.1 in" in texts
+    assert "route:allow any any 10.5.0.1 any 10.6.0.0/24 in" in texts
+    assert "route:deny udp 1024:65535 10.6.0.0/24 any 0.0.0.0/0 in" in texts
+    assert "allow tcp 2222 ::/0 any ::/0 in" in texts
+
+
+def test_the_words_of_ufw():
+    rule = ufw.Rule("route:deny", "udp", "1024:65535", "10.6.0.0/24", "0.0.0.0/0")
+    words = "from 0.0.0.0/0 to 10.6.0.0/24 port 1024:65535"
+    assert " ".join(rule.command("insert", "3")) == (
+        f"ufw route insert 3 deny proto udp {words} comment rosfleet.multimaster"
+    )
+    assert " ".join(rule.command("delete")) == f"ufw --force route delete deny proto udp {words}"
+    assert ufw._rule(rule.text) == rule
+
+
+def test_only_ours_are_read(machine):
+    machine(OTHERS, ALLOW + OURS, ALLOW + " comment=78")
+    assert ufw.BackEnd(False).read() == [ALLOW]
+
+
+def test_a_robot_that_is_new_goes_on_top(machine):
+    asked = machine(ALLOW + OURS, DENY + OURS, OTHERS)
+    ufw.BackEnd(False).load(Wanted(("10.5.0.1", "10.5.0.2"), (), ()))
+    news = [line for line in asked if "10.5.0.2" in line]
+    assert news == [
+        f"ufw prepend allow proto {protocol} from 10.5.0.2 to 0.0.0.0/0 port 1024:65535 comment rosfleet.multimaster"
+        for protocol in ("udp", "tcp")
+    ]
+    assert not any("delete" in line for line in asked)
+
+
+def test_a_rule_that_keeps_out_goes_below_ours_and_above_those_of_others(machine):
+    machine(ALLOW + OURS, OTHERS)
+    assert ufw.BackEnd(False)._below(4) == ("insert", "2")
+    machine(OTHERS, ALLOW + OURS)
+    assert ufw.BackEnd(False)._below(4) == ()
+    machine(OTHERS)
+    assert ufw.BackEnd(False)._below(4) == ("prepend",)
+
+
+def test_a_rule_in_the_wrong_place_is_moved(machine):
+    asked = machine(DENY + OURS, ALLOW + OURS, OTHERS)
+    back_end = ufw.BackEnd(False)
+    assert not back_end.in_order(WANTED)
+    back_end.load(Wanted(("10.5.0.1",), (), ()))
+    assert asked[0] == "ufw --force delete deny proto tcp from 0.0.0.0/0 to 0.0.0.0/0 port 1024:65535"
+
+
+def test_the_rules_that_keep_out_go_first(machine):
+    asked = machine(ALLOW + OURS, DENY + OURS, OTHERS)
+    ufw.BackEnd(False).load(None)
+    assert [line.split()[3] for line in asked] == ["deny", "allow"]
+
+
+def test_a_strange_rule_with_our_comment_is_named(machine):
+    machine("limit tcp 22 0.0.0.0/0 any 0.0.0.0/0 in_eth0 x" + OURS)
+    with pytest.raises(Problem, match="ufw has a rule with the comment rosfleet.multimaster that this module has not"):
+        ufw.BackEnd(False).in_order(None)
+
+
+def test_a_trial_leaves_the_files_as_they_were(machine, tmp_path, monkeypatch):
+    machine(OTHERS)
+    before = (tmp_path / "user.rules").read_bytes()
+    monkeypatch.setattr(contract, "do", lambda _argv: (tmp_path / "user.rules").write_text("new"))
+    ufw.BackEnd(False).try_out(Wanted(("10.5.0.1",), (), ()))
+    assert (tmp_path / "user.rules").read_bytes() == before
