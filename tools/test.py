@@ -152,6 +152,7 @@ SECONDS = {
     "routes": 75,
     "robots": 300,
     "links": 270,
+    "alone": 90,
     "data_flow": 110,
     "cut_off": 140,
     "placement": 130,
@@ -168,7 +169,7 @@ IN_COMMON = ("cloud_init", "sandbox", "faults", "readme", "router_config", "kern
 WAITING = {"clock", "exchanges"}
 
 #: Tests that assert times of tenths of a second: nothing runs beside them.
-TIMED = {"links", "data_flow"}
+TIMED = {"links", "data_flow", "alone"}
 
 
 def scenarios() -> list[Suite]:
@@ -216,7 +217,9 @@ SUITES = [
     vermin("3.6", "plugins/modules", "plugins/module_utils"),
     vermin("3.8", "roles/nodes/files/python"),
     vermin("3.10", "plugins/action", "plugins/filter", "plugins/lookup", "plugins/plugin_utils"),
-    lint("shellcheck", "shellcheck", ".ci/run", "tools/setup.sh", "tests/lab/files/make-opt-ros"),
+    lint(
+        "shellcheck", "shellcheck", ".ci/run", "tools/setup.sh", "tests/lab/files/make-opt-ros", "tests/lab/files/wire"
+    ),
     lint("reuse", "reuse", "lint", "--lines"),
     lint("antsibull-changelog", "antsibull-changelog", "lint"),
     lint("antsibull-docs", "antsibull-docs", "lint-collection-docs", "--plugin-docs", ".", seconds=7),
