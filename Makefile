@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup lab demo lab-down check lint sanity unit molecule systems bench-site test test-long test-interop checkout format house readme
+.PHONY: help setup lab demo lab-down check lint sanity unit molecule systems bench-site test test-long test-interop checkout format house readme lock copies shipped
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -67,3 +67,12 @@ house: setup ## figures of the code: rooms, imports, long functions (REV=revisio
 
 readme: setup ## write the table of variables into README.md
 	@PYTHONPATH=.work/collections $(PYTHON) tools/readme.py
+
+lock: ## write requirements-dev.txt, with the hashes of all packages, out of requirements-dev.in (UPGRADE=yes: newer versions)
+	@bash tools/lock.sh $(UPGRADE)
+
+copies: ## write the files that are copies of others, after these were edited
+	@python3 tools/copies.py
+
+shipped: setup ## write the list of the files that the built collection holds
+	@$(PYTHON) tools/shipped.py

@@ -64,7 +64,7 @@ make_venv() {
   rm -rf .work/venv
   mkdir -p .work
   "$python" -m venv .work/venv
-  .work/venv/bin/python -m pip install -qq --disable-pip-version-check --requirement requirements-dev.txt
+  .work/venv/bin/python -m pip install -qq --disable-pip-version-check --require-hashes --requirement requirements-dev.txt
   echo "$inputs" >"$stamp"
 }
 

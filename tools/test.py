@@ -218,7 +218,9 @@ SUITES = [
     vermin("3.8", "roles/nodes/files/python"),
     vermin("3.10", "plugins/action", "plugins/filter", "plugins/lookup", "plugins/plugin_utils"),
     lint(
-        "shellcheck", "shellcheck", ".ci/run", "tools/setup.sh", "tests/lab/files/make-opt-ros", "tests/lab/files/wire"
+        "shellcheck",
+        "shellcheck",
+        *(".ci/run", "tools/setup.sh", "tools/lock.sh", "tests/lab/files/make-opt-ros", "tests/lab/files/wire"),
     ),
     lint("reuse", "reuse", "lint", "--lines"),
     lint("antsibull-changelog", "antsibull-changelog", "lint"),

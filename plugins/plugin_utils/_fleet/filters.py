@@ -1,1 +1,402 @@
-../../../roles/nodes/files/python/rosfleet_multimaster/core/filters.py
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Filters of the exchange: patterns, the names of all filters, and the rules for one master.
+
+One file for the nodes and for the controller (plugins/plugin_utils/_fleet/filters.py is a copy: `make copies`). It needs
+the standard library of Python 3.8 only.
+
+In a pattern `*` stands for any text. Everything else is a Python regular expression. A pattern matches a whole name, in
+upper or lower case: `/tf` matches only /tf, `/tf*` matches /tf_static too. (So `.*` means "at least one character".)
+
+`Rules` mean the same as upstream's, because they travel: they are the argument of masterInfoFiltered, and the other
+robot may run either implementation. `Filters` are the parameters of a node. They avoid upstream's traps.
+"""
+
+import re
+import reprlib
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, lru_cache
+from math import comb
+from typing import Any, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
+
+try:
+    from re import _compiler, _parser  # type: ignore[attr-defined]  # Python 3.11 and later, undocumented
+except ImportError:
+    import sre_compile as _compiler
+    import sre_parse as _parser
+
+MAX_TEXT = 65536  # characters of all patterns of a request
+MAX_NAME = 255  # characters of a name; a longer one is not exchanged
+MAX_COST = 5_000_000  # steps of one match of a pattern from another computer: about 0.1 s, in which nothing else runs
+UNKNOWN_TYPES = ("", "*", "None")  # written by a master that does not know the type of a topic
+_CACHED = 4096  # characters of a text that is kept compiled
+_NODE = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]{0,255}\Z")
+
+
+# Patterns
+
+
+class InvalidPattern(ValueError):
+    """The pattern is not usable; the text names it and says why."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """An alternation of patterns; the empty one matches nothing."""
+
+    text: str = ""
+
+    @classmethod
+    def of(cls, items: Iterable[str], what: str = "a pattern") -> "Pattern":
+        """Make the pattern of a list as people write it. Raises InvalidPattern, naming `what`."""
+        texts = []
+        for item in items:
+            if not isinstance(item, str):
+                raise InvalidPattern(f"{what}: {reprlib.repr(item)} is no text")
+            if item.strip():
+                text = expression(item)
+                _check(text, f"{what}: the pattern {item.strip()!r}")
+                texts.append(rf"\A(?:{text})\Z" if "|" in text else rf"\A{text}\Z")
+                _check(texts[-1], f"{what}: the pattern {item.strip()!r} in its anchors")  # (?i) may only come first
+        text = "|".join(texts)
+        _check(text, f"{what}: all patterns together")  # a named group may only come once
+        return cls(text)
+
+    @classmethod
+    def from_wire(cls, text: Any) -> "Pattern":
+        """Accept the pattern of another computer. Raises InvalidPattern, also where it would be too costly."""
+        if not isinstance(text, str):
+            raise InvalidPattern(f"{reprlib.repr(text)} is no text")
+        _check(text, "the pattern", costly=False)
+        return cls(text)
+
+    def __bool__(self) -> bool:
+        return bool(self.text)
+
+    def matches(self, name: str) -> bool:
+        """True where the whole name matches."""
+        if not self.text or len(name) > MAX_NAME:
+            return False
+        if len(self.text) > _CACHED:
+            return self._compiled.match(name) is not None
+        return _matches(self.text, name)
+
+    @cached_property
+    def cheap(self) -> bool:
+        """True where another computer would accept it."""
+        return len(self.text) <= MAX_TEXT and _cost(_parser.parse(self.text, re.IGNORECASE)) <= MAX_COST
+
+    @cached_property
+    def _compiled(self) -> "re.Pattern[str]":
+        return _compile(self.text)
+
+
+NO_NAME = "(?!)"  # as people write it: a pattern that matches no name
+#: The pattern that matches no name: a white list that admits nothing. An empty list would not do: to upstream it is none.
+NOTHING = Pattern(rf"\A{NO_NAME}\Z")
+
+
+def expression(item: str) -> str:
+    """The regular expression of one pattern as people write it. It is meant for the whole name, in upper or lower case."""
+    return item.strip().replace("*", ".*")
+
+
+def matches(items: Iterable[str], name: str) -> bool:
+    """True where one of the patterns, as people write them, matches the name.
+
+    Each pattern counts by itself, and an unusable one matches nothing. In `usable`, it would spoil the whole list.
+    """
+    return any(_matches_alone(item, name) for item in items)
+
+
+@lru_cache(maxsize=65536)
+def _matches_alone(item: str, name: str) -> bool:
+    try:
+        return re.fullmatch(expression(item), name, re.IGNORECASE) is not None
+    except (re.error, ValueError, RecursionError, OverflowError):
+        return False
+
+
+def usable(items: Iterable[str]) -> Pattern:
+    """The pattern of a list as people write it. An unusable list matches nothing: no node starts with it."""
+    return _usable(tuple(items))
+
+
+@lru_cache(maxsize=4096)
+def _usable(items: Tuple[str, ...]) -> Pattern:
+    try:
+        return Pattern.of(items)
+    except InvalidPattern:
+        return NOTHING
+
+
+def _compile(text: str) -> "re.Pattern[str]":
+    compiled: re.Pattern[str] = _compiler.compile(text, re.IGNORECASE)  # re would keep hundreds, of whatever size
+    return compiled
+
+
+_compiled_once = lru_cache(maxsize=64)(_compile)
+
+
+@lru_cache(maxsize=65536)
+def _matches(text: str, name: str) -> bool:
+    return _compiled_once(text).match(name) is not None
+
+
+def _check(text: str, what: str, costly: bool = True) -> None:
+    """Raise InvalidPattern where the text is too long, no regular expression, or (unless `costly`) too slow to match."""
+    if len(text) > MAX_TEXT:
+        raise InvalidPattern(f"{what} is longer than {MAX_TEXT} characters")
+    try:
+        if not costly and _cost(_parser.parse(text, re.IGNORECASE)) > MAX_COST:
+            raise InvalidPattern(f"{what} would be too costly: it has too many repetitions, or one in another")
+        _compile(text)
+    except InvalidPattern:
+        raise
+    except (re.error, ValueError, RecursionError, OverflowError) as problem:
+        raise InvalidPattern(f"{what} is no regular expression: {problem}") from None
+
+
+def _cost(tree: Any) -> int:
+    """Steps of the worst match: n choices one after the other can divide a name in so many ways.
+
+    The alternatives of the whole pattern are tried one after the other, so their costs add up.
+    """
+    parts = list(tree)
+    if parts and str(parts[-1][0]) == "BRANCH":  # what all alternatives begin with stands before them
+        return sum(_cost([*parts[:-1], *branch]) for branch in parts[-1][1][1])
+    choices = _choices(parts)
+    return comb(MAX_NAME + choices, choices) if choices < _MANY else MAX_COST + 1
+
+
+_MANY = 7  # choices that are too many in any case
+
+
+def _choices(tree: Any) -> int:
+    """Number of choices that follow each other in a pattern. A repeated one counts as often, or as too many."""
+    count = 0
+    for operation, argument in tree:
+        name = str(operation)
+        if "REPEAT" in name:
+            low, high, inner = argument
+            count += _choices(inner) * min(high, _MANY) + (1 if low != high else 0)
+        elif name == "BRANCH":
+            count += max(_choices(branch) for branch in argument[1]) + (len(argument[1]).bit_length() + 3) // 4
+        elif name == "SUBPATTERN":
+            count += _choices(argument[-1])
+        elif name == "ATOMIC_GROUP":
+            count += _choices(argument)
+        elif name in ("ASSERT", "ASSERT_NOT"):
+            count += _choices(argument[1])
+        elif name == "IN":  # names are ASCII, and a wide range takes long to compile
+            count += _MANY * any(str(kind) == "RANGE" and value[1] > 0xFF for kind, value in argument)
+        elif name in ("GROUPREF", "GROUPREF_EXISTS", "GROUPREF_IGNORE"):
+            count += _MANY
+    return count
+
+
+# The rules for one master
+
+
+@dataclass(frozen=True)
+class Rules:
+    """The rules of the exchange with one master.
+
+    The fields are the filters: a new one stands at the end. The first ten are the list that masterInfoFiltered takes.
+    """
+
+    ignore_nodes: Pattern = Pattern()
+    sync_nodes: Pattern = Pattern()
+    ignore_topics: Pattern = Pattern()
+    sync_topics: Pattern = Pattern()
+    ignore_services: Pattern = Pattern()
+    sync_services: Pattern = Pattern()
+    ignore_type: Pattern = Pattern()
+    ignore_publishers: Pattern = Pattern()
+    ignore_subscribers: Pattern = Pattern()
+    do_not_sync: Pattern = Pattern()
+
+    def topic(self, node: str, topic: str, kind: str, publisher: bool) -> bool:
+        """True where this publisher (or subscriber) is wanted. A sync list cannot take back an ignored node."""
+        if any(len(name) > MAX_NAME or self.do_not_sync.matches(name) for name in (node, topic, kind)):
+            return False
+        if (self.ignore_publishers if publisher else self.ignore_subscribers).matches(topic):
+            return False
+        if self.ignore_type.matches(kind) or self.ignore_nodes.matches(node) or self.ignore_topics.matches(topic):
+            return False
+        if self.sync_nodes.matches(node) or self.sync_topics.matches(topic):
+            return True
+        return not self.sync_nodes and not self.sync_topics
+
+    def service(self, node: str, service: str) -> bool:
+        """True where this service is wanted. As upstream has it, `sync_topics` says nothing about services."""
+        if any(len(name) > MAX_NAME or self.do_not_sync.matches(name) for name in (node, service)):
+            return False
+        if self.ignore_nodes.matches(node) or self.ignore_services.matches(service):
+            return False
+        if self.sync_nodes.matches(node) or self.sync_services.matches(service):
+            return True
+        return not self.sync_nodes and not self.sync_services
+
+    def closed(self) -> "Rules":
+        """The same rules, where any white list restricts topics and services alike.
+
+        To upstream, a white list of topics alone admits every service. So the empty one of the two lists becomes one
+        that admits nothing.
+        """
+        if not any(getattr(self, name) for name in WHITE_LISTS):
+            return self
+        return replace(self, sync_topics=self.sync_topics or NOTHING, sync_services=self.sync_services or NOTHING)
+
+    def to_wire(self, sync_remote_nodes: bool) -> List[Any]:
+        """Make the list that masterInfoFiltered takes.
+
+        The other master may refuse a costly pattern, so that one is left empty. All rules are applied again here.
+        """
+        costly = {name for name in _ON_THE_WIRE if not getattr(self, name).cheap}
+        if sum(len(getattr(self, name).text) for name in _ON_THE_WIRE) > MAX_TEXT:
+            costly = set(_ON_THE_WIRE)
+        if costly.intersection(WHITE_LISTS):  # one of them without another would admit less
+            costly.update(WHITE_LISTS)
+        return [sync_remote_nodes] + ["" if name in costly else getattr(self, name).text for name in _ON_THE_WIRE]
+
+    @classmethod
+    def from_wire(cls, value: Any) -> "Rules":
+        """Read the rules of another computer: 8 to 11 elements, the first is sync_remote_nodes. Raises InvalidPattern."""
+        if not isinstance(value, (list, tuple)) or not 8 <= len(value) <= 11:
+            raise InvalidPattern("the filter is no array of 8 to 11 elements")
+        if sum(len(text) for text in value[1:] if isinstance(text, str)) > MAX_TEXT:
+            raise InvalidPattern(f"the patterns are longer than {MAX_TEXT} characters")
+        return cls(**{name: Pattern.from_wire(text) for name, text in zip(_ON_THE_WIRE, value[1:])})
+
+
+# The names of the filters
+
+NAMES = tuple(rule.name for rule in fields(Rules))
+_ON_THE_WIRE = NAMES[:10]  # as upstream reads them; further ones apply here only
+HOSTS = ("ignore_hosts", "sync_hosts")
+WHITE_LISTS = ("sync_nodes", "sync_topics", "sync_services")
+#: Parameters of master_discovery that hide something from every other master -> the filter that each of them is.
+HIDDEN = {f"hide_{kind}": f"ignore_{kind}" for kind in ("nodes", "topics", "services", "subscribers")}
+
+#: Never exchanged: what belongs to the roscore and to the exchange itself.
+BUILT_IN: Mapping[str, Sequence[str]] = {
+    "ignore_nodes": (
+        "/rosout",
+        "/master_discovery",
+        "/master_sync",
+        "/node_manager",
+        "/node_manager_daemon",
+        "/zeroconf",
+        "/param_sync",
+    ),
+    "ignore_topics": ("/rosout", "/rosout_agg", "/master_discovery/*", "/master_sync/*", "/zeroconf/*"),
+    "ignore_services": (
+        "/*get_loggers",
+        "/*set_logger_level",
+        "/master_discovery/*",
+        "/master_sync/*",
+        "/node_manager_daemon/*",
+        "/zeroconf/*",
+    ),
+    "ignore_type": (
+        "bond/Status",
+        "fkie_multimaster_msgs/SyncTopicInfo",
+        "fkie_multimaster_msgs/SyncServiceInfo",
+        "fkie_multimaster_msgs/SyncMasterInfo",
+        "fkie_multimaster_msgs/MasterState",
+    ),
+}
+
+
+# The parameters of master_sync
+
+
+@dataclass(frozen=True)
+class Filters:
+    """The filters of master_sync as they stand in its parameters, for every host."""
+
+    values: Mapping[str, Any] = field(default_factory=dict)
+    lenient: bool = False  # unusable patterns match nothing, instead of raising InvalidPattern
+
+    def check(self) -> None:
+        """Raise InvalidPattern with a sentence that names the parameter, where a filter is not usable."""
+        for name in (*NAMES, *HOSTS):
+            for _host, items in _parts(name, self.values.get(name)):
+                Pattern.of(items, name)
+        for host, section in self._sections():
+            for name, value in section.items():
+                for _host, items in _parts(name, value):
+                    Pattern.of(items, f"{host}/{name}")
+        for host in self._hosts():
+            self.wants_host(host)
+            self.rules(host)
+
+    def wants_host(self, host: str) -> bool:
+        """True where a master of this name is synchronised with. `sync_hosts` is a white list, beside `ignore_hosts` too."""
+        if len(host) > MAX_NAME:  # no pattern matches it, so none could ignore it
+            return False
+        wanted = self._pattern("sync_hosts", host)
+        return wanted.matches(host) if wanted else not self._pattern("ignore_hosts", host).matches(host)
+
+    def rules(self, host: str, also_ignore: Sequence[str] = ()) -> Rules:
+        """The rules for the master of this name. `also_ignore` are nodes that are never exchanged."""
+        # What is no name of a node is somebody's nonsense, and must not become a pattern.
+        also = {
+            "ignore_nodes": [node for node in also_ignore if _NODE.match(node) and node not in BUILT_IN["ignore_nodes"]]
+        }
+        return Rules(**{name: self._pattern(name, host, also.get(name, ())) for name in NAMES}).closed()
+
+    def patterns(self, name: str, host: str, also: Sequence[str] = ()) -> List[str]:
+        """The patterns of one filter for one host: the built-in ones, then `also`, then the own ones."""
+        items = [*BUILT_IN.get(name, ()), *also]
+        for of, values in _parts(name, self.values.get(name)):
+            if of is None or of.lower() == host.lower():
+                items += values
+        for of, section in self._sections():
+            if of.lower() == host.lower():
+                for _of, values in _parts(name, section.get(name)):
+                    items += values
+        return items
+
+    def _pattern(self, name: str, host: str, also: Sequence[str] = ()) -> Pattern:
+        items = self.patterns(name, host, also)
+        return usable(items) if self.lenient else Pattern.of(items, name)
+
+    def _hosts(self) -> Set[str]:
+        """The hosts with filters of their own, and "" for all others."""
+        values = [part for name in (*NAMES, *HOSTS) for part in _parts(name, self.values.get(name))]
+        return {"", *(host for host, _items in values if host), *(host for host, _section in self._sections())}
+
+    def _sections(self) -> List[Tuple[str, Mapping[str, Any]]]:
+        """`<mastername>/<parameter>`: the parameters of one host."""
+        return [
+            (key, value)
+            for key, value in self.values.items()
+            if key not in NAMES + HOSTS and isinstance(value, Mapping)
+        ]
+
+
+def _parts(name: str, value: Any) -> List[Tuple[Optional[str], List[str]]]:
+    """(host or None for all, patterns) of a parameter: a text, a list, a mapping, or a list with mappings in it."""
+    if value in (None, ""):
+        return []
+    if isinstance(value, str):
+        return [(None, [value])]
+    if isinstance(value, Mapping):
+        return [(str(host), _list(items, name)) for host, items in value.items()]
+    if not isinstance(value, (list, tuple)):
+        raise InvalidPattern(f"{name}: {value!r} is no list of patterns")
+    parts: List[Tuple[Optional[str], List[str]]] = [(None, [item for item in value if not isinstance(item, Mapping)])]
+    for item in value:
+        if isinstance(item, Mapping):
+            parts += [(str(host), _list(items, name)) for host, items in item.items()]
+    return parts
+
+
+def _list(value: Any, name: str) -> List[str]:
+    if isinstance(value, str):
+        return [value]
+    if not isinstance(value, (list, tuple)):
+        raise InvalidPattern(f"{name}: {value!r} is no list of patterns")
+    return list(value)

@@ -1,1 +1,72 @@
-../../../roles/nodes/files/python/rosfleet_multimaster/core/plain_text.py
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Text of others, made plain: what strangers write must not steer a terminal, a journal or systemd.
+
+One file for three trees: the controller and the modules have a copy (plugins/plugin_utils/_fleet/plain_text.py,
+plugins/module_utils/_machine/plain_text.py; `make copies`). So it runs on Python 3.6 and needs nothing.
+"""
+
+import re
+import typing
+
+LONGEST = 200  # characters of a text that somebody else wrote
+LINE = 2000  # characters of a line of ours that quotes such texts
+VALUE = 65536  # characters of a value that a program reads: names and paths stay whole
+CUT = "..."  # the sign that more was there
+
+# Printable for Python, and yet invisible (Default_Ignorable_Code_Point of Unicode), or empty as a space that is none.
+_INVISIBLE = re.compile(
+    "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u2800\u3164\ufe00-\ufe0f\uffa0\ufff0-\ufff8\U000e0000-\U000e0fff]"
+)
+
+
+def plain(value: typing.Any, most: int = LONGEST) -> str:
+    """The text of a value on one line, of printable characters only, and of at most `most` of them.
+
+    A line break or another space becomes a blank; any other character that is not printable, such as one of an escape
+    sequence or one that turns the direction of writing, is shown as Python writes it (`\\x1b`). Plain text stays as it is.
+    """
+    text = str(value)
+    head = text[: 2 * most + 2].strip()[: most + 1]
+    more = len(head) > most or bool(text[2 * most + 2 :].strip())
+    shown = "".join(map(_shown, head))
+    return shown[: max(most - len(CUT), 0)] + CUT if more or len(shown) > most else shown
+
+
+def plain_lines(value: typing.Any, most: int = LINE) -> str:
+    """A text of several lines, each of printable characters and tabs only; what else is in it is shown as an escape."""
+    return "\n".join(_plain_line(line, most) for line in str(value).split("\n"))
+
+
+def plain_data(value: typing.Any, most: int = VALUE) -> typing.Any:
+    """The same value with all of its texts made plain: those of lists and mappings, and the names in mappings."""
+    if isinstance(value, str):
+        return value if is_plain(value, most) else plain(value, most)
+    if isinstance(value, dict):
+        return {plain_data(key, most): plain_data(part, most) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_data(part, most) for part in value]
+    return value
+
+
+def is_plain(text: str, most: int = VALUE) -> bool:
+    """True where a text is on one line, printable and not too long: names that are not are refused, never changed."""
+    return len(text) <= most and text.isprintable() and not _INVISIBLE.search(text)
+
+
+def _plain_line(line: str, most: int) -> str:
+    if is_plain(line.replace("\t", ""), most):
+        return line
+    shown = "".join(character if character == "\t" else _escaped(character) for character in line[: most + 1])
+    return shown[: most - len(CUT)] + CUT if len(shown) > most or len(line) > most else shown
+
+
+def _shown(character: str) -> str:
+    return " " if character.isspace() else _escaped(character)
+
+
+def _escaped(character: str) -> str:
+    if character.isprintable() and not _INVISIBLE.match(character):
+        return character
+    return character.encode("unicode_escape").decode("ascii")

@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Writes the files that are copies of another file, after that one was edited.
+
+The nodes, the modules and the controller have some functions in common, and each must have them in its own tree. Links
+would do in a checkout, but `manifest` of galaxy.yml passes over them, so they would be missing in the built collection.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+NODES = "roles/nodes/files/python/rosfleet_multimaster"
+
+#: copy -> original
+COPIES = {
+    "plugins/module_utils/_machine/plain_text.py": f"{NODES}/core/plain_text.py",
+    "plugins/plugin_utils/_fleet/filters.py": f"{NODES}/core/filters.py",
+    "plugins/plugin_utils/_fleet/plain_text.py": f"{NODES}/core/plain_text.py",
+}
+
+
+def differing() -> list[str]:
+    """The copies that are not what their original is."""
+    return [
+        copy
+        for copy, original in COPIES.items()
+        if (ROOT / copy).is_symlink() or (ROOT / copy).read_bytes() != (ROOT / original).read_bytes()
+    ]
+
+
+def main() -> None:
+    """Write those that differ."""
+    for copy in differing():
+        (ROOT / copy).unlink(missing_ok=True)
+        shutil.copyfile(ROOT / COPIES[copy], ROOT / copy)
+        print(f"{copy} is again as {COPIES[copy]}")
+
+
+if __name__ == "__main__":
+    main()
