@@ -21,10 +21,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     Multicast,
     Observation,
+    PacketFilter,
     Probe,
 )
 
-OPTIONS = ("fleet", "multicast", "probe", "earlier", "path")
+OPTIONS = ("fleet", "multicast", "probe", "earlier", "path", "packet_filter")
 
 T = TypeVar("T")
 
@@ -38,11 +39,13 @@ class ActionModule(ActionBase):
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
         result: dict[str, Any] = super().run(tmp, task_vars)
         task_vars = task_vars or {}
-        plain_fleet, multicast, probe, earlier, path = (self._task.args.get(option) for option in OPTIONS)
+        plain_fleet, multicast, probe, earlier, path, packet_filter = (
+            self._task.args.get(option) for option in OPTIONS
+        )
         try:
             fleet = from_plain(FleetPlan, plain_fleet)
             observations = {
-                host: observation(task_vars["hostvars"][host], multicast, probe, earlier or [])
+                host: observation(task_vars["hostvars"][host], multicast, probe, earlier or [], packet_filter or "")
                 for host in task_vars["ansible_play_hosts_all"]
                 if host in fleet.computers
             }
@@ -72,7 +75,9 @@ class ActionModule(ActionBase):
         return result
 
 
-def observation(variables: Mapping[str, Any], multicast: str, probe: str, earlier: Sequence[str]) -> Observation:
+def observation(
+    variables: Mapping[str, Any], multicast: str, probe: str, earlier: Sequence[str], packet_filter: str = ""
+) -> Observation:
     """Read the registered results of one computer; the message of the first one that failed is its problem."""
     results = [variables[name] for name in (*earlier, multicast, probe) if name in variables]
     bad = [entry for entry in results if entry.get("unreachable") or entry.get("failed")]
@@ -84,6 +89,7 @@ def observation(variables: Mapping[str, Any], multicast: str, probe: str, earlie
             probe=complete(Probe, variables, probe, "members"),
             unreachable=unreachable,
             problem=problem,
+            packet_filter=complete(PacketFilter, variables, packet_filter, "members"),
         )
     except Mismatch as found:  # what one computer was told by strangers must not cost the others their report
         return Observation(unreachable=unreachable, problem=problem or f"its results cannot be read: {found}")

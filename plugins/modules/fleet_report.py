@@ -33,6 +33,11 @@ options:
       V(verify_probe).
     type: str
     required: true
+  packet_filter:
+    description: The name of the variable that computers registered from C(firewall) in check mode, for example V(verify_filter);
+      empty for none.
+    type: str
+    default: ""
   earlier:
     description:
       - The names of the variables that earlier tasks registered, for example V([multimaster_info]). A task among them

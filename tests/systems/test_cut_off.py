@@ -293,9 +293,87 @@ def test_the_module_is_killed(fleet, half):
     assert fleet.state(INNER) == before
 
 
+# The packet filter
+
+FILTERED = dict.fromkeys(("tibi_nav", "tibi_monitor", "tibi_visio"), {"multimaster_firewall": "fleet"})
+MEMBERS = ["192.168.11.100", "192.168.11.101"]
+# What a person has in front of the ssh server: a relay, which no filter can tell from any other program.
+RELAY = """
+import socket, threading
+def pass_on(here, there):
+    while data := here.recv(65536):
+        there.sendall(data)
+    there.shutdown(socket.SHUT_WR)
+server = socket.create_server(("0.0.0.0", 2222))
+while True:
+    outer, inner = server.accept()[0], socket.create_connection(("127.0.0.1", 22))
+    for pair in ((outer, inner), (inner, outer)):
+        threading.Thread(target=pass_on, args=pair, daemon=True).start()
+"""
+
+
+def by_port(fleet, port):
+    """Run the module on the inner computer over another port, which the inventory does not know as one of ssh."""
+    arguments = json.dumps({"members": MEMBERS, "confirm_within": WITHIN})
+    way = {"ansible_ssh_common_args": f"{BY_SSH['ansible_ssh_common_args']} -o Port={port}"}
+    return fleet._ansible(f"adhoc {INNER} -m rosfleet.multimaster.firewall -a '{arguments}'", {"tibi_nav": way})
+
+
+def test_a_controller_that_is_no_member_passes_the_packet_filters_by_ssh(fleet):
+    """Its way leads through the filters of the router and of the gateway to that of the inner computer."""
+    hosts = (INNER, OTHER, GATEWAY, ROUTER)
+    for variables, there in ((FILTERED, True), ({}, False)):
+        output = fleet.play(**variables)
+        for host in hosts:
+            assert (recap(output, host)["failed"], recap(output, host)["unreachable"]) == (0, 0), output
+            rules = fleet.run(host, "nft list ruleset")
+            assert ("rosfleet_multimaster" in rules) is there, host
+            assert ("hook forward" in rules) is (there and host in (GATEWAY, ROUTER)), host
+
+
+def test_a_packet_filter_that_closes_the_controllers_way_is_taken_back(fleet):
+    before = fleet.state(INNER)
+    fleet.run(INNER, "cat >/run/relay.py; systemd-run --quiet --unit relay python3 /run/relay.py", stdin=RELAY)
+    try:
+        output = by_port(fleet, 2222)
+    finally:
+        fleet.run(INNER, "systemctl stop relay; rm /run/relay.py")
+    assert SENTENCE % ("packet filter rules", WITHIN) in output, output
+    assert fleet.state(INNER) == before
+
+
+# A way in that is no ssh: it runs what it is sent, once.
+AGENT = """
+import socket, subprocess
+connection = socket.create_server(("0.0.0.0", 2223)).accept()[0]
+command = connection.recv(65536).decode()
+connection.sendall(subprocess.run(["sh", "-c", command], stdout=-1, stderr=-2).stdout)
+"""
+CALL = """
+import socket, sys
+connection = socket.create_connection(("192.168.11.100", 2223))
+connection.sendall(sys.argv[1].encode())
+while data := connection.recv(65536):
+    print(data.decode(), end="")
+"""
+
+
+def test_a_way_in_that_is_no_ssh_is_refused_before_anything_changes(fleet):
+    before = fleet.state(INNER)
+    fleet.run(
+        INNER, "cat >/run/agent.py; systemd-run --quiet --collect --unit agent python3 /run/agent.py", stdin=AGENT
+    )
+    fleet.run(INNER, "cat >/run/arguments", stdin=json.dumps({"ANSIBLE_MODULE_ARGS": {"members": MEMBERS}}))
+    fleet.eventually(INNER, "ss -Hltn 'sport = :2223'", "2223")
+    output = fleet.run("controller", f"python3 - '{BY_HAND % 'firewall'}'", stdin=CALL)
+    fleet.run(INNER, "rm /run/agent.py /run/arguments")
+    assert "192.168.77.10 reaches this computer on TCP port 2223 of python3, which is no ssh server" in output, output
+    assert fleet.state(INNER) == before
+
+
 def test_a_teardown_goes_no_further_where_the_controller_needs_the_routes(fleet):
     """The gateway and the router go on forwarding, or nobody would reach the inner computers again."""
-    quick = {"routes_confirm_within": WITHIN, "sysctl_confirm_within": WITHIN}
+    quick = {"routes_confirm_within": WITHIN, "sysctl_confirm_within": WITHIN, "firewall_confirm_within": WITHIN}
     hosts = dict.fromkeys((INNER, OTHER, GATEWAY, ROUTER), quick)
     output = fleet._ansible(f"playbook {HERE}/playbooks/teardown.yml", hosts)
     assert SENTENCE % ("routes", WITHIN) in output

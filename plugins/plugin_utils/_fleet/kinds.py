@@ -99,6 +99,21 @@ def _source(value: Any) -> IPv4Network:
     return found
 
 
+_PORT = re.compile(r"([1-9][0-9]{0,4})/(tcp|udp)")
+
+
+def ports(value: Any) -> tuple[str, ...]:
+    """Read a list of ports with their protocols."""
+    wanted = "a list of ports with their protocols, such as [51820/udp]"
+    if isinstance(value, str) or not isinstance(value, (list, tuple)):
+        raise Unexpected(wanted)
+    for entry in value:
+        found = _PORT.fullmatch(text(entry))
+        if not found or int(found[1]) > 65535:
+            raise Unexpected(f"{wanted}, but '{entry}' is none")
+    return tuple(value)
+
+
 def group(value: Any) -> IPv4Address:
     """Read an IPv4 multicast group."""
     try:

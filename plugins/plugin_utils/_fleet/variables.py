@@ -60,6 +60,23 @@ class ComputerVariables:
             "[kobuki1]",
         )
     )
+    firewall_also: tuple[IPv4Network, ...] = field(
+        metadata=row(
+            kinds.sources,
+            [],
+            "Addresses and networks that the packet filter of this computer lets in besides, such as a laser scanner's. They do not "
+            "belong to the fleet.",
+            "[192.168.2.201]",
+        )
+    )
+    firewall_ports: tuple[str, ...] = field(
+        metadata=row(
+            kinds.ports,
+            [],
+            "Ports from 1024 up that the packet filter of this computer leaves open to everybody.",
+            "[51820/udp]",
+        )
+    )
     ros_setup: str = field(
         metadata=row(
             kinds.setup,

@@ -184,6 +184,8 @@ class Firewall:
     """The packet filter of a computer; FleetPlan.let_in says who passes it."""
 
     networks: tuple[IPv4Network, ...] = ()  # that it protects beside itself, since packets to them pass through it
+    also: tuple[IPv4Network, ...] = ()  # who is let in on this computer alone
+    open_ports: tuple[str, ...] = ()  # that stay open to everybody
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
         routes_expected=expected,
         look_at=_look_at(robot, is_master, expected),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
-        firewall=_firewall(fleet, (robot.network,) if is_gateway else ()),
+        firewall=_firewall(fleet, (robot.network,) if is_gateway else (), computer),
         environment={
             "ROS_MASTER_URI": _master_uri(fleet, robot),
             ("ROS_HOSTNAME" if fleet.variables.advertise == "name" else "ROS_IP"): belonging.advertised(
@@ -252,8 +252,13 @@ def _filters(fleet: Fleet) -> bool:
     return fleet.variables.firewall == "fleet"
 
 
-def _firewall(fleet: Fleet, networks: tuple[IPv4Network, ...]) -> Firewall | None:
-    return Firewall(networks) if _filters(fleet) else None
+def _firewall(fleet: Fleet, networks: tuple[IPv4Network, ...], computer: Computer | None = None) -> Firewall | None:
+    """Return the packet filter of a computer, or of the router, where one is wanted."""
+    if not _filters(fleet):
+        return None
+    if computer is None:
+        return Firewall(networks)
+    return Firewall(networks, computer.variables.firewall_also, computer.variables.firewall_ports)
 
 
 def _let_in(fleet: Fleet, belongs: Belonging) -> tuple[IPv4Network, ...]:

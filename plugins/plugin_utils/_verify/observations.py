@@ -313,7 +313,19 @@ class Multicast:
     send_errors: SendErrors = SendErrors()
 
 
-# Both
+# firewall, in check mode
+
+
+@dataclass(frozen=True)
+class PacketFilter:
+    """The packet filter of the computer, compared with its plan."""
+
+    changed: bool = False  # it is not as planned
+    failed: bool = False
+    msg: str = ""
+
+
+# All
 
 
 @dataclass(frozen=True)
@@ -324,3 +336,4 @@ class Observation:
     probe: Probe | None = None
     unreachable: bool = False
     problem: str = ""
+    packet_filter: PacketFilter | None = None  # None where none is planned, and none is left over

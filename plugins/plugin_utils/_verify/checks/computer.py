@@ -352,6 +352,32 @@ DEFAULT_ROUTES = Check(
 )
 
 
+# The packet filter
+
+
+def _packet_filter(case: Case) -> Judgement | None:
+    found = case.observer.seen.packet_filter
+    if found is None:
+        return None
+    expected = "the packet filter of the plan" if case.observer.plan.firewall else "no packet filter of the collection"
+    return Judgement(FAILED if found.changed or found.failed else OK, expected, found.msg)
+
+
+PACKET_FILTER = Check(
+    id="packet_filter",
+    title="the packet filter is as planned",
+    scope=COMPUTER,
+    judge=_packet_filter,
+    documented=Documented("computer", "with `multimaster_firewall: fleet`: all its rules are there, now and at boot"),
+    causes=(
+        Cause(
+            "site.yml has not run since the inventory changed, or somebody has changed the rules",
+            "run site.yml; if they go again, see on {observer} what else changes the packet filter",
+        ),
+    ),
+)
+
+
 # In the order in which one failure can explain the next.
 CHECKS = (
     FORWARDING,
@@ -363,4 +389,5 @@ CHECKS = (
     REDIRECTS,
     MASTER_URI,
     DEFAULT_ROUTES,
+    PACKET_FILTER,
 )

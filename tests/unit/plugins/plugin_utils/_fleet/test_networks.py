@@ -433,6 +433,33 @@ def gateways_in_order(plan):
     return [entry["common_address"] for entry in plan["networks"]]
 
 
+def test_what_one_computer_lets_in_besides_is_its_own():
+    def change(data):
+        filtered(data)
+        data["variables"]["router"].pop("multimaster_firewall")
+        data["variables"]["tibi-nav"].update(
+            multimaster_firewall_also=["192.168.2.201"], multimaster_firewall_ports=["51820/udp"]
+        )
+
+    found = computers(change)
+    assert found["tibi-nav"]["firewall"] == {
+        "networks": [],
+        "also": ["192.168.2.201/32"],
+        "open_ports": ["51820/udp"],
+    }
+    assert found["tibi-visio"]["firewall"]["open_ports"] == []
+
+
+@pytest.mark.parametrize("value", ["51820/udp", ["51820"], ["0/udp"], ["70000/tcp"]])
+def test_what_is_no_port_is_one_sentence(value):
+    def change(data):
+        data["variables"]["tibi-nav"]["multimaster_firewall_ports"] = value
+
+    with pytest.raises(fleet_module.InventoryProblems, match="tibi-nav: multimaster_firewall_ports") as found:
+        fleet(change)
+    assert len(found.value.problems) == 1
+
+
 def test_a_packet_filter_and_welcome_strangers_contradict_each_other():
     found = contradictions.strangers_outside("fleet", "allow")
     assert len(found) == 1 and found[0].startswith(

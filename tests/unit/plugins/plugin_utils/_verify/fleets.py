@@ -29,6 +29,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     ListMasters,
     Multicast,
     Observation,
+    PacketFilter,
     Ping,
     Probe,
     Publisher,
@@ -116,6 +117,7 @@ def good(fleet, name):
     return Observation(
         multicast=good_multicast(fleet, me, own) if me and me.discovery else None,
         probe=router_probe(fleet, own) if own.is_router else good_probe(fleet, me, own),
+        packet_filter=PacketFilter(msg="The rules of nftables were right."),
     )
 
 

@@ -168,6 +168,13 @@ def test_registered_results_become_an_observation():
     good = {"verify_multicast": {"udp": []}, "verify_probe": {"members": []}, "multimaster_info": {"changed": False}}
     seen = fleet_report.observation(good, "verify_multicast", "verify_probe", ["multimaster_info"])
     assert seen == Observation(Multicast(), Probe())
+    filtered = {**good, "verify_filter": {"members": [], "changed": True, "msg": "would be changed"}}
+    seen = fleet_report.observation(filtered, "verify_multicast", "verify_probe", [], "verify_filter")
+    assert (seen.packet_filter.changed, seen.packet_filter.msg) == (True, "would be changed")
+    skipped = {**good, "verify_filter": {"changed": False, "skipped": True}}
+    assert (
+        fleet_report.observation(skipped, "verify_multicast", "verify_probe", [], "verify_filter").packet_filter is None
+    )
     down = {"multimaster_info": {"unreachable": True, "msg": "no route\n to host"}}
     assert fleet_report.observation(down, "verify_multicast", "verify_probe", ["multimaster_info"]) == Observation(
         unreachable=True, problem="no route to host"

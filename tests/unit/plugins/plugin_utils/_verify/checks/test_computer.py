@@ -6,7 +6,7 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import computer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation, PacketFilter
 from fleets import (
     ONE,
     ROBOTS,
@@ -39,7 +39,12 @@ def _roscore(**values):
     return lambda seen: update(seen[ONE].probe.roscore, **values)
 
 
+def _filter(seen):
+    update(seen[ONE], packet_filter=PacketFilter(changed=True, msg="The rules of nftables would be changed."))
+
+
 CAUSES = [
+    (_filter, "packet_filter", FAILED, "run site.yml"),
     (_service(load_state="not-found", active_state="inactive", sub_state="dead"), "services", FAILED, "not set up"),
     (_service(active_state="failed", sub_state="failed"), "services", FAILED, "journalctl"),
     (_service(restarts=4), "services", WARNING, "ends by itself"),

@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The packet filter with all that takes longer: proofs of section 3.3, a robot that joins, the switch and kills of each back end.
+
+About six minutes.
+"""
+
+import json
+import shutil
+import sys
+import sysconfig
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "lab"))
+
+import demo  # noqa: E402
+import filtered  # noqa: E402
+from filtered import ROBOTS, STRANGER  # noqa: E402
+from proof import prove, table  # noqa: E402
+
+ANSIBLE, COLLECTIONS = "/opt/ansible", "/opt/collections"
+MOUNTS = (
+    f"{sysconfig.get_path('purelib')}:{ANSIBLE}",
+    f"{ROOT}:{COLLECTIONS}/ansible_collections/rosfleet/multimaster",
+)
+PYTHON = f"PYTHONPATH={ANSIBLE}:{COLLECTIONS} python3 -B"
+MODULE = f"{PYTHON} -m ansible_collections.rosfleet.multimaster.plugins.modules.firewall /run/arguments"
+NARROW = {"first": 11300, "last": 12000}
+OPTIONS = {
+    "members": ["192.168.20.21", "192.168.20.22"],
+    "also": [],
+    "networks": ["192.168.20.0/28"],
+    "open_ports": ["51820/udp"],
+    "ssh_ports": [2222],
+    "backend": "auto",
+    "records": "/var/lib/rosfleet-multimaster",
+}
+# One run that is ended, as by kill -9, before its command or change of a file of this number.
+KILLED = """
+import json, os, signal, sys
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
+options, left = json.loads(sys.argv[1]), int(sys.argv[2])
+def until(step):
+    def counted(*arguments, **more):
+        global left
+        left -= 1
+        if left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return step(*arguments, **more)
+    return counted
+for module, names in ((contract, ["do"]), (atomic, ["write_by_rename", "remove", "make_folders", "remove_folder_if_empty"])):
+    for name in names:
+        setattr(module, name, until(getattr(module, name)))
+made = run.Run(options)
+made.apply()
+print("changed" if made.changed else "right")
+"""
+
+
+@pytest.fixture(scope="module")
+def lab():
+    """The robots with their own packet filters, and with the modules of this checkout."""
+    filtered.EXTRAS.update({host: filtered.Extra((), MOUNTS) for host in ROBOTS})
+    with filtered.filtered_lab("long-firewall") as found:
+        yield found
+
+
+def by_hand(lab, host, **arguments):
+    lab.run(host, "cat >/run/arguments", stdin=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}))
+    return json.loads(lab.run(host, MODULE, check=False))
+
+
+def state(lab, host):
+    """All that a run may change, without what is another one after each reload of firewalld."""
+    found = json.loads(lab.run(host, "python3 -", stdin=(ROOT / "tests/lab/snapshot.py").read_text()))
+    # firewalld keeps the former text of a file that it was told to change; ufw writes its files anew
+    found["file"] = {path: entry for path, entry in found["file"].items() if not path.endswith(".old")}
+    return {part: found[part] for part in ("file", "unit file", "packet filter")}
+
+
+@pytest.mark.parametrize("host", ROBOTS)
+def test_what_nobody_confirms_is_taken_back(lab, host):
+    before = state(lab, host)
+    arguments = {"members": OPTIONS["members"], "confirm_within": 3, "confirmation": "word"}
+    assert by_hand(lab, host, **arguments)["unconfirmed"]
+    after = state(lab, host)
+    assert after["packet filter"] != before["packet filter"]
+    changed = {path for path, entry in after["file"].items() if before["file"].get(path) != entry}
+    assert all(path.startswith("/run/rosfleet") for path in changed), changed  # nothing that the next boot reads
+    deadline = time.monotonic() + 30
+    while lab.run(host, "ls /run/rosfleet-multimaster/rollback-firewall/rolled_back 2>/dev/null", check=False) == "":
+        assert time.monotonic() < deadline
+        time.sleep(0.3)
+    result = by_hand(lab, host, members=[])
+    assert "which nobody confirmed within 3 s, were taken back" in json.dumps(result)
+    assert state(lab, host) == before
+
+
+@pytest.mark.parametrize("host", ROBOTS)
+def test_a_run_that_is_confirmed_stays(lab, host):
+    before = state(lab, host)
+    arguments = {"members": OPTIONS["members"], "confirmation": "word"}
+    assert by_hand(lab, host, confirm_within=60, **arguments)["unconfirmed"]
+    second = by_hand(lab, host, **arguments)
+    assert (second["unconfirmed"], second["changed"]) == (False, True)
+    assert not by_hand(lab, host, members=OPTIONS["members"])["changed"]
+    by_hand(lab, host, members=[])
+    assert state(lab, host) == before
+
+
+@pytest.mark.parametrize("host", ROBOTS)
+def test_kill_at_any_moment_leaves_what_the_next_run_mends(lab, host):
+    untouched, step, killed = state(lab, host), 1, True
+
+    def run(options, left):
+        return lab.run(host, f"{PYTHON} - '{json.dumps(options)}' {left}", stdin=KILLED, check=False).strip()
+
+    while killed:
+        killed = run(OPTIONS, step) == ""
+        run(OPTIONS, 0)
+        assert run(OPTIONS, 0) == "right", step
+        run(dict(OPTIONS, members=[], networks=[]), step)
+        run(dict(OPTIONS, members=[], networks=[]), 0)
+        assert state(lab, host) == untouched, step
+        step += 1 if step < 5 else 3  # ufw has some forty commands
+    assert step > 5
+
+
+def test_the_proofs_pass_and_a_robot_that_is_added_is_let_in(lab, tmp_path):
+    inventory = tmp_path / "inventory"
+    shutil.copytree(filtered.INVENTORY, inventory)
+    groups = yaml.safe_load((inventory / "hosts.yml").read_text())
+    cid = groups["robots"]["children"].pop("cid")
+    (inventory / "hosts.yml").write_text(yaml.safe_dump(groups))
+    lab.inventory = inventory
+    status, output = lab.play("site.yml")
+    assert status == 0, output
+    results = prove(demo.person(lab.connection, ("ana-pc", "bob-pc")), lambda _text: None)
+    assert all(result.ok for result in results), table(results)
+    for found in lab.look("cid-pc", ROBOTS["ana-pc"], ROBOTS["bob-pc"], **NARROW).values():
+        assert found == {"tcp": [], "udp": []}  # it is a stranger yet
+
+    groups["robots"]["children"]["cid"] = cid
+    (inventory / "hosts.yml").write_text(yaml.safe_dump(groups))
+    status, output = lab.play("site.yml")
+    assert status == 0, output
+    for found in lab.look("cid-pc", ROBOTS["ana-pc"], ROBOTS["bob-pc"], **NARROW).values():
+        assert {11311, 11611} <= set(found["tcp"])
+    results = prove(demo.person(lab.connection, ("ana-pc", "cid-pc")), lambda _text: None)
+    assert all(result.ok for result in results), table(results)
+    status, output = lab.play("playbooks/verify.yml")
+    assert status == 0, output
+
+    status, output = lab.play("playbooks/teardown.yml")
+    assert status == 0, output
+    for found in lab.look(STRANGER, ROBOTS["ana-pc"], **NARROW).values():
+        assert filtered.ECHO in found["tcp"]
+    assert "8080/tcp" in lab.shows("bob-pc") and "rosfleet" not in lab.shows("bob-pc")
