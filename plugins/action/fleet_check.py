@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from ansible.plugins.action import ActionBase
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
@@ -31,8 +32,8 @@ class ActionModule(ActionBase):
         comparison = preflight.compare(plan, self._task.args["machine"])
         result.update(
             changed=False,
-            problems=list(comparison.problems),
-            warnings=list(comparison.warnings),
+            problems=[plain(text, LINE) for text in comparison.problems],
+            warnings=[plain(text, LINE) for text in comparison.warnings],
             plan=to_plain(comparison.plan),
         )
         if comparison.problems:

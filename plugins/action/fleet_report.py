@@ -13,6 +13,12 @@ from typing import Any, TypeVar
 
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
+    LINE,
+    plain,
+    plain_data,
+    plain_lines,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
@@ -58,19 +64,19 @@ class ActionModule(ActionBase):
         summary = report.summarise(everything or findings, computers, len(fleet.computers))
         if path:
             try:
-                write(path, report.document(summary, everything))
+                write(path, plain_data(report.document(summary, everything)))
             except OSError as problem:
                 result.update(
                     failed=True, msg=f"The report cannot be written to {path}: {problem.strerror}; name another file."
                 )
                 return result
-        Display().display("\n" + report.render(summary) + "\n")
+        Display().display("\n" + plain_lines(report.render(summary)) + "\n")
         result.update(
             changed=False,
             passed=not summary.number(FAILED),
             msg=report.verdict_line(summary),
             checks=report.counts(summary),
-            findings=[vars(finding) for finding in summary.notable],
+            findings=plain_data([vars(finding) for finding in summary.notable]),
         )
         return result
 
@@ -81,7 +87,7 @@ def observation(
     """Read the registered results of one computer; the message of the first one that failed is its problem."""
     results = [variables[name] for name in (*earlier, multicast, probe) if name in variables]
     bad = [entry for entry in results if entry.get("unreachable") or entry.get("failed")]
-    problem = " ".join(str(bad[0].get("msg", "")).split()) if bad else ""
+    problem = plain(" ".join(str(bad[0].get("msg", "")).split()), LINE) if bad else ""
     unreachable = any(entry.get("unreachable") for entry in bad)
     try:
         return Observation(
@@ -92,13 +98,15 @@ def observation(
             packet_filter=complete(PacketFilter, variables, packet_filter, "members"),
         )
     except Mismatch as found:  # what one computer was told by strangers must not cost the others their report
-        return Observation(unreachable=unreachable, problem=problem or f"its results cannot be read: {found}")
+        return Observation(
+            unreachable=unreachable, problem=problem or plain(f"its results cannot be read: {found}", LINE)
+        )
 
 
 def complete(kind: type[T], variables: Mapping[str, Any], name: str, part: str) -> T | None:
     """Read a registered result; None where the task gave none, or not this part. Raises Mismatch."""
     registered = variables[name] if name in variables else {}
-    return from_plain(kind, registered) if part in registered else None
+    return from_plain(kind, plain_data(registered)) if part in registered else None
 
 
 def write(path: str, document: Mapping[str, Any]) -> None:

@@ -490,7 +490,7 @@ import re
 import typing
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends, network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper import Settings
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper_process import (
     Visit,
@@ -596,15 +596,16 @@ def look(module: AnsibleModule) -> typing.Tuple[Result, typing.Tuple[str, ...], 
     try:
         interfaces = network.interfaces()
     except OSError as problem:
-        module.fail_json(msg=f"{problem}.")
+        ends.fail(module, msg=f"{problem}.")
     addresses = {
         entry.address: interface for interface in interfaces for entry in interface.addresses if entry.family == "inet"
     }
     address = module.params["interface_address"]
     if address is not None and address not in addresses:
-        module.fail_json(
+        ends.fail(
+            module,
             msg=f"No interface of this computer has the address {address} (interface_address); it has "
-            f"{', '.join(sorted(addresses)) or 'none'}. Give it the address, or correct the inventory."
+            f"{', '.join(sorted(addresses)) or 'none'}. Give it the address, or correct the inventory.",
         )
     interface = addresses.get(address)
     route = network.route_to(module.params["group"])
@@ -633,7 +634,7 @@ def start(module: AnsibleModule, settings: Settings, index: int) -> Result:
         why = error.strerror or error
         if isinstance(error, PermissionError):
             why = f"{why}; it needs root, so set become: true"
-        module.fail_json(msg=f"Cannot listen for {where}: {why}.")
+        ends.fail(module, msg=f"Cannot listen for {where}: {why}.")
     detach(sockets, settings, path)
     return {"msg": f"Listening for {where}, for {settings.lifetime} s at most."}
 
@@ -650,15 +651,16 @@ def collect(module: AnsibleModule, settings: Settings, index: int) -> Result:
     try:
         visit = Visit(door_path(settings.run), request)
     except OSError as error:
-        module.fail_json(msg=f"{ended} ({error.strerror or error})")
+        ends.fail(module, msg=f"{ended} ({error.strerror or error})")
     icmp = ping(settings, index, params) if params["icmp"] else None
     reply = visit.reply(params["rounds"] * params["interval"] + 15) or {}
     if not reply:
-        module.fail_json(msg=ended)
+        ends.fail(module, msg=ended)
     if "settings" in reply:
-        module.fail_json(
+        ends.fail(
+            module,
             msg=f"The helper of the run {settings.run!r} was started with other options ({reply['settings']}) than this "
-            f"task has ({plain(settings)}); give both tasks the same."
+            f"task has ({plain(settings)}); give both tasks the same.",
         )
     if not params["unicast"]:
         reply["udp"] = [dict(entry, unicast=None) for entry in reply["udp"]]
@@ -733,7 +735,7 @@ def main() -> None:
     params = module.params
     error = wrong(params)
     if error:
-        module.fail_json(msg=error)
+        ends.fail(module, msg=error)
     seen, addresses, index = look(module)
     result = dict(seen, changed=False, msg=listed(seen, params["group"]))
     if params["state"] != "listed" and module.check_mode:
@@ -744,8 +746,8 @@ def main() -> None:
         result["memberships"] = without_own(seen["memberships"], seen["interface"], params["group"])
         result.update(collect(module, settings_of(params, seen["interface"], addresses), index))
         if params["fail_on_missing"] and not result["multicast_ok"]:
-            module.fail_json(**result)
-    module.exit_json(**result)
+            ends.fail(module, **result)
+    ends.leave(module, **result)
 
 
 if __name__ == "__main__":

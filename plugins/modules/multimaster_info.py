@@ -580,6 +580,7 @@ from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import (
     commands,
+    ends,
     fkie,
     network,
     ports,
@@ -690,8 +691,8 @@ def main() -> None:
     )
     wrong = [str(entry["port"]) for entry in module.params["ports"] if not 1 <= entry["port"] <= 65535]
     if wrong:
-        module.fail_json(msg=f"The option ports has {', '.join(wrong)}; expected numbers from 1 to 65535.")
-    module.exit_json(changed=False, **look(module.params))
+        ends.fail(module, msg=f"The option ports has {', '.join(wrong)}; expected numbers from 1 to 65535.")
+    ends.leave(module, changed=False, **look(module.params))
 
 
 if __name__ == "__main__":

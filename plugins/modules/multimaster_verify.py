@@ -839,6 +839,7 @@ import time
 import typing
 
 from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
     exchange,
     masters,
@@ -982,7 +983,7 @@ def start(module: AnsibleModule) -> Result:
     missing = ros.missing()
     error = missing or talker.start(ros, params["run"], params["name"], params["lifetime"])
     if error and (params["is_master"] or not missing):
-        module.fail_json(msg=f"Cannot start the talker: {error.rstrip('.')}.")
+        ends.fail(module, msg=f"Cannot start the talker: {error.rstrip('.')}.")
     if error:
         return {"msg": f"No talker: {missing}.", "talker": {"running": False, "error": missing}}
     return {
@@ -1096,8 +1097,8 @@ def main() -> None:
     )
     error = wrong(module.params)
     if error:
-        module.fail_json(msg=error)
-    module.exit_json(changed=False, **STATES[module.params["state"]](module))
+        ends.fail(module, msg=error)
+    ends.leave(module, changed=False, **STATES[module.params["state"]](module))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ ROOMS = {
     PLUGIN_UTILS: {
         "_fleet": set(),
         "_plan": {"_fleet"},
-        "_changes": set(),
+        "_changes": {"_fleet"},
         "_verify": {"_plan", "_fleet"},
     },
     NODES: {

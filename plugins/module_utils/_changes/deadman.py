@@ -19,7 +19,7 @@ import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 FOLDER = "/run/rosfleet-multimaster"
@@ -283,7 +283,8 @@ class Guard:
             self.found = "none"
             return None
         if self.found == "armed" and state["connection"] and state["connection"] == connection():
-            self.module.exit_json(
+            ends.leave(
+                self.module,
                 changed=False,
                 unconfirmed=True,
                 same_connection=True,
@@ -361,9 +362,10 @@ class Guard:
                 )
         self.changed = waits
         were = "would be" if waits and self.module.check_mode else "were"
-        self.module.warn(
+        ends.warn(
+            self.module,
             f"The {self.what} of an earlier run, which nobody confirmed within {int(state.get('seconds', 0))} s, {were} taken "
-            f"back{' first' if waits else ''}."
+            f"back{' first' if waits else ''}.",
         )
 
     def fail(self, problem: Problem, **result: typing.Any) -> None:
@@ -377,8 +379,8 @@ class Guard:
                 if failures
                 else f" So the {self.what} were taken back, and the machine is as it was before."
             )
-        self.module.fail_json(msg=sentence, unconfirmed=False, rolled_back=self.rolled_back, **result)
+        ends.fail(self.module, sentence, unconfirmed=False, rolled_back=self.rolled_back, **result)
 
     def exit(self, changed: bool, **result: typing.Any) -> None:
         """End the module with its result."""
-        self.module.exit_json(changed=changed or self.changed, unconfirmed=self.unconfirmed, **result)
+        ends.leave(self.module, changed=changed or self.changed, unconfirmed=self.unconfirmed, **result)

@@ -10,6 +10,7 @@ A module's `main` makes the AnsibleModule and gives it to `run_module`, with the
 
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 Fields = typing.Dict[str, typing.Any]
@@ -73,11 +74,11 @@ class Unguarded:
 
     def fail(self, problem: Problem, **result: typing.Any) -> None:
         """End the module with a sentence."""
-        self.module.fail_json(msg=str(problem), **result)
+        ends.fail(self.module, str(problem), **result)
 
     def exit(self, changed: bool, **result: typing.Any) -> None:
         """End the module with its result."""
-        self.module.exit_json(changed=changed, **result)
+        ends.leave(self.module, changed=changed, **result)
 
 
 def run_module(module: typing.Any, make: typing.Callable[[typing.Any], ModuleRun], guard: typing.Any = None) -> None:
@@ -113,4 +114,4 @@ def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any) -> None:
 
 def _warn(module: typing.Any, sentences: typing.Iterable[str]) -> None:
     for sentence in sentences:
-        module.warn(sentence)
+        ends.warn(module, sentence)

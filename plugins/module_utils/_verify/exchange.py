@@ -12,6 +12,7 @@ import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import NODE, STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import CALLER, NO_SCRIPT, Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
@@ -64,7 +65,7 @@ def _node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
     nodes = sorted({node for table in tables for users in table.values() for node in users})
     calls = [{"methodName": "lookupNode", "params": [CALLER, node]} for node in nodes]
     try:
-        answers = server(ros.uri).system.multicall(calls)
+        answers = server(ros.uri, STATE).system.multicall(calls)
         return {node: answer[0][2] for node, answer in zip(nodes, answers) if answer[0][0] == 1}
     except (OSError, xmlrpc.client.Error, LookupError, TypeError) as problem:
         raise OSError(f"{ros.uri}: {problem}") from problem
@@ -169,7 +170,7 @@ def _connections(
 def _bus_info(item: typing.Tuple[str, str]) -> typing.Optional[typing.List]:
     """Ask a node for its connections; None where it does not answer."""
     try:
-        return server(item[1]).getBusInfo(CALLER)[2]
+        return server(item[1], NODE).getBusInfo(CALLER)[2]
     except Exception:  # whatever a dead or strange node makes of it
         return None
 

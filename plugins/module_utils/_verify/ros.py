@@ -17,6 +17,7 @@ import xmlrpc.client
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, foreign, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
@@ -80,7 +81,7 @@ class Ros:
     def ask(self, method: str, *arguments: typing.Any) -> typing.Any:
         """Call a method of the master API. Raises OSError with a sentence where the roscore gives no value."""
         try:
-            code, message, value = getattr(server(self.uri), method)(CALLER, *arguments)
+            code, message, value = getattr(server(self.uri, STATE), method)(CALLER, *arguments)
         except OSError as problem:
             raise OSError(f"{self.uri}: {problem.strerror or problem}") from problem
         except xmlrpc.client.Error as problem:
@@ -88,7 +89,7 @@ class Ros:
         except Exception as problem:  # http.client's and expat's own: something else than a roscore
             raise OSError(f"{self.uri} answers, but not as a roscore ({type(problem).__name__})") from problem
         if code != 1:
-            raise OSError(f"{self.uri}: {method}: {message}")
+            raise OSError(f"{self.uri}: {method}: {plain(message)}")
         return value
 
 

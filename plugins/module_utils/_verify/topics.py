@@ -53,9 +53,9 @@ def _topic(talker: str, name: str, said: typing.Dict[str, typing.Any], wanted: s
         "topic": name,
         "publishers": [],
         "heard": heard,
-        "text": said.get("text", ""),
+        "text": plain(said.get("text", "")),
         "seconds": said.get("seconds"),
-        "error": f"heard '{said.get('text', '')}' instead" if said and not heard else "",
+        "error": f"heard '{plain(said.get('text', ''))}' instead" if said and not heard else "",
     }
 
 

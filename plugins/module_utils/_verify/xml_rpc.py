@@ -1,23 +1,74 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""XML-RPC with a time limit."""
+"""XML-RPC calls at programs that may be anybody's: bounded in time, bytes, nesting and memory."""
 
+import socket
+import threading
+import time
 import typing
 import xmlrpc.client
 
-CALL = 5.0  # seconds that an XML-RPC call may take
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import ANSWER, Document
+
+CALL = 5.0  # seconds that an XML-RPC call may take, from the request to the last byte of the answer
 
 
 class _Transport(xmlrpc.client.Transport):
-    """HTTP with a time limit: a node that accepts and never answers must not hold the probe."""
+    """HTTP with limits: a node that never answers, one that never ends, and one that sends a byte a second hold no probe."""
+
+    def __init__(self, most: int) -> None:
+        xmlrpc.client.Transport.__init__(self)
+        self._most = most
 
     def make_connection(self, host: typing.Any) -> typing.Any:
         connection = xmlrpc.client.Transport.make_connection(self, host)
         connection.timeout = CALL
         return connection
 
+    def single_request(
+        self, host: typing.Any, handler: str, request_body: typing.Any, verbose: typing.Any = False
+    ) -> typing.Any:
+        connection = self.make_connection(host)
+        # The socket's own limit begins again with each byte.
+        deadline = time.monotonic() + CALL
+        limit = threading.Timer(CALL, _cut, (connection,))
+        limit.daemon = True
+        limit.start()
+        try:
+            self.send_request(host, handler, request_body, verbose)
+            answer = connection.getresponse()
+            if answer.status != 200:
+                raise xmlrpc.client.ProtocolError(host + handler, answer.status, plain(answer.reason), {})
+            return self._read(answer, deadline)
+        finally:
+            limit.cancel()
+            self.close()
 
-def server(uri: str) -> typing.Any:
-    """Return an XML-RPC server that is asked with a time limit."""
-    return xmlrpc.client.ServerProxy(uri, transport=_Transport())
+    def _read(self, answer: typing.Any, deadline: float) -> typing.Any:
+        document = Document(self._most)
+        while True:
+            piece = answer.read1(1 << 16)
+            if time.monotonic() > deadline:
+                raise OSError(f"no whole answer within {CALL:g} s")
+            if not piece:
+                return document.close()[0]
+            document.feed(piece)
+
+    def send_headers(self, connection: typing.Any, headers: typing.Any) -> None:
+        xmlrpc.client.Transport.send_headers(
+            self, connection, [(name, value) for name, value in headers if name != "Accept-Encoding"]
+        )
+
+
+def server(uri: str, most: int = ANSWER) -> typing.Any:
+    """Return an XML-RPC server that is asked with limits; an answer may have `most` bytes."""
+    return xmlrpc.client.ServerProxy(uri, transport=_Transport(most))
+
+
+def _cut(connection: typing.Any) -> None:
+    try:
+        connection.sock.shutdown(socket.SHUT_RDWR)
+    except (AttributeError, OSError):  # it has none yet, or it has ended
+        pass

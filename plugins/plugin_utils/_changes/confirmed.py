@@ -21,6 +21,7 @@ from typing import Any
 from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure
 from ansible.plugins.action import ActionBase
 from ansible.plugins.connection import ConnectionBase
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
 
 GRACE = 60.0  # seconds for a run of the module, and for reaching the machine after its former state is back
 PAUSE = 1.0  # seconds between two attempts
@@ -122,7 +123,7 @@ def _seconds(value: Any) -> int:
 
 
 def _line(problem: Exception) -> str:
-    return " ".join(str(problem).split()).rstrip(".")
+    return plain(problem, LINE).rstrip(".")
 
 
 def _merged(first: Result, second: Result) -> Result:

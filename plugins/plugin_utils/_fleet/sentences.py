@@ -7,9 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
+
 
 def numbered(problems: Sequence[str]) -> str:
-    """Return problems as a message: a single one as it is, several as a numbered list."""
-    if len(problems) == 1:
-        return problems[0]
-    return "\n".join([f"{len(problems)} problems:", *(f"{number}. {text}" for number, text in enumerate(problems, 1))])
+    """Return problems as a message: a single one on one line, several as a numbered list."""
+    texts = [plain(text, LINE) for text in problems]
+    if len(texts) == 1:
+        return texts[0]
+    return "\n".join([f"{len(texts)} problems:", *(f"{number}. {text}" for number, text in enumerate(texts, 1))])
