@@ -14,12 +14,16 @@ import xmlrpc.client
 import pytest
 from rosfleet_multimaster.core.filters import InvalidPattern, Rules
 from rosfleet_multimaster.core.graph import Graph, build, document
-from rosfleet_multimaster.edge import loop, rpc_server
+from rosfleet_multimaster.core.members import Members
+from rosfleet_multimaster.core.plain_text import is_plain
+from rosfleet_multimaster.edge import loop, rpc_client, rpc_server
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import Refused, RpcServer
-from rosfleet_multimaster.edge.xml_rpc import loads, unpack
+from rosfleet_multimaster.edge.xml_rpc import STATE as STATE_BYTES
+from rosfleet_multimaster.edge.xml_rpc import loads, unpacked
+from rosfleet_multimaster.parts.served import callers
 
 # Queues
 
@@ -105,14 +109,14 @@ STATE = build("http://own:11311/", "own", GRAPH, dict.fromkeys(NODES, "http://ow
 class Server:
     """A server as master_discovery has one, beside a loop."""
 
-    def __init__(self):
+    def __init__(self, who=rpc_server.EVERYBODY, host="127.0.0.1"):
         self.malformed, self.running = [], Running()
         methods = {
             "masterContacts": lambda: ["1.0", "http://own:11311/", "own", "/master_discovery"],
             "masterInfoFiltered": self.filtered,
             "big": lambda: ["x" * 1000] * 20000,
         }
-        self.server = RpcServer("127.0.0.1", 0, methods, lambda host, why: self.malformed.append(why))
+        self.server = RpcServer(host, 0, methods, lambda host, why: self.malformed.append(why), who)
         self.port = self.server.server_address[1]
         self.uri = f"http://127.0.0.1:{self.port}"
 
@@ -206,22 +210,26 @@ def test_a_hostile_request_is_a_bad_one_and_quickly(server, caplog, data):
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "answered"),
     [
-        f"<param>{DEEP}</param>",
-        "<param><value><array><data><value><boolean>0</boolean></value>"
-        + "<value></value>" * 6
-        + DEEP
-        + "</data></array></value></param>",
-        "<param><value>1</value></param>" * 30000,
-        "<param><value><array><data>" + "<value></value>" * 60000 + "</data></array></value></param>",
+        (f"<param>{DEEP}</param>", b" 400 "),
+        (
+            "<param><value><array><data><value><boolean>0</boolean></value>"
+            + "<value></value>" * 6
+            + DEEP
+            + "</data></array></value></param>",
+            b" 400 ",
+        ),
+        ("<param><value>1</value></param>" * 30000, b"<fault>"),
+        ("<param><value><array><data>" + "<value></value>" * 60000 + "</data></array></value></param>", b"<fault>"),
     ],
     ids=["deep", "deep in a filter", "many parameters", "long list"],
 )
-def test_a_hostile_argument_is_a_fault_in_few_words(server, caplog, arguments):
+def test_a_hostile_argument_is_a_fault_in_few_words(server, caplog, arguments, answered):
     started = monotonic()
     answer = server.raw(post(call(arguments)), wait=30.0)
-    assert b"<fault>" in answer and len(answer) < 2000
+    assert answered in answer and len(answer) < 2000
+    time.sleep(0.1)
     assert monotonic() - started < 15.0
     assert caplog.text == "", "no traceback that anybody can ask for"
     assert server.running.longest_pause() < 2.0
@@ -267,6 +275,87 @@ def test_idle_connections_are_bounded_and_one_address_cannot_take_all(server):
     for connection in idle:
         connection.close()
     assert server.answers()
+
+
+FLEET = {
+    "strangers": "ignore",
+    "allow": ["10.0.5.0/24"],
+    "members": [
+        {"robot": robot, "name": robot, "uris": [f"http://{robot}:11311/"], "rpc_port": 11611,
+         "addresses": [address], "hosts": [robot, address]}
+        for robot, address in (("own", "10.0.0.1"), ("peer", "10.0.0.10"))
+    ],
+}  # fmt: skip
+
+
+@contextlib.contextmanager
+def fleet_server(**changed):
+    """A server of a fleet. The addresses of the test, 127.x, stand for 10.x: loopback itself is always let in."""
+
+    def outside(address):
+        return address.replace("127.", "10.", 1)
+
+    who = callers(Members.of({**FLEET, **changed}), "http://own:11311/", lambda: {"10.0.0.1"})
+    made = Server(
+        rpc_server.Callers(
+            lambda caller, here: who.objection(outside(caller), outside(here)),
+            who.reserved,
+            lambda address: who.is_member(outside(address)),
+        ),
+        host="",
+    )
+    try:
+        yield made
+    finally:
+        made.server.stop()
+        made.running.stop()
+
+
+def asked(made, source):
+    """What a caller from an address is answered."""
+    with made.connect(source) as connection, contextlib.suppress(OSError):
+        connection.sendall(post(CALL))
+        return read_all(connection)
+    return b""
+
+
+def test_idle_connections_of_many_addresses_leave_room_for_members():
+    """The attack of the review: eight addresses with eight idle connections each. A member is served meanwhile."""
+    with fleet_server(strangers="allow") as made:
+        idle = [made.connect(f"127.0.2.{number}") for number in range(8) for _count in range(8)]
+        time.sleep(0.3)
+        assert len(made.server._open) == rpc_server._FOR_STRANGERS
+        assert b"200 OK" not in asked(made, "127.0.2.9")
+        for source in ("127.0.0.10", "127.0.5.7", "127.0.0.1"):
+            assert b"200 OK" in asked(made, source), source
+        assert set(made.malformed) == {"too many connections at once"}
+        for connection in idle:
+            connection.close()
+
+
+def test_who_does_not_belong_to_the_fleet_has_no_connection_and_who_comes_by_another_address_neither():
+    with fleet_server() as made:
+        assert b"200 OK" in asked(made, "127.0.0.10")
+        assert b"200 OK" in asked(made, "127.0.5.7")
+        assert asked(made, "127.0.2.1") == b""
+        with socket.create_connection(("127.0.0.77", made.port), 5, source_address=("127.0.0.10", 0)) as connection:
+            assert read_all(connection) == b""
+        assert made.malformed == [
+            "it is no computer of the fleet",
+            "10.0.0.77 is no address of this computer in the plan",
+        ]
+
+
+def test_this_computer_itself_may_always_call():
+    who = callers(Members.of(FLEET), "http://own:11311/", lambda: {"172.17.0.1"})
+    assert who.objection("127.0.0.1", "127.0.0.1") == who.objection("172.17.0.1", "172.17.0.1") == ""
+    assert who.is_member("172.17.0.1")
+
+
+def test_without_a_plan_everybody_may_call_and_nothing_is_kept_free():
+    who = callers(Members.of({}), "http://own:11311/", set)
+    assert not who.reserved
+    assert who.objection("10.9.9.9", "10.0.0.1") == ""
 
 
 def filters(text):
@@ -316,6 +405,9 @@ def answering(*parts, pause=0.0):
                     for part in parts:
                         connection.sendall(part)
                         time.sleep(pause)
+                    connection.shutdown(socket.SHUT_WR)  # a close beside unread bytes would take back what was sent
+                    connection.settimeout(2.0)
+                    read_all(connection)
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
         threading.Thread(target=serve, daemon=True).start()
@@ -325,6 +417,12 @@ def answering(*parts, pause=0.0):
 
 def ok(body, head=""):
     return f"HTTP/1.0 200 OK\r\n{head}\r\n".encode() + body
+
+
+FAULT = (
+    "<value><struct><member><name>faultCode</name><value><int>1</int></value></member><member><name>faultString</name>"
+    "<value>a\nb\u2028\u202e</value></member></struct></value>"
+)
 
 
 def response(value):
@@ -362,6 +460,43 @@ def test_a_hostile_answer_is_a_failure_like_any_other(answer):
     assert len(str(failure.value)) < 500
 
 
+def test_one_large_answer_is_held_at_a_time_and_small_ones_do_not_wait():
+    large, small = response("<value>" + " " * (2 << 20) + "</value>"), response("<value>a</value>")
+    half, results = len(large) // 2, []
+
+    def ask(uri):
+        try:
+            results.append(Rpc(uri, 4.0, STATE_BYTES).call("masterInfo", read=len))
+        except OSError as problem:
+            results.append(str(problem))
+
+    with contextlib.ExitStack() as stack:
+        slow = [stack.enter_context(answering(ok(large[:half]), large[half:], pause=0.5)) for _count in range(12)]
+        quick = stack.enter_context(answering(ok(small)))
+        asking = [threading.Thread(target=ask, args=(uri,)) for uri in slow]
+        for thread in asking:
+            thread.start()
+        time.sleep(0.5)
+        started = monotonic()
+        assert Rpc(quick, 5.0, STATE_BYTES).call("masterInfo") == "a"
+        assert monotonic() - started < 0.5
+        for thread in asking:
+            thread.join(20)
+    read = results.count(2 << 20)
+    assert 3 <= read <= 12
+    assert sum("large" in str(result) or "slowly" in str(result) for result in results) == 12 - read
+    assert not rpc_client._large.locked()
+
+
+@pytest.mark.parametrize("uri", ["", "?"])
+def test_what_an_answer_says_of_itself_is_plain(uri):
+    fault = f"<methodResponse><fault>{FAULT}</fault></methodResponse>".encode()
+    for answer in (b"HTTP/1.0 500 \x1b[2J\x85gone\r\n\r\n", ok(fault)):
+        with answering(answer) as where, pytest.raises((OSError, xmlrpc.client.Fault)) as failure:
+            Rpc(where + uri, 1.0).call("masterContacts")
+        assert is_plain(getattr(failure.value, "faultString", str(failure.value)))
+
+
 def test_an_answer_that_is_too_long_is_not_read_to_its_end():
     with answering(ok(b""), *[b"x" * 65536] * 5000) as uri, pytest.raises(OSError, match="too much"):
         Rpc(uri, 5.0, most=1_000_000).call("masterInfo")
@@ -389,7 +524,7 @@ def test_an_address_that_is_none_is_refused_in_few_words(uri):
 )
 def test_what_cannot_be_unpacked_is_one_kind_of_failure(body):
     with contextlib.suppress(OSError, ValueError):
-        assert unpack(body, 100) == b""
+        assert b"".join(unpacked(body, 100)) == b""
 
 
 def test_the_numbers_of_strangers_are_short():

@@ -56,9 +56,10 @@ def test_arguments_that_do_not_fit_are_no_reason_to_fail():
 def test_what_is_printed_is_plain(text):
     behind = io.StringIO(newline="")
     stream = journal.PlainStream(behind)
-    print("shutdown request:", text, file=stream)
-    assert behind.getvalue().endswith("\n")
-    assert is_plain(behind.getvalue()[:-1].replace("\t", " "))
+    print(f"shutdown request: {text}", file=stream)
+    lines = behind.getvalue().split("\n")
+    assert all(is_plain(line.replace("\t", " ")) for line in lines)
+    assert not any(lines[1:]), "nothing stands on a second line"
 
 
 def test_pieces_of_a_line_stay_together():

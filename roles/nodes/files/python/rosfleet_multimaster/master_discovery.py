@@ -11,6 +11,7 @@ from typing import Any, Dict, Optional, Tuple
 from .core import parameters
 from .core.discovery import Ask, Discovery, Event, Say, Send, Settings
 from .core.graph import Policy, State
+from .core.members import Members
 from .core.peer import Contact, Key, Master
 from .edge import ros
 from .edge.clock import monotonic, wall_clock
@@ -22,7 +23,7 @@ from .parts import own_roscore, program
 from .parts.contacts import Contacts
 from .parts.datagrams import Datagrams
 from .parts.poller import Poller, poll_in_thread
-from .parts.served import OwnMaster, Served, serve
+from .parts.served import OwnMaster, Served, callers, serve
 
 LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however much changes
 
@@ -97,7 +98,8 @@ class MasterDiscovery:
             lambda: poller.do_not_sync,
             ros.md5sum,
         )
-        self.server = serve(values["rpc_addr"], self.own.rpc_port, served.methods(), self._malformed)
+        who = callers(Members.of(values), self.own.uri, lambda: self.datagrams.own_addresses)
+        self.server = serve(values["rpc_addr"], self.own.rpc_port, served.methods(), self._malformed, who)
 
     # The loop
 

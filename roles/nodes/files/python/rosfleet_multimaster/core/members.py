@@ -86,9 +86,11 @@ class Members:
 
     def serves(self, address: str) -> bool:
         """True where a caller from this address is told of the own master: a computer of the fleet, or who is allowed."""
-        if self.strangers == ALLOW or address in self.allow:
-            return True
-        return any(address in robot.hosts for robot in self.robots)
+        return self.strangers == ALLOW or self.knows(address)
+
+    def knows(self, address: str) -> bool:
+        """True for a computer of the fleet, and for who is allowed by name."""
+        return address in self.allow or any(address in robot.hosts for robot in self.robots)
 
     def objection(self, uri: str, name: str, address: str) -> str:
         """Why the master that calls itself so, at this address, is none to exchange with; empty where it is one."""

@@ -5,13 +5,14 @@
 from typing import Any, List, Tuple
 
 from .rpc_client import Rpc
+from .xml_rpc import STATE
 
 
 class Roscore:
     """The master API of a roscore. Its answers are [code, text, value]."""
 
     def __init__(self, uri: str, caller: str, timeout: float = 5.0) -> None:
-        self.rpc, self.caller = Rpc(uri, timeout), caller
+        self.rpc, self.caller = Rpc(uri, timeout, STATE, own=True), caller
 
     def ask(self, *calls: Tuple[Any, ...]) -> List[Any]:
         """The values of many calls (without the caller's name) in one request; None where one was refused.

@@ -1,43 +1,69 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Calls of XML-RPC methods at other programs."""
+"""Calls of XML-RPC methods at other programs.
+
+An answer is bounded in bytes, time, nesting and memory. All answers together are bounded too, since many are read at once:
+one large answer is read at a time, and one is made into values. The state of 5,000 topics is small on its way, packed.
+"""
 
 import http.client
 import socket
 import threading
 import urllib.parse
 import xmlrpc.client
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, Callable, List, Optional, Sequence, Tuple
 
+from ..core.plain_text import plain
 from .clock import monotonic
-from .xml_rpc import MAX_ANSWER, loads, unpack
+from .xml_rpc import ANSWER, loads
+
+SMALL = 1 << 19  # bytes of an answer, as it is sent: a larger one waits for those before it
+_HEAD = 1 << 15  # bytes of all lines of the head of an answer, and of those between its chunks
+
+_large, _one_at_a_time = threading.Lock(), threading.Lock()
 
 
 class Rpc:
     """Calls at one URI, for one thread at a time. The connection is kept while the other side keeps it."""
 
-    def __init__(self, uri: str, timeout: float, most: int = MAX_ANSWER) -> None:
-        """`timeout`: seconds for connecting, and for the whole answer, of at most so many bytes. Raises OSError."""
+    def __init__(self, uri: str, timeout: float, most: int = ANSWER, own: bool = False) -> None:
+        """`timeout`: seconds for connecting, and for the whole answer, of at most so many bytes. Raises OSError.
+
+        `own`: the answers of this robot's roscore have room, whatever is held of others.
+        """
         try:
             parsed = urllib.parse.urlsplit(uri)
             host, port = parsed.hostname, 80 if parsed.port is None else parsed.port
         except ValueError:
             host = port = None
         if not host or not port or parsed.scheme != "http":
-            raise OSError(f"{uri[:200]!r} is no address of an XML-RPC server")
-        self.uri, self._timeout, self._most = uri, timeout, most
+            raise OSError(f"{plain(ascii(uri))} is no address of an XML-RPC server")
+        self.uri, self._timeout, self._most, self._own = uri, timeout, most, own
         self._host, self._port, self._path = host, port, parsed.path or "/"
         self._connection: Optional[http.client.HTTPConnection] = None
 
-    def call(self, method: str, *arguments: Any) -> Any:
-        """The result of a method. Raises OSError (no answer), xmlrpc.client.Fault, or ValueError (no XML-RPC)."""
-        answer = self._post(xmlrpc.client.dumps(arguments, method, allow_none=True).encode())
+    def call(self, method: str, *arguments: Any, read: Callable[[Any], Any] = lambda value: value) -> Any:
+        """The result of a method. Raises OSError (no answer), xmlrpc.client.Fault, or ValueError (no XML-RPC).
+
+        `read(value)` makes something smaller of a large answer before the next one is read; it may raise what it likes.
+        """
+        answer, packed = self._post(xmlrpc.client.dumps(arguments, method, allow_none=True).encode())
         try:
-            values, _method = loads(answer)
-        except xmlrpc.client.Fault:
-            raise
+            if self._most <= SMALL:
+                return read(self._value(answer, packed))
+            with _one_at_a_time:
+                return read(self._value(answer, packed))
+        finally:
+            if self._is_large(len(answer)):
+                _large.release()
+
+    def _value(self, answer: bytearray, packed: bool) -> Any:
+        try:
+            values, _method = loads(answer, self._most, packed)
+        except xmlrpc.client.Fault as fault:
+            raise xmlrpc.client.Fault(fault.faultCode, plain(fault.faultString)) from None
         except Exception as problem:
-            raise ValueError(f"{self.uri} answers no XML-RPC: {problem}") from None
+            raise ValueError(f"{self.uri} answers no XML-RPC: {plain(problem)}") from None
         return values[0] if values else None
 
     def multicall(self, calls: Sequence[Tuple[Any, ...]]) -> List[Any]:
@@ -55,7 +81,7 @@ class Rpc:
             self._connection.close()
             self._connection = None
 
-    def _post(self, body: bytes) -> bytes:
+    def _post(self, body: bytes) -> Tuple[bytearray, bool]:
         kept = self._connection is not None
         try:
             return self._timed(body)
@@ -67,9 +93,10 @@ class Rpc:
                 raise OSError(f"{self.uri} does not answer as an XML-RPC server") from None
             raise
 
-    def _timed(self, body: bytes) -> bytes:
+    def _timed(self, body: bytes) -> Tuple[bytearray, bool]:
         if self._connection is None:
             self._connection = http.client.HTTPConnection(self._host, self._port, timeout=self._timeout)
+            self._connection.response_class = _Response
             self._connection.connect()
             if self._connection.sock is not None:
                 self._connection.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -83,27 +110,65 @@ class Rpc:
         finally:
             limit.cancel()
 
-    def _exchange(self, connection: http.client.HTTPConnection, body: bytes, deadline: float) -> bytes:
+    def _exchange(self, connection: http.client.HTTPConnection, body: bytes, deadline: float) -> Tuple[bytearray, bool]:
         headers = {"Content-Type": "text/xml", "Accept-Encoding": "gzip"}
         connection.request("POST", self._path, body, headers)
         answer = connection.getresponse()
-        chunks, size = [], 0
-        while True:
-            chunk = answer.read1(1 << 16)
-            if not chunk:
-                break
-            chunks.append(chunk)
-            size += len(chunk)
-            if size > self._most:
-                break
-        if size > self._most or monotonic() > deadline:
-            raise OSError(f"{self.uri} answers too much or too slowly")
         if answer.status != 200:
-            raise OSError(f"{self.uri} answers {answer.status} {answer.reason}")
+            raise OSError(f"{self.uri} answers {answer.status} {plain(answer.reason)}")
+        content = self._read(answer, deadline)
         if answer.will_close:
             self.close()
-        content = b"".join(chunks)
-        return unpack(content, self._most) if answer.headers.get("Content-Encoding") == "gzip" else content
+        return content, answer.headers.get("Content-Encoding") == "gzip"
+
+    def _is_large(self, size: int) -> bool:
+        return size > SMALL and not self._own
+
+    def _read(self, answer: http.client.HTTPResponse, deadline: float) -> bytearray:
+        """Read an answer. Others wait for a large one until its reader has done with it."""
+        content, waited = bytearray(), False
+        try:
+            while True:
+                chunk = answer.read1(1 << 16)
+                if len(content) + len(chunk) > self._most or monotonic() > deadline:
+                    raise OSError(f"{self.uri} answers too much or too slowly")
+                if not chunk:
+                    return content
+                content += chunk
+                if not waited and self._is_large(len(content)):
+                    waited = _large.acquire(timeout=max(0.0, deadline - monotonic()))
+                    if not waited:
+                        raise OSError(f"{self.uri} answers while other large answers are being read")
+        except BaseException:
+            if waited:
+                _large.release()
+            raise
+
+
+class _Response(http.client.HTTPResponse):
+    """An answer whose lines (head, and between chunks) are bounded together; each one alone may have 64 KiB."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.fp = _Lines(self.fp)  # type: ignore[assignment]
+
+
+class _Lines:
+    """A file of which only so much can be read by lines."""
+
+    def __init__(self, file: Any) -> None:
+        self._file, self._left = file, _HEAD
+
+    def readline(self, *limit: int) -> Any:
+        """Read a line."""
+        line = self._file.readline(*limit)
+        self._left -= len(line)
+        if self._left < 0:
+            raise http.client.HTTPException("too many lines")
+        return line
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
 
 
 def _cut(connection: socket.socket) -> None:
@@ -115,5 +180,5 @@ def _cut(connection: socket.socket) -> None:
 
 def _fault(part: Any) -> xmlrpc.client.Fault:
     if isinstance(part, dict):
-        return xmlrpc.client.Fault(part.get("faultCode", 1), str(part.get("faultString", "")))
+        return xmlrpc.client.Fault(part.get("faultCode", 1), plain(part.get("faultString", "")))
     return xmlrpc.client.Fault(1, "no result")

@@ -9,15 +9,16 @@ import socketserver
 import threading
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
-from typing import Any, Callable, Dict, Mapping, Tuple
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple
 
 from ..core.plain_text import LINE, plain
 from .clock import monotonic
-from .xml_rpc import MAX_REQUEST, loads, unpack
+from .xml_rpc import MAX_REQUEST, loads
 
 _log = logging.getLogger("rosfleet.rpc_server")
 
 _MAX_CONNECTIONS, _MAX_PER_ADDRESS = 64, 8
+_FOR_STRANGERS = _MAX_CONNECTIONS // 2  # the others are for members of the fleet, where it is known who these are
 _MAX_SECONDS = 15.0
 _COMPRESS = 1400  # bytes
 
@@ -36,6 +37,17 @@ class PerCaller:
         return self.method(caller, *arguments)
 
 
+class Callers(NamedTuple):
+    """Who may call. Each is asked in the thread that takes connections."""
+
+    objection: Callable[[str, str], str] = lambda _caller, _here: ""  # (from, to: addresses) why not, "" for nothing
+    reserved: bool = False  # half of the connections are for members
+    is_member: Callable[[str], bool] = lambda _caller: True
+
+
+EVERYBODY = Callers()
+
+
 class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
     """An XML-RPC server with bounds: connections, size of a request, and time of a connection."""
 
@@ -45,14 +57,19 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
     request_queue_size = 128
 
     def __init__(
-        self, address: str, port: int, methods: Mapping[str, Callable[..., Any]], malformed: Callable[[str, str], None]
+        self,
+        address: str,
+        port: int,
+        methods: Mapping[str, Callable[..., Any]],
+        malformed: Callable[[str, str], None],
+        callers: Callers = EVERYBODY,
     ) -> None:
         """`malformed(host, why)` is told of every request that is none. Raises OSError where the port is taken."""
         self.methods = dict(methods)
         self.methods["system.listMethods"] = lambda: sorted(self.methods)
         self.methods["system.methodHelp"] = lambda name: _help(self.methods.get(name))
         self.methods["system.methodSignature"] = lambda name: "signatures not supported"
-        self.malformed = malformed
+        self.malformed, self._callers = malformed, callers
         self._open: Dict[socket.socket, Tuple[str, float]] = {}  # whose, and since when
         super().__init__((address, port), _Handler)
         threading.Thread(target=self.serve_forever, name="xml-rpc", kwargs={"poll_interval": 1.0}, daemon=True).start()
@@ -60,12 +77,21 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Refuse what is too much at once."""
         address = client_address[0]
-        same = sum(1 for other, _since in list(self._open.values()) if other == address)
-        if len(self._open) >= _MAX_CONNECTIONS or same >= _MAX_PER_ADDRESS:
-            self.malformed(address, "too many connections at once")
+        objection = self._callers.objection(address, request.getsockname()[0]) or self._too_many(address)
+        if objection:
+            self.malformed(address, objection)
             return False
         self._open[request] = (address, monotonic())
         return True
+
+    def _too_many(self, address: str) -> str:
+        there = [other for other, _since in list(self._open.values())]
+        most = _MAX_CONNECTIONS
+        if self._callers.reserved and not self._callers.is_member(address):
+            there = [other for other in there if other == address or not self._callers.is_member(other)]
+            most = _FOR_STRANGERS
+        full = len(there) >= most or there.count(address) >= _MAX_PER_ADDRESS
+        return "too many connections at once" if full else ""
 
     def service_actions(self) -> None:
         """End the connections that take too long."""
@@ -128,9 +154,8 @@ class _Handler(BaseHTTPRequestHandler):
         if not 0 < length <= MAX_REQUEST:
             raise ValueError(f"a request of {length} bytes")
         body = self.rfile.read(length)
-        if self.headers.get("Content-Encoding", "identity").lower() == "gzip":
-            body = unpack(body, MAX_REQUEST)
-        arguments, name = loads(body)
+        packed = self.headers.get("Content-Encoding", "identity").lower() == "gzip"
+        arguments, name = loads(body, MAX_REQUEST, packed)
         if not name:
             raise ValueError("no method is named")
         return name, arguments

@@ -12,8 +12,6 @@ from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
 from . import program
 
-CONTACT_SIZE = 1 << 16  # bytes of an answer that says who somebody is
-
 Answered = Callable[[Key, Optional[Contact], str, bool], None]  # key, contact or None, why not, it says it has none
 
 
@@ -75,4 +73,4 @@ def _who_has(host: str, heard: str, rpc_port: int) -> Tuple[str, Optional[Contac
 
 
 def _contact(monitor_uri: str, limit: float = CONTACT_LIMIT) -> Contact:
-    return Contact.of(Rpc(monitor_uri, limit, CONTACT_SIZE).call("masterContacts"))
+    return Contact.of(Rpc(monitor_uri, limit).call("masterContacts"))

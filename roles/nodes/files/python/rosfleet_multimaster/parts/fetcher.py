@@ -11,9 +11,10 @@ from ..core.sync import Fetch, Sync
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
+from ..edge.xml_rpc import STATE
 from . import program
 
-TIMEOUT, MAX_STATE = 10.0, 16 << 20  # seconds, bytes: 5,000 topics are 3 MB
+TIMEOUT = 10.0  # seconds
 
 
 class Fetcher:
@@ -43,14 +44,15 @@ class Fetcher:
 
 def _fetch(fetch: Fetch, sync_remote_nodes: bool) -> State:
     """The state of a master, filtered there where it can be."""
-    rpc = Rpc(fetch.monitor_uri, TIMEOUT, MAX_STATE)
+    rpc = Rpc(fetch.monitor_uri, TIMEOUT, STATE)
     try:
         try:
-            return parse(rpc.call("masterInfoFiltered", fetch.rules.to_wire(sync_remote_nodes)))
+            state: State = rpc.call("masterInfoFiltered", fetch.rules.to_wire(sync_remote_nodes), read=parse)
         except Fault:
             if "masterInfoFiltered" in rpc.call("system.listMethods"):
                 raise
-            return parse(rpc.call("masterInfo"))
+            state = rpc.call("masterInfo", read=parse)
+        return state
     except Malformed as problem:
         raise ValueError(f"it sends no state of a master: {problem}") from None
     finally:

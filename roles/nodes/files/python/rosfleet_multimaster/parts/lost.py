@@ -11,6 +11,7 @@ from ..edge import connections
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Recurring, Workers
 from ..edge.rpc_client import Rpc
+from ..edge.xml_rpc import NODE
 from . import program
 
 QUESTION_TIMEOUT = 2.0  # seconds for the connections of an own node
@@ -104,7 +105,7 @@ def _possible() -> bool:
 
 def _connections_with(look: Look, node_uri: str) -> Set[Connection]:
     """The connections of an own node with the nodes of a master."""
-    answer = Rpc(node_uri, QUESTION_TIMEOUT).call("getBusInfo", "/rosfleet")
+    answer = Rpc(node_uri, QUESTION_TIMEOUT, NODE).call("getBusInfo", "/rosfleet")
     return connections_of(answer[2] if isinstance(answer, list) and len(answer) == 3 else [], look.others)
 
 

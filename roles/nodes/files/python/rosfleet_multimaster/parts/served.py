@@ -10,10 +10,11 @@ from typing import Any, Callable, Dict, List, Optional, Set, Tuple
 
 from ..core.filters import InvalidPattern, Pattern, Rules
 from ..core.graph import Policy, State, document, own_types, stamp_text
+from ..core.members import ALLOW, Members
 from ..core.peer import Master
 from ..core.plain_text import LINE, plain
 from ..edge.clock import sleep, wall_clock
-from ..edge.rpc_server import PerCaller, Refused, RpcServer
+from ..edge.rpc_server import Callers, PerCaller, Refused, RpcServer
 from ..edge.systemd import notify
 from . import program
 
@@ -112,14 +113,35 @@ class Served:
         return self._policy.view(self._own.current(), caller, [secret])
 
 
+def callers(members: Members, own_uri: str, own_addresses: Callable[[], Set[str]]) -> Callers:
+    """Who may call, and at which addresses of this computer: it listens at all, since the planned one may come late."""
+    own = members.master(own_uri)
+
+    def here(address: str) -> bool:
+        return address.startswith("127.") or address in own_addresses()
+
+    def objection(caller: str, at: str) -> str:
+        if here(caller) or members.strangers == ALLOW:
+            return ""
+        if own is not None and at not in own.hosts:
+            return f"{at} is no address of this computer in the plan"
+        return "" if members.serves(caller) else "it is no computer of the fleet"
+
+    return Callers(objection, bool(members.robots), lambda address: here(address) or members.knows(address))
+
+
 def serve(
-    address: str, port: int, methods: Dict[str, Callable[..., Any]], malformed: Callable[[str, str], None]
+    address: str,
+    port: int,
+    methods: Dict[str, Callable[..., Any]],
+    malformed: Callable[[str, str], None],
+    who: Callers,
 ) -> RpcServer:
     """A running server; blocks until the port is free. `malformed(host, why)` is called in threads of the server."""
     said = False
     while True:
         try:
-            return RpcServer(address, port, methods, malformed)
+            return RpcServer(address, port, methods, malformed, who)
         except OSError as problem:
             if not said:
                 program.LOG.error("port %d for other masters is not free: %s; trying again", port, problem)

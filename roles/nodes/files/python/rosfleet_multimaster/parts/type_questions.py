@@ -9,7 +9,9 @@ from ..core.sync import NodeKey
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
+from ..edge.xml_rpc import NODE
 
+TYPES = 200  # that another master is asked about at once: the answer must fit
 TIMEOUT = 2.0  # seconds for what an own node is asked, or another master about its types
 
 Md5Sum = Callable[[str], Optional[str]]
@@ -54,7 +56,7 @@ class TypeQuestions:
 
 def _types_of(node_uri: str) -> Dict[str, str]:
     """Topic -> type, as a node of this robot has them."""
-    rpc, found = Rpc(node_uri, TIMEOUT), {}
+    rpc, found = Rpc(node_uri, TIMEOUT, NODE), {}
     try:
         for method in ("getPublications", "getSubscriptions"):
             answer = rpc.call(method, "/rosfleet")
@@ -67,8 +69,13 @@ def _types_of(node_uri: str) -> Dict[str, str]:
 
 def _md5sums(monitor_uri: str, types: List[str], md5sum: Md5Sum) -> Tuple[Dict[str, str], Dict[str, str]]:
     """The md5 sums of types at another master, and here. Only types that an own node has named are imported."""
-    rows = Rpc(monitor_uri, TIMEOUT).call("getTopicsMd5sum", types)
-    there = {row[0]: row[1] for row in rows if _texts(row, 2)} if isinstance(rows, list) else {}
+    rpc, there = Rpc(monitor_uri, TIMEOUT), {}
+    try:
+        for at in range(0, len(types), TYPES):
+            rows = rpc.call("getTopicsMd5sum", types[at : at + TYPES])
+            there.update({row[0]: row[1] for row in rows if _texts(row, 2)} if isinstance(rows, list) else {})
+    finally:
+        rpc.close()
     here = {name: md5sum(name) for name in types if name in there}
     return there, {name: found for name, found in here.items() if found}
 

@@ -1,0 +1,1 @@
+../../../roles/nodes/files/python/rosfleet_multimaster/edge/xml_rpc.py
