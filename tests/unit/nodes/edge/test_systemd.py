@@ -30,6 +30,7 @@ def test_systemd_is_told(tmp_path, monkeypatch):
         ("0", None, None),
         ("x", None, None),
     ],
+    ids=["everybody", "own", "other", "none", "zero", "no number"],
 )
 def test_the_time_of_the_watchdog(monkeypatch, microseconds, pid, seconds):
     monkeypatch.setenv("WATCHDOG_USEC", microseconds)
