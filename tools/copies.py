@@ -18,6 +18,7 @@ NODES = "roles/nodes/files/python/rosfleet_multimaster"
 #: copy -> original
 COPIES = {
     "plugins/module_utils/_machine/plain_text.py": f"{NODES}/core/plain_text.py",
+    "plugins/module_utils/_verify/documents.py": f"{NODES}/edge/xml_rpc.py",
     "plugins/plugin_utils/_fleet/filters.py": f"{NODES}/core/filters.py",
     "plugins/plugin_utils/_fleet/plain_text.py": f"{NODES}/core/plain_text.py",
 }

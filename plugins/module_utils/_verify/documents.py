@@ -1,1 +1,132 @@
-../../../roles/nodes/files/python/rosfleet_multimaster/edge/xml_rpc.py
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""XML-RPC documents from strangers, read with bounds: bytes, unpacked bytes, nesting, memory.
+
+Both sides of a call use this. The modules have a copy (plugins/module_utils/_verify/documents.py, tools/copies.py), so it runs
+on Python 3.6 and needs nothing.
+"""
+
+import typing
+import xml.parsers.expat
+import xmlrpc.client
+import zlib
+
+MAX_REQUEST = 1 << 20  # bytes, also unpacked, as the following ones
+ANSWER = 1 << 16  # of an answer of another computer
+NODE = 2 << 20  # of a node of this robot: rosbag may have a thousand connections
+STATE = 16 << 20  # of the state of a master, or of a roscore: 5,000 topics are 3 MB
+
+_NESTING = 100  # elements within each other: a list in a list has three
+_NUMBER = 400  # digits: Python before 3.11 takes seconds for a long one, and everything waits
+_PIECE = 1 << 16  # bytes that are unpacked and read at once
+_TOKEN = 1 << 17  # bytes of one token of XML, such as a comment
+_TEXT = 4 << 20  # bytes of one text
+_ELEMENT = 40  # bytes of memory that an element costs about, beside its text
+_STRUCT = 40  # and a mapping more
+_SPARE = 1 << 20  # bytes of memory: what libraries write costs less than this and twice its length
+_NUMBERS = ("int", "i1", "i2", "i4", "i8", "biginteger", "bigdecimal", "double")
+
+Bytes = typing.Union[bytes, bytearray]
+Values = typing.Tuple[typing.Tuple[typing.Any, ...], typing.Optional[str]]
+
+
+class _Reader(xmlrpc.client.Unmarshaller):
+    """Makes values of a document, as long as it is neither deep nor dear."""
+
+    def __init__(self, dear: int) -> None:
+        xmlrpc.client.Unmarshaller.__init__(self, use_builtin_types=True)
+        self._depth, self._left, self._size, self._wide = 0, dear, 0, False
+
+    def start(self, tag: str, attrs: typing.Dict[str, str]) -> None:
+        self._depth, self._size, self._wide = self._depth + 1, 0, False
+        if self._depth > _NESTING:
+            raise ValueError(f"more than {_NESTING} elements within each other")
+        self._pay(_ELEMENT + (_STRUCT if tag == "struct" else 0))
+        xmlrpc.client.Unmarshaller.start(self, tag, attrs)
+
+    def data(self, text: str) -> None:
+        if not self._wide and max(text) > "\uffff":
+            self._wide = True  # one such character makes all of a text wide
+            self._pay(3 * self._size)
+        self._size += len(text)
+        self._pay(len(text) * (4 if self._wide else 1))
+        if self._size > _TEXT:
+            raise ValueError(f"a text of more than {_TEXT} bytes")
+        xmlrpc.client.Unmarshaller.data(self, text)
+
+    def end(self, tag: str) -> None:
+        self._depth -= 1
+        if self._size > _NUMBER and tag.split(":")[-1] in _NUMBERS:
+            raise ValueError(f"a number of more than {_NUMBER} digits")
+        xmlrpc.client.Unmarshaller.end(self, tag)
+        self._size = 0
+
+    def _pay(self, cost: int) -> None:
+        self._left -= cost
+        if self._left < 0:
+            raise ValueError("it takes too much memory")
+
+
+def _no_document_type(*_declaration: typing.Any) -> None:
+    raise ValueError("a document type in an XML-RPC document")
+
+
+class Document:
+    """A document that is read piece by piece. Every method raises ValueError or what expat and xmlrpc have, or a Fault."""
+
+    def __init__(self, most: int) -> None:
+        """`most`: bytes of the document."""
+        self._most, self._fed = most, 0
+        self._reader = _Reader(2 * most + _SPARE)
+        self._reader.xml("", None)  # its texts are decoded already
+        # In UTF-8 whatever it says: in another encoding nobody would see a document type coming.
+        self._parser = parser = xml.parsers.expat.ParserCreate("utf-8")
+        parser.buffer_text = True  # else each line break of a long text is one object
+        parser.StartDoctypeDeclHandler = _no_document_type
+        parser.StartElementHandler = self._reader.start
+        parser.EndElementHandler = self._reader.end
+        parser.CharacterDataHandler = self._reader.data
+
+    def feed(self, data: Bytes) -> None:
+        """Read a piece."""
+        for at in range(0, len(data), _PIECE):
+            piece = data[at : at + _PIECE]
+            self._fed += len(piece)
+            if self._fed > self._most:
+                raise ValueError(f"more than {self._most} bytes")
+            self._parser.Parse(piece, False)
+            if self._fed - max(self._parser.CurrentByteIndex, 0) > _TOKEN:
+                raise ValueError(f"a token of more than {_TOKEN} bytes")
+
+    def close(self) -> Values:
+        """The values, and the name of the method where it is a call."""
+        self._parser.Parse(b"", True)
+        return self._reader.close(), self._reader.getmethodname()
+
+
+def unpacked(body: Bytes, most: int) -> typing.Iterator[bytes]:
+    """Unpack gzip in pieces, but not without a bound. Raises ValueError."""
+    unpacker, size = zlib.decompressobj(31), 0
+    try:
+        for at in range(0, len(body), _PIECE):
+            rest = body[at : at + _PIECE]
+            while rest and not unpacker.eof:
+                piece = unpacker.decompress(rest, _PIECE)
+                rest = unpacker.unconsumed_tail
+                size += len(piece)
+                if size > most:
+                    raise ValueError(f"more than {most} bytes")
+                yield piece
+    except zlib.error as problem:
+        raise ValueError(str(problem)) from None
+    if not unpacker.eof:
+        raise ValueError("the end of what is packed is missing")
+
+
+def loads(body: Bytes, most: int = STATE, packed: bool = False) -> Values:
+    """The values and the method of an XML-RPC document. Document types and entities are not read."""
+    document = Document(most)
+    for piece in unpacked(body, most) if packed else (body,):
+        document.feed(piece)
+    return document.close()

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Text of others is made plain: one line, printable, bounded, and what is plain stays as it is."""
 
-import pathlib
 import unicodedata
 
 import pytest
@@ -10,7 +9,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rosfleet_multimaster.core.plain_text import CUT, LONGEST, is_plain, plain, plain_data, plain_lines
 
-ROOT = pathlib.Path(__file__).parents[4]
 HOSTILE = st.text(
     st.one_of(st.characters(), st.sampled_from("\n\r\v\f\x1b\x85\u2028\u2029\u202e\u2066\u200b\ufeff\u3164"))
 )
@@ -99,11 +97,3 @@ def test_what_is_plain():
     assert not is_plain("/robot1/pose\n")
     assert not is_plain("/robot1/pose\u200b")
     assert not is_plain("a" * 10, 9)
-
-
-@pytest.mark.parametrize(
-    "link", ["plugins/plugin_utils/_fleet/plain_text.py", "plugins/module_utils/_machine/plain_text.py"]
-)
-def test_the_other_trees_have_the_same_file(link):
-    here = ROOT / "roles/nodes/files/python/rosfleet_multimaster/core/plain_text.py"
-    assert (ROOT / link).resolve() == here

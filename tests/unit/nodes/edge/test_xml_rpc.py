@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from rosfleet_multimaster.edge import xml_rpc
 from rosfleet_multimaster.edge.xml_rpc import ANSWER, STATE, loads, unpacked
 
-ROOT = pathlib.Path(__file__).parents[4]
 TEXT = st.text(st.characters(blacklist_categories=("Cs",), min_codepoint=32, blacklist_characters="\ufffe\uffff"))
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**31), 2**31 - 1) | st.floats(allow_nan=False) | TEXT | st.binary(),
@@ -85,7 +84,5 @@ def test_document_types_are_refused_in_every_encoding(encoding):
         loads(text.encode(encoding))
 
 
-def test_the_modules_read_the_same_file_and_it_is_for_their_python():
-    here = pathlib.Path(xml_rpc.__file__)
-    assert (ROOT / "plugins/module_utils/_verify/documents.py").resolve() == here
-    ast.parse(here.read_text(encoding="utf-8"), feature_version=(3, 6))
+def test_it_is_for_the_python_of_the_modules():
+    ast.parse(pathlib.Path(xml_rpc.__file__).read_text(encoding="utf-8"), feature_version=(3, 6))

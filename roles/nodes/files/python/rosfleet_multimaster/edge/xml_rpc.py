@@ -3,8 +3,8 @@
 
 """XML-RPC documents from strangers, read with bounds: bytes, unpacked bytes, nesting, memory.
 
-Both sides of a call use this. The modules read the same file by a link (plugins/module_utils/_verify/documents.py), so it
-runs on Python 3.6 and needs nothing.
+Both sides of a call use this. The modules have a copy (plugins/module_utils/_verify/documents.py, tools/copies.py), so it runs
+on Python 3.6 and needs nothing.
 """
 
 import typing
