@@ -24,7 +24,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.unit
     State,
     Unit,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
 
 SETTLE = 1.0  # seconds in which a service that dies at once does so
 
@@ -249,8 +249,8 @@ class UnitSteps:
         if brought_back:
             try:
                 self._remember_pending(brought_back)
-            except OSError as problem:
-                left.append(f"The record {self.record.path} could not be written ({problem}).")
+            except (OSError, Problem) as problem:
+                left.append(sentence(problem))
         return left
 
     def _remember_pending(self, names: typing.Iterable[str]) -> None:

@@ -25,7 +25,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access, wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.contract import BackEnd, Rules
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.table import AUTO, BACKENDS
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, unreadable
 
 _WORDS = re.compile(r'[\s,{}"]+')
 
@@ -67,7 +67,7 @@ class Run(ModuleRun):
             self.machine = files.read(self.listed, self.remembered, self.record)
             self.plan = files.plan(self.listed, self.remembered, self.machine)
         except OSError as problem:
-            raise Problem(f"The present state could not be read ({problem}); nothing was changed.") from problem
+            raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self.after = self._after()
         self.disordered = not all(end.back_end.in_order(end.wanted) for end in self.ends)
         self.changed = bool(

@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     carry_out,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import Guard
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import concerned
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import HostsFile, resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.plan import plan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import (
@@ -49,7 +49,7 @@ class Run(ModuleRun):
             self.file = HostsFile(options["path"], options["records"])
             self.before = self.file.found
             self.is_system = self.file.path == os.path.realpath(SYSTEM)
-            self.guard = Guard(bool(self.bindings), options["records"]) if self.is_system else None
+            self.guard = _guard(bool(self.bindings), options["records"]) if self.is_system else None
         except OSError as problem:
             raise Problem(unreadable(problem)) from problem
         self.plan = plan(self.file.content, self.bindings)
@@ -180,3 +180,13 @@ class Run(ModuleRun):
         return (
             f"Line {item['line']} ({before}) no longer binds {name} to loopback; of it remains: {after or 'nothing'}."
         )
+
+
+def _guard(wanted: bool, records: str) -> typing.Any:
+    """The guard of guard.py, None where cloud-init does not concern this machine. Raises OSError, Problem."""
+    if not concerned(records):
+        return None
+    # Imported where it is needed: it costs more than all the rest of a run without changes.
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.guard import Guard
+
+    return Guard(wanted, records)

@@ -6,6 +6,8 @@
 import errno
 import os
 import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -14,7 +16,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run as run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import Guard
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import concerned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.guard import Guard
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import Run
 
 OLD = b"127.0.0.1 localhost\n127.0.1.1 kobuki1computer\n"
@@ -127,7 +130,11 @@ def guarded(tmp_path, monkeypatch):
         if installed:
             (folder / "etc" / "cloud").mkdir()
         monkeypatch.setattr(run_module, "SYSTEM", str(machine.hosts))
-        monkeypatch.setattr(run_module, "Guard", lambda wanted, records: Guard(wanted, records, root=str(folder)))
+
+        def guard(wanted, records):
+            return Guard(wanted, records, root=str(folder)) if concerned(records, root=str(folder)) else None
+
+        monkeypatch.setattr(run_module, "_guard", guard)
         monkeypatch.setattr(run_module, "resolve", lambda bindings: [{} for binding in bindings])
         return machine
 
@@ -236,3 +243,12 @@ def test_a_record_that_cannot_be_written_at_the_end_takes_the_hosts_file_back(gu
     with pytest.raises(NotDone):
         machine.apply(FIRST)
     assert len(calls) == 3 and machine.found() == before
+
+
+def test_without_cloud_init_its_code_is_not_even_loaded():
+    """It was half of what the module loads."""
+    code = (
+        f"import sys; import {Run.__module__}; print([name for name in sys.modules if name.endswith('_hosts.guard')])"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    assert subprocess.check_output([sys.executable, "-c", code], env=environment) == b"[]\n"

@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""cloud-init, which writes /etc/hosts at every boot where its configuration says manage_etc_hosts, told to leave it alone.
+
+That may stand in user data, in vendor data or in a file below /etc/cloud, in any form of YAML, and may come with the
+next boot. So none of it is read: where cloud-init is installed, its services get one file of ours by the environment
+variable CLOUD_CFG, which counts more than all of them (cloud-init's helpers.ConfigMerger, the same since 2012). Nothing
+of cloud-init's own is edited.
+"""
+
+import os
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, intent, settled
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import INSTALLED
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+CONFIGURATION = "/etc/rosfleet-multimaster/cloud-init.cfg"
+# The service that runs the module update_etc_hosts, up to cloud-init 24.2 and since then. A drop-in for a unit that is
+# not there does nothing. Its name sorts before those of others, so a CLOUD_CFG of the user's stays.
+DROP_INS = tuple(
+    f"/etc/systemd/system/{unit}.service.d/10-rosfleet-multimaster.conf" for unit in ("cloud-init", "cloud-init-main")
+)
+_BOOTED = "/run/systemd/system"  # sd_booted(3)
+
+_WHY = "# Written by rosfleet.multimaster.hosts_entries: /etc/hosts has bindings of its own, which survive a boot.\n"
+FILES = dict.fromkeys(DROP_INS, f"{_WHY}[Service]\nEnvironment=CLOUD_CFG={CONFIGURATION}\n")
+FILES[CONFIGURATION] = f"{_WHY}manage_etc_hosts: false\n"
+
+
+class Guard:
+    """The files that keep cloud-init away, planned. Raises OSError, Problem."""
+
+    def __init__(self, wanted: bool, records: str, root: str = "") -> None:
+        """`wanted` says that there are bindings to keep; `root` is a prefix of all paths, for tests."""
+        present = os.path.isdir(root + INSTALLED)
+        listed = [{"path": root + path, "content": content, "mode": "0644"} for path, content in sorted(FILES.items())]
+        self.record = files.record_of("files", "hosts_entries", records)
+        self.wanted = files.wanted_files(listed if wanted and present else [])
+        self.remembered = self.record.load()
+        self.machine = files.read(self.wanted, self.remembered, self.record)
+        self.plan = files.plan(self.wanted, self.remembered, self.machine)
+        self.changed = files.changes(self.plan)
+        self._booted = os.path.isdir(_BOOTED) and not root
+
+    @property
+    def places(self) -> typing.List[str]:
+        """The paths that the steps write."""
+        return files.places(self.plan, self.record)
+
+    def around(self, steps: typing.Sequence[Step]) -> typing.List[Step]:
+        """The steps of the guard, with its record, around those of the hosts file."""
+        after = self.plan.after if any(self.plan.after.values()) else {}
+        if not self.changed:
+            return [*steps, settled(self.record, after)]
+        return [
+            intent(self.record, self.plan.intent, self.remembered, failure=files.RECORD_LOST),
+            Step("systemd's view of cloud-init", lambda: None, self._reload),
+            *files.steps(self.plan, self.machine),
+            Step("systemd's view of cloud-init", self._reload),
+            *steps,
+            settled(self.record, after),
+        ]
+
+    def _reload(self) -> None:
+        """Let systemd read the drop-ins: at the next boot it does so anyway."""
+        if self._booted:
+            answer = commands.run(["systemctl", "daemon-reload"], limit=60.0)
+            if answer.status != 0:
+                raise Problem(f"'systemctl daemon-reload' failed: {answer.error.rstrip('.')}.")
+
+    @property
+    def items(self) -> typing.List[typing.Dict[str, str]]:
+        """The files, each with what becomes of it."""
+        found = [{"path": item.path, "state": item.state} for item in self.plan.items]
+        return found + [{"path": path, "state": "removed"} for path in self.plan.removals]
+
+    @property
+    def differences(self) -> typing.List[typing.Dict[str, str]]:
+        """Their entries of the module's `diff`."""
+        return files.differences(self.plan, self.machine)
