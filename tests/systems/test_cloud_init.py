@@ -10,6 +10,7 @@ ENTRIES = [
     {"address": "192.168.1.229", "names": ["kobuki1computer"]},
     {"address": "192.168.1.239", "names": ["kobuki2computer"]},
 ]
+GUARD = "/etc/systemd/system/cloud-init*.service.d/*-rosfleet-multimaster.conf /etc/rosfleet-multimaster/cloud-init.cfg"
 SEED = "/var/lib/cloud/seed/nocloud"
 ONLY_HOSTS = "/etc/cloud/cloud.cfg.d/99-lab.cfg"
 DISABLED = "/etc/cloud/cloud-init.disabled"
@@ -51,17 +52,17 @@ def test_the_bindings_survive_user_data_and_a_run_repairs_them(lab, boot):
         assert boot(f"with-{value}", f"{{manage_etc_hosts: {value}}}") == before, value
         assert lab.run(HOST, f"getent ahostsv4 {HOST}").startswith("192.168.1.229 ")
 
-    # Without the guard the same boot loses them, and the next run brings back both.
-    guard = lab.run(HOST, "ls /etc/systemd/system/cloud-init*.service.d/*-rosfleet-multimaster.conf").split()
-    lab.run(HOST, f"rm {' '.join(guard)}")
+    # Without the guard the same boot loses them, and the next run brings back both: the files are those of before.
+    guard = lab.run(HOST, f"sha256sum {GUARD}")
+    lab.run(HOST, f"rm {GUARD}")
     lost = boot("unguarded", "manage_etc_hosts: true")
     assert "# rosfleet.multimaster" not in lost and f"127.0.1.1 {HOST}" in lost
     status, output = lab.module(HOST, "hosts_entries", {"entries": ENTRIES})
     assert status == 0 and "cloud-init is kept from writing the file at boot" in output, output
-    repaired = boot("guarded-again", "manage_etc_hosts: true")
+    repaired = lab.run(HOST, "cat /etc/hosts")
     assert all(f"{entry['address']}\t{entry['names'][0]} # rosfleet" in repaired for entry in ENTRIES)
     assert lab.run(HOST, f"getent ahostsv4 {HOST}").startswith("192.168.1.229 ")
-    assert lab.run(HOST, "ls /etc/systemd/system/cloud-init*.service.d/*-rosfleet-multimaster.conf").split() == guard
+    assert lab.run(HOST, f"sha256sum {GUARD}") == guard
 
     # The lab's file again, for the tests that come after this one.
     lab.run(HOST, "cat > /etc/hosts", stdin=before)
