@@ -3,7 +3,7 @@
 
 """Says when what works on a robot, from its boot on: an ordinary rospy node, which hears itself through a roscpp one.
 
-alone.py ROBOT ADDRESS [OTHER]... : it publishes /ROBOT/talk, hears /ROBOT/relayed (topic_tools relay) and every /OTHER/talk, and
+alone.py ROBOT ADDRESS [OTHER]... : it publishes /ROBOT/talk, hears /ROBOT/back (topic_tools relay) and every /OTHER/talk, and
 provides and calls the service /ROBOT/echo. Each line is "TIME EVENT", once: `own topic`, `own service`, `address` (eth0 has it, and
 a carrier), `online MASTER` (list_masters says so), `heard OTHER`. TIME is of the kernel's steady clock, which all containers share.
 """
@@ -69,7 +69,7 @@ probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 threading.Thread(target=look_at_network, daemon=True).start()
 rospy.init_node(f"{robot}_alone")
 rospy.Service(f"/{robot}/echo", Trigger, lambda _request: TriggerResponse(True, robot))
-rospy.Subscriber(f"/{robot}/relayed", rospy.AnyMsg, lambda _message: tell("own topic"))
+rospy.Subscriber(f"/{robot}/back", rospy.AnyMsg, lambda _message: tell("own topic"))
 for other in others:
     rospy.Subscriber(f"/{other}/talk", rospy.AnyMsg, lambda _message, other=other: tell(f"heard {other}"))
 for work in (call_own_service, list_masters):
