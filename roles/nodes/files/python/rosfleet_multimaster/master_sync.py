@@ -182,7 +182,10 @@ class MasterSync:
             offline = "" if remote.announced.online else " (offline)"
             parts.append(f"{remote.announced.name}{offline}: {topics} topics, {services} services")
         text = "; ".join(parts) or "no other master"
-        text += f"; refused: {', '.join(sorted({item.name for item in self.refused}))}" if self.refused else ""
+        refused = sorted({item.name for item in self.refused if item.kind != "limit"})
+        limited = sorted(item.master for item in self.refused if item.kind == "limit")
+        text += f"; refused: {', '.join(refused)}" if refused else ""
+        text += f"; not all of {', '.join(limited)}: too many" if limited else ""
         if text != self.status:
             self.status = text
             notify(f"STATUS={text}")

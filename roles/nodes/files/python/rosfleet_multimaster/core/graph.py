@@ -56,6 +56,7 @@ class State:
     types: Mapping[str, str] = field(default_factory=dict)
     nodes: Mapping[str, Node] = field(default_factory=dict)
     providers: Mapping[str, Provider] = field(default_factory=dict)
+    left_out: int = 0  # registrations that the master offers besides: too many (core/limits.py)
 
 
 # From the roscore

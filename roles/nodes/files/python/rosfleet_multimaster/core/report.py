@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sentences about refusals: for the log and for /diagnostics."""
 
-from typing import Iterable, List, NamedTuple, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
+from .limits import sentence
 from .sync import Refusal
 
 VALUES = 200  # of an entry of /diagnostics
@@ -24,19 +25,24 @@ class Diagnosis(NamedTuple):
 
 def refused(item: Refusal) -> str:
     """The line of the log about a new refusal."""
+    if item.kind == "limit":
+        return sentence(item)
     text = (_OTHER if item.kind == "type" else _TAKEN).format(there=item.uri, here=item.holder)
     return f"{item.master}: the {NOUNS[item.kind]} {item.name} {text}"
 
 
 def no_longer_refused(item: Refusal) -> str:
     """The line of the log about a refusal that has ended."""
+    if item.kind == "limit":
+        return f"{item.master} offers {item.holder} registrations or fewer again"
     return f"{item.master}: the {NOUNS[item.kind]} {item.name} is no longer refused"
 
 
-def diagnoses(node: str, items: Iterable[Refusal]) -> List[Diagnosis]:
-    """The two entries of /diagnostics about all refusals: of names, and of types. `node` is that of master_sync."""
-    all_of_them = list(items)
+def diagnoses(node: str, items: Sequence[Refusal]) -> List[Diagnosis]:
+    """The entries of /diagnostics about all refusals: of too many, of names, and of types. `node` is that of master_sync."""
+    all_of_them = [item for item in items if item.kind != "limit"]
     return [
+        _limits(node, [item for item in items if item.kind == "limit"]),
         _diagnosis(
             f"{node.lstrip('/')}: names",
             "refused, since the name is taken here",
@@ -48,6 +54,11 @@ def diagnoses(node: str, items: Iterable[Refusal]) -> List[Diagnosis]:
             [item for item in all_of_them if item.kind == "type"],
         ),
     ]
+
+
+def _limits(node: str, items: List[Refusal]) -> Diagnosis:
+    text = f"masters that offer more registrations than are taken: {len(items)}" if items else "OK"
+    return Diagnosis(f"{node.lstrip('/')}: limits", text, [(item.master, sentence(item)) for item in items[:VALUES]])
 
 
 def _diagnosis(name: str, why: str, items: List[Refusal]) -> Diagnosis:

@@ -3,10 +3,11 @@
 """The states of other masters, fetched from their discovery nodes when the core wants them."""
 
 from functools import partial
-from typing import Callable, Optional
+from typing import Any, Callable, Optional
 from xmlrpc.client import Fault
 
 from ..core.graph import Malformed, State, parse
+from ..core.limits import limited
 from ..core.sync import Fetch, Sync
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
@@ -28,7 +29,9 @@ class Fetcher:
     def tick(self, now: float) -> Optional[float]:
         """Fetch what is due; the time of the next fetch."""
         for fetch in self._core.due(now):
-            self._workers.submit(partial(_fetch, fetch, self._core.sync_remote_nodes), partial(self._fetched, fetch))
+            before = self._core.remotes[fetch.uri].state
+            job = partial(_fetch, fetch, self._core.sync_remote_nodes, before)
+            self._workers.submit(job, partial(self._fetched, fetch))
         return self._core.next_due()
 
     def _fetched(self, fetch: Fetch, state: Optional[State], problem: Optional[Exception]) -> None:
@@ -42,16 +45,20 @@ class Fetcher:
             )
 
 
-def _fetch(fetch: Fetch, sync_remote_nodes: bool) -> State:
-    """The state of a master, filtered there where it can be."""
+def _fetch(fetch: Fetch, sync_remote_nodes: bool, before: Optional[State]) -> State:
+    """The state of a master, filtered there where it can be, and as much of it as is taken."""
+
+    def read(value: Any) -> State:
+        return limited(parse(value), before)
+
     rpc = Rpc(fetch.monitor_uri, TIMEOUT, STATE)
     try:
         try:
-            state: State = rpc.call("masterInfoFiltered", fetch.rules.to_wire(sync_remote_nodes), read=parse)
+            state: State = rpc.call("masterInfoFiltered", fetch.rules.to_wire(sync_remote_nodes), read=read)
         except Fault:
             if "masterInfoFiltered" in rpc.call("system.listMethods"):
                 raise
-            state = rpc.call("masterInfo", read=parse)
+            state = rpc.call("masterInfo", read=read)
         return state
     except Malformed as problem:
         raise ValueError(f"it sends no state of a master: {problem}") from None

@@ -10,6 +10,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, 
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
+from ..core import limits
 from ..core.message_types import TypeGuard
 from ..core.sync import Claims, Plan, Refusal, Registration, Sync, View, Wanted, calls, plan
 from ..edge.clock import monotonic
@@ -152,7 +153,7 @@ class Rounds:
         for question in verdict.questions:
             self._questions.ask(question)
         todo = plan(verdict.wanted, view, reading.claims)
-        todo.refused += verdict.refused
+        todo.refused += verdict.refused + limits.exceeded(self._core.remotes)
         self._lost.registered(todo.held, view, reading.claims, now)
         return todo
 

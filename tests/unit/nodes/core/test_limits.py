@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""5,000 registrations of a master at most: which ones, and who is told."""
+
+import random
+
+from hypothesis import given
+from hypothesis import strategies as st
+from rosfleet_multimaster.core import report
+from rosfleet_multimaster.core.filters import Rules
+from rosfleet_multimaster.core.graph import Node, State
+from rosfleet_multimaster.core.limits import MOST, exceeded, limited
+from rosfleet_multimaster.core.sync import Announced, Remote, select
+
+URI = "http://robot2:11311/"
+
+
+def state(names, node="/n"):
+    nodes = {node: Node("http://robot2:40000/", URI, "local")}
+    types = dict.fromkeys(names, "std_msgs/String")
+    return State(URI, "robot2", 1.0, 1.0, publishers=dict.fromkeys(names, (node,)), types=types, nodes=nodes)
+
+
+def topics(found):
+    return set(found.publishers)
+
+
+def test_a_state_that_is_small_enough_is_taken_as_it_is():
+    small = state([f"/t{number}" for number in range(MOST)])
+    assert limited(small) is small
+
+
+def test_of_80000_topics_5000_are_taken_and_it_says_so():
+    taken = limited(state([f"/t{number:05}" for number in range(80_000)]))
+    assert len(select(taken, Rules(), "http://robot1:11311/", False)) == MOST
+    assert (taken.left_out, len(taken.types)) == (75_000, MOST)
+    remote = Remote(Announced("robot2", URI, "http://192.168.1.2:11611", "/d", 1.0, 1.0, True), Rules(), Rules(), taken)
+    (refusal,) = exceeded({URI: remote})
+    assert "robot2" in report.refused(refusal) and "5000" in report.refused(refusal)
+    limits = report.diagnoses("/master_sync", [refusal])[0]
+    assert "1" in limits.message and limits.values[0][0] == "robot2"
+    assert report.diagnoses("/master_sync", [])[0].message == "OK"
+
+
+NAMES = st.lists(st.integers(0, 30).map("/t{}".format), unique=True)
+
+
+@given(NAMES, NAMES, st.integers(1, 20))
+def test_what_was_taken_stays_whatever_else_is_offered(first, second, most):
+    before = limited(state(first), None, most)
+    after = limited(state(second), before, most)
+    assert len(topics(after)) == min(most, len(second))
+    assert topics(before) & set(second) <= topics(after)
+    shuffled = random.Random(1).sample(second, len(second))
+    assert topics(limited(state(shuffled), before, most)) == topics(after), "the order of the document does not matter"
