@@ -18,7 +18,7 @@ author:
 positional: _input
 options:
   _input:
-    description: The services in the order of their start, for example V([address, roscore, discovery, sync]).
+    description: The services in the order of their start, for example V([address, roscore, discovery, connections, sync]).
     type: list
     elements: str
     required: true
@@ -98,10 +98,11 @@ def service_units(
     nodes_digest: str,
 ) -> list[dict[str, str]]:
     """Return the units by name and content; see DOCUMENTATION."""
-    unknown = [name for name in names if name not in ("address", "roscore", *programs)]
+    known = (*units.OTHERS, *programs)
+    unknown = [name for name in names if name not in known]
     if unknown:
         raise AnsibleFilterError(
-            f"The services to run are {', '.join(names)}; expected some of address, roscore, {', '.join(programs)}: "
+            f"The services to run are {', '.join(names)}; expected some of {', '.join(known)}: "
             f"take {unknown[0]} out of services_list."
         )
     try:

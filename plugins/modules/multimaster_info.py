@@ -153,6 +153,11 @@ systemd:
       returned: always
       type: int
       sample: 252
+    net_admin:
+      description: Whether it may give C(CAP_NET_ADMIN) to services, which some containers do not let it.
+      returned: always
+      type: bool
+      sample: true
 owned:
   description: The records of what modules of the collection have put on this machine, by their names.
   returned: with the part V(owned)
@@ -610,7 +615,7 @@ class Part(typing.NamedTuple):
     options: typing.Tuple[str, ...] = ()  # the arguments of `look`
 
 
-NO_SYSTEM = {"hostname": "", "python": "", "os": {}, "systemd": {"running": False, "version": 0}}
+NO_SYSTEM = {"hostname": "", "python": "", "os": {}, "systemd": {"running": False, "version": 0, "net_admin": True}}
 NO_ROS: typing.Dict[str, typing.Any] = {"found": [], "chosen": None, "problem": "ROS could not be looked for."}
 NO_SSHD = {
     "installed": False,

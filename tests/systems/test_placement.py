@@ -191,6 +191,16 @@ def test_the_gateways_pass_the_group_on(lab):
     expect_exchange(lab)
 
 
+def test_the_multicast_router_is_in_its_sandbox(lab):
+    for gateway in GATEWAYS:
+        said = lab.run(gateway, f"systemd-analyze security --no-pager {UNIT} | tail -n 1")
+        rating = float(said.partition(": ")[2].split()[0])
+        print(f"\n{gateway}, {UNIT}: {rating}")
+        assert rating <= 3.0
+        status = lab.run(gateway, f"cat /proc/$(systemctl show --value -p MainPID {UNIT})/status")
+        assert int(re.search(r"CapEff:\t(\w+)", status)[1], 16) == 1 << 12 | 1 << 13  # CAP_NET_ADMIN, CAP_NET_RAW
+
+
 def test_a_restarted_gateway_passes_the_group_on_again(lab):
     lab.podman("stop", "--time=5", "bob-gate")
     ok, seen = wait_for(lambda: " ".join(online(lab)["ana"]), lambda text: text == "ana-gate", 60)

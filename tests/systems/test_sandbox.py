@@ -8,12 +8,14 @@ import time
 import pytest
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
-#: service -> the worst rating that it may have, and its capabilities
+#: service -> the worst rating that it may have, and its capabilities: one has CAP_NET_ADMIN
 SERVICES = {
     "roscore": (1.5, 0),
     "discovery": (1.5, 0),
-    "sync": (2.0, 1 << 12),
+    "connections": (2.0, 1 << 12),
+    "sync": (2.0, 0),
 }
+NODES = ("discovery", "connections", "sync")
 WATCHDOG = 4  # seconds, in this test
 
 
@@ -35,9 +37,9 @@ def test_running_services_are_in_their_sandbox(lab, host, name):
 
 @pytest.fixture(scope="module")
 def impatient(lab):
-    """Both nodes of the first robot with a watchdog of a few seconds."""
-    folders = " ".join(f"/run/systemd/system/multimaster-{node}.service.d" for node in ("discovery", "sync"))
-    restart = "systemctl daemon-reload && systemctl restart multimaster-discovery multimaster-sync"
+    """The nodes of the first robot with a watchdog of a few seconds."""
+    folders = " ".join(f"/run/systemd/system/multimaster-{node}.service.d" for node in NODES)
+    restart = f"systemctl daemon-reload && systemctl restart {' '.join(f'multimaster-{node}' for node in NODES)}"
     lab.run(
         FIRST,
         f"for folder in {folders}; do mkdir -p $folder; printf '[Service]\\nWatchdogSec={WATCHDOG}\\n' > $folder/test.conf; done; {restart}",
@@ -48,7 +50,7 @@ def impatient(lab):
     lab.run(FIRST, f"rm -r {folders}; {restart}")
 
 
-@pytest.mark.parametrize("node", ["discovery", "sync"])
+@pytest.mark.parametrize("node", NODES)
 def test_a_node_that_hangs_is_started_again(impatient, node):
     lab, unit = impatient, f"multimaster-{node}.service"
     show = f"systemctl show -p MainPID -p NRestarts -p ActiveState --value {unit}"
@@ -63,10 +65,45 @@ def test_a_node_that_hangs_is_started_again(impatient, node):
     assert now[:2] == [lab.run(FIRST, f"systemctl show -p MainPID --value {unit}").strip(), "1"] and now[0] != pid
     said = lab.run(FIRST, f"journalctl --unit {unit} --output cat --lines 2000")
     assert "Watchdog timeout" in said
-    assert "Fatal Python error: Aborted" in said and "edge/loop.py" in said, "it says where it hung"
+    if node != "connections":
+        assert "Fatal Python error: Aborted" in said and "edge/loop.py" in said, "it says where it hung"
     masters = (
         "timeout 20 bash -c 'until rosservice call /master_discovery/list_masters | grep -q %s; do sleep 0.2; done'"
     )
     lab.run(FIRST, masters % SECOND)
     lab.run(SECOND, masters % FIRST)
     assert "here" in lab.run(FIRST, "timeout 30 rostopic echo -n 1 /watched")
+
+
+ASK = """
+import json, os, socket, sys
+sys.path.insert(0, "/usr/local/lib/rosfleet-multimaster/python")
+from rosfleet_multimaster.edge import connections, ending
+if sys.argv[1] != "root":
+    os.setgroups([])
+    os.setgid(int(sys.argv[1]))
+    os.setuid(int(sys.argv[2]))
+try:
+    print(len(ending.end(lambda found: True)))
+except OSError as problem:
+    print(problem)
+"""
+
+
+def test_only_sync_may_have_connections_ended_and_only_those_of_nodes(lab):
+    lab.start(SECOND, "told", "rostopic pub -r 5 /told std_msgs/String here")
+    lab.start(FIRST, "hears", "rostopic echo /told")
+    lab.run(FIRST, "timeout 30 bash -c 'until grep -q here /run/hears.out; do sleep 0.2; done'")
+    lab.run(FIRST, "cat > /tmp/ask.py", stdin=ASK)
+    count = "ss -Htn state established | grep -c -E ':(11311|11611|22)[[:space:]]' || true"
+    user, group = lab.run(FIRST, "stat -c '%u %g' /proc/$(systemctl show --value -p MainPID multimaster-sync)").split()
+    for who in ("root", "65534 65534", f"65534 {user}"):  # sync's user alone is not enough
+        assert not lab.run(FIRST, f"python3 /tmp/ask.py {who}").strip().isdigit(), who
+    before = lab.run(FIRST, count)
+    assert int(before) > 0
+    said = lab.run(FIRST, f"python3 /tmp/ask.py {group} {user}").strip()
+    print(f"\nended of all connections of the computer: {said}; roscore, discovery and ssh have {before.strip()}")
+    assert said.isdigit() and int(said) > 0, "those with nodes of the fleet"
+    assert int(lab.run(FIRST, count)) >= int(before) - 1  # one may have come to its end by itself
+    lab.stop(FIRST, "hears")
+    lab.stop(SECOND, "told")

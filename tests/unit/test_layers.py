@@ -141,7 +141,7 @@ def test_ros_has_one_file(path):
 
 #: what touches the outside -> the only files of the nodes that import it; wait_for_master.py runs alone, without these
 OUTSIDE = {
-    "socket": "addresses connections loop ros rpc_client rpc_server systemd udp",
+    "socket": "addresses connections ending loop ros rpc_client rpc_server systemd udp",
     "socketserver": "rpc_server",
     "select": "",
     "selectors": "loop",

@@ -31,8 +31,18 @@ def system(root: str = "/") -> typing.Dict[str, typing.Any]:
             # sd_booted(3)
             "running": os.path.isdir(os.path.join(root, "run/systemd/system")),
             "version": int(version.group(1)) if version else 0,
+            "net_admin": net_admin(text(os.path.join(root, "proc/1/status"))),
         },
     }
+
+
+_CAP_NET_ADMIN = 12  # capabilities(7)
+
+
+def net_admin(status: str) -> bool:
+    """True where a process with this /proc/PID/status may give CAP_NET_ADMIN to others, and where it does not say."""
+    bounds = re.search(r"^CapBnd:\s*([0-9a-fA-F]+)$", status, re.MULTILINE)
+    return bounds is None or bool(int(bounds.group(1), 16) >> _CAP_NET_ADMIN & 1)
 
 
 def _words(content: str) -> typing.List[str]:

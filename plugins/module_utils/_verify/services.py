@@ -7,7 +7,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import processes, systemd
 
-_PROPERTIES = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "MainPID")
+_PROPERTIES = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "MainPID", "EnvironmentFiles")
 
 
 def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
@@ -26,7 +26,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "differing": [],
         }
         pid = seen.get("MainPID", "0")
-        if pid != "0":
+        if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
             try:
                 entry["differing"] = differing(processes.environment(pid), variables)
             except OSError:

@@ -317,5 +317,8 @@ def _ports(fleet: Fleet, robot: Robot) -> tuple[Port, ...]:
 
 def _services(robot: Robot, is_master: bool) -> tuple[str, ...]:
     """Return the services of a computer of a robot, in the order in which they start."""
+    if not is_master:
+        return ("address",)
     roscore = ("roscore",) if robot.variables.roscore == "managed" else ()
-    return ("address", *roscore, "discovery", "sync") if is_master else ("address",)
+    connections = ("connections",) if robot.variables.provider == "bundled" else ()
+    return ("address", *roscore, "discovery", *connections, "sync")

@@ -17,9 +17,14 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Interface, Port
 
 # The units of the collection: what they hold is no stranger's.
-OWN_UNITS = ("multimaster-roscore.service", "multimaster-discovery.service", "multimaster-sync.service")
-# The bundled nodes need this Python (Noetic's).
+OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))
+# The bundled nodes need this Python (Noetic's); so does multimaster-connections.service, of the system's.
 NODES_PYTHON = (3, 8)
+# The services that need CAP_NET_ADMIN, which systemd lacks in some containers, and what is missing without them.
+WITH_CAPABILITY = {
+    "address": "its own name leads nowhere while no interface has its address",
+    "connections": "connections with lost robots are left to TCP, which takes minutes to notice",
+}
 
 
 @dataclass(frozen=True)
@@ -44,8 +49,11 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         problems += found
     problems += _systemd(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
     warnings = _own_name(plan, info)
+    services, without = _services(plan, info)
+    warnings += without
     filled = replace(
         _with_interfaces(plan, interfaces),
+        services=services,
         programs=units.NO_PROGRAMS,
         packages=(),
         multicast_routing_due=_multicast_routing_due(plan, info),
@@ -198,6 +206,27 @@ def _systemd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
         f"{plan.computer}: systemd does not run the machine; expected it, since the nodes are its services: "
         "use a system with systemd."
     ]
+
+
+def _services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, ...], list[str]]:
+    """Return the services that can run on this machine, and a sentence for each that cannot."""
+    warnings: dict[str, str] = {}
+    if not plan.services:
+        return (), []
+    if not info["systemd"]["net_admin"]:
+        warnings = {
+            name: f"{plan.computer}: systemd has no CAP_NET_ADMIN, as in some containers; expected it for "
+            f"multimaster-{name}.service, which is left out: {without}; give the container this capability."
+            for name, without in WITH_CAPABILITY.items()
+            if name in plan.services
+        }
+    python = tuple(int(part) for part in info["python"].split(".")[:2])
+    if "connections" in plan.services and python < NODES_PYTHON and "connections" not in warnings:
+        warnings["connections"] = (
+            f"{plan.computer}: its Python is {info['python']}; expected 3.8 or later for multimaster-connections.service, which is "
+            f"left out: {WITH_CAPABILITY['connections']}; use such a system."
+        )
+    return tuple(name for name in plan.services if name not in warnings), list(warnings.values())
 
 
 def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:

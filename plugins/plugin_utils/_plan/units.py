@@ -209,6 +209,9 @@ NODES = {
     "sync": Node("master_sync", "exchange of topics and services with other ROS masters", "get_sync_info"),
 }
 
+#: the services that are no nodes
+OTHERS = ("address", "roscore", "connections")
+
 
 def services(
     names: Sequence[str],
@@ -218,12 +221,16 @@ def services(
     programs: Mapping[str, UnitLines],
     inputs: Inputs,
 ) -> list[Unit]:
-    """The units of a computer's services (`address`, `roscore` and the keys of NODES), in the order of `names`."""
+    """The units of a computer's services (OTHERS and the keys of NODES), in the order of `names`."""
     made = []
     for name in names:
         if name == "address":
             text = _ADDRESS.format(
                 robot=quoting.text(robot), address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL
+            )
+        elif name == "connections":
+            text = _CONNECTIONS.format(
+                robot=quoting.text(robot), inputs=quoting.text(inputs.nodes), end=_END, configuration=CONFIGURATION
             )
         elif name == "roscore":
             text = _ROSCORE.format(
@@ -248,15 +255,61 @@ def services(
     return made
 
 
+# The end of connections with lost robots
+
+# The system's Python without the user's environment (-I), on files of root's alone.
+_END = (
+    f'{SYSTEM_PYTHON} -I -B -c \'import sys; sys.path.insert(0, "{LIBRARY}/python"); '
+    "from rosfleet_multimaster.end_connections import main; main(*sys.argv[1:])'"
+)
+_CONNECTIONS = (
+    """\
+# Managed by rosfleet.multimaster: the end of TCP connections with lost robots, for the robot {robot}
+[Unit]
+Description=End of TCP connections of {robot} with lost robots
+Documentation=https://github.com/rosfleet/multimaster
+StartLimitIntervalSec=0
+
+[Service]
+Environment=ROSFLEET_INPUTS={inputs}
+Type=notify
+NotifyAccess=main
+ExecStart={end} {configuration}/master_sync.json %t/%N/socket
+WatchdogSec=30
+Restart=always
+RestartSec=1
+# The group of this user is that of multimaster-sync.service too: nobody else comes into the folder of the socket.
+DynamicUser=yes
+RuntimeDirectory=%N
+RuntimeDirectoryMode=0750
+# It is the only part of the nodes with a capability. It ends what core/permission.py allows, and does nothing else.
+AmbientCapabilities=CAP_NET_ADMIN
+CapabilityBoundingSet=CAP_NET_ADMIN
+ProtectHome=yes
+# It opens no connection but one with itself, to see whether it can end it.
+RestrictAddressFamilies=AF_INET AF_UNIX AF_NETLINK
+IPAddressDeny=any
+IPAddressAllow=localhost
+MemoryDenyWriteExecute=yes
+MemoryMax=128M
+TasksMax=16
+"""
+    + _SANDBOX
+    + _INSTALL
+)
+
 # What differs by provider
 
 _PART_OF = (
     "# Its nodes do not register again with a roscore that was started again.\nPartOf=multimaster-roscore.service"
 )
-_NETWORK = """\
-# It ends the TCP connections to a robot that was lost.
-AmbientCapabilities=CAP_NET_ADMIN
-CapabilityBoundingSet=CAP_NET_ADMIN
+_ENDER = """\
+# It ends the TCP connections with a robot that was lost, for this node.
+Wants=multimaster-connections.service
+After=multimaster-connections.service"""
+_GROUP = """\
+# Who has this group may ask multimaster-connections.service.
+Group=multimaster-connections
 """
 _NOTIFYING = """\
 Type=notify
@@ -277,7 +330,7 @@ _UPSTREAM = {"discovery": UnitLines(_PART_OF, _WATCHED), "sync": UnitLines(_PART
 
 #: provider -> node -> the lines of its unit
 PROGRAMS: dict[str, dict[str, UnitLines]] = {
-    "bundled": {"discovery": UnitLines("", _NOTIFYING), "sync": UnitLines("", _NETWORK + _NOTIFYING)},
+    "bundled": {"discovery": UnitLines("", _NOTIFYING), "sync": UnitLines(_ENDER, _GROUP + _NOTIFYING)},
     "fkie_apt": _UPSTREAM,
     "fkie_existing": _UPSTREAM,
 }

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
 from rosfleet_multimaster.core.losses import FORGET, RESOLVE, Connection, Ending, Look, Losses, connections_of
+from rosfleet_multimaster.core.members import Members
 from rosfleet_multimaster.core.sync import Registration, View
 
 R2 = "http://robot2:11311/"
@@ -16,8 +17,18 @@ ADDRESS = "192.168.1.2"
 NOTED = {Connection(41000, 40001)}
 
 
-def known():
-    losses = Losses()
+ROBOT2 = {
+    "robot": "robot2",
+    "name": "robot2",
+    "uris": [R2],
+    "rpc_port": 11611,
+    "addresses": [ADDRESS],
+    "hosts": ["robot2", ADDRESS, "robot2-arm", "192.168.12.7"],
+}
+
+
+def known(members=()):
+    losses = Losses(Members.of({"members": members}))
     losses.registered(HELD, VIEW, CLAIMS)
     assert losses.to_resolve(0.0) == ["robot2"]
     losses.resolved("robot2", frozenset([ADDRESS]), 0.0)
@@ -109,12 +120,12 @@ def test_connections_as_rospy_and_roscpp_describe_them(destination, text, found)
 
 
 def test_addresses_of_hosts_that_are_gone_are_forgotten():
-    losses = Losses()
+    losses = Losses(Members())
     for number in range(10):
         item = Registration("publisher", "/chatter", "/talker", f"http://host{number}:40000/")
         losses.registered({item: R2}, VIEW, {item.of: R2})
-        assert losses.to_resolve(float(number)) == [f"host{number}"]
-    assert list(losses._addresses) == ["host9"]
+        assert losses.to_resolve(float(number)) == [f"host{number}", *(["robot2"] if number == 0 else [])]
+    assert set(losses._addresses) == {"host9", "robot2"}
 
 
 def test_a_node_of_a_master_that_is_there_is_never_cut_off():
@@ -127,3 +138,45 @@ def test_a_node_of_a_master_that_is_there_is_never_cut_off():
     losses.resolved(ADDRESS, frozenset([ADDRESS]), 11.0)
     losses.seen({again: True}, 12.0)
     assert losses.endpoints() == set()
+
+
+def lost(members, master, claims):
+    """What is ended for a master that claims nodes and is lost: `claims` is URI of a node -> addresses of its host."""
+    losses, own = Losses(Members.of({"members": members})), "http://robot1:30000/"
+    view = View({}, {"/chatter": ["/listener"]}, {}, {}, {"/listener": own})
+    held = {Registration("publisher", "/chatter", f"/node{number}", uri): master for number, uri in enumerate(claims)}
+    losses.registered(held, view, {item.of: master for item in held})
+    addresses = {"robot2": {ADDRESS}, "robot3": {"192.168.1.3"}, "rogue": {"192.168.1.66"}}
+    addresses.update({uri.split("/")[2].split(":")[0]: found for uri, found in claims.items()})
+    for host in losses.to_resolve(0.0):
+        losses.resolved(host, frozenset(addresses.get(host, ())), 0.0)
+    losses.seen({master: True}, 1.0)
+    losses.seen({master: False}, 10.0)
+    losses.noted(master, {Connection(41000, None)})
+    endpoints = losses.endpoints()
+    (ending,) = losses.seen({master: True}, 80.0)[1]
+    return endpoints, ending.addresses
+
+
+def test_the_claims_of_a_stranger_that_is_lost_end_nothing_of_others():
+    """It registers nodes at another robot, at its roscore and at its discovery, and goes silent."""
+    claims = {f"http://robot2:{port}/": {ADDRESS} for port in (40000, 11311, 11611, 22)}
+    claims["http://rogue:40000/"] = {"192.168.1.66"}
+    for members in ([], [ROBOT2]):
+        assert lost(members, "http://rogue:11311/", claims) == ({("192.168.1.66", 40000)}, {"192.168.1.66"})
+
+
+def test_a_member_that_is_lost_is_believed_for_its_own_computers_alone():
+    claims = {
+        "http://robot2:40000/": {ADDRESS},
+        "http://robot2-arm:40001/": {"192.168.12.7"},
+        "http://robot3:40002/": {"192.168.1.3"},
+        "http://robot2:11311/": {ADDRESS},
+        "http://robot2:11611/": {ADDRESS},
+        "http://robot2:80/": {ADDRESS},
+        "http://robot2:99999/": {ADDRESS},
+    }
+    assert lost([ROBOT2], R2, claims) == (
+        {(ADDRESS, 40000), ("192.168.12.7", 40001)},
+        {ADDRESS, "192.168.12.7"},
+    )

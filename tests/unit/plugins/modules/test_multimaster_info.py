@@ -82,6 +82,19 @@ def test_system_reads_os_release(tmp_path):
     assert found["systemd"]["running"] is False
 
 
+@pytest.mark.parametrize(
+    ("status", "can"),
+    [
+        ("CapEff:\t0000000000000000\nCapBnd:\t00000000a82435fb\n", True),
+        ("CapBnd:\t00000000a80425fb\n", False),  # podman's and docker's default
+        ("CapBnd:\t0000000000001000\n", True),
+        ("", True),
+    ],
+)
+def test_whether_systemd_may_give_net_admin(status, can):
+    assert system.net_admin(status) is can
+
+
 def test_ports_of_a_real_process():
     script = "import socket,sys,time\ns=[socket.socket(f,t) for f,t in ((2,1),(10,1),(2,2))]\n"
     script += "[x.bind(('127.0.0.1' if x.family==2 else '::1',0)) for x in s]\n[x.listen(1) for x in s[:2]]\n"

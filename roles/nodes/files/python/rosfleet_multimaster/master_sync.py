@@ -9,6 +9,7 @@ from typing import Any, Dict, List, Optional, Set
 
 from .core import parameters, report
 from .core.filters import Filters
+from .core.members import Members
 from .core.message_types import TypeGuard
 from .core.sync import Announced, Refusal, Sync
 from .edge import ros
@@ -74,7 +75,7 @@ class MasterSync:
         guard = TypeGuard()
         self.rounds = Rounds(roscore, (self.node_name, node_uri), self.core, guard, roscore_calls, updaters, limited)
         self.rounds.take_over()
-        self.lost = Lost(loop, updaters, limited, values["end_lost_connections"], self._online)
+        self.lost = Lost(loop, updaters, limited, values["end_lost_connections"], Members.of(values), self._online)
         questions = TypeQuestions(loop, guard, self._monitor_of, ros.md5sum, self._changed)
         self.node = ros.SyncNode(lambda: self.rounds.held)
         identity = own_roscore.Identity()

@@ -3,6 +3,9 @@
 
 """The services of the collection: the environment of their processes."""
 
+import os
+
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import services
 
 
@@ -10,3 +13,12 @@ def test_differing_names_what_the_process_lacks():
     process = {"ROS_MASTER_URI": "http://old:11311", "PATH": "/bin"}
     wanted = {"ROS_MASTER_URI": "http://new:11311", "ROS_HOSTNAME": "kobuki1computer", "PATH": "/bin"}
     assert services.differing(process, wanted) == ["ROS_HOSTNAME", "ROS_MASTER_URI"]
+
+
+@pytest.mark.parametrize(
+    ("files", "differing"), [("/etc/rosfleet-multimaster/environment (ignore_errors=no)", ["NOT_HERE"]), ("", [])]
+)
+def test_a_service_without_the_file_of_the_environment_differs_in_nothing(monkeypatch, files, differing):
+    seen = {"ActiveState": "active", "MainPID": str(os.getpid()), "EnvironmentFiles": files}
+    monkeypatch.setattr(services, "state_of", lambda unit: seen)
+    assert services.services(["connections"], {"NOT_HERE": "1"})[0]["differing"] == differing

@@ -43,7 +43,8 @@ PLAN = {
 }
 INFO = {
     "hostname": "kobuki1computer",
-    "systemd": {"running": True},
+    "python": "3.11.2",
+    "systemd": {"running": True, "net_admin": True},
     "interfaces": [
         {
             "name": "lo",

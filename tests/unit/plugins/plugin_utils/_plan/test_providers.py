@@ -71,7 +71,8 @@ def machine(distribution, computer="tibi-visio"):
     nodes = to_plain(LookAt(nodes=providers.nodes_to_look_for("fkie_existing")))["nodes"]
     return {
         "hostname": computer,
-        "systemd": {"running": True},
+        "python": "3.11.2",
+        "systemd": {"running": True, "net_admin": True},
         "multicast_routing": {"smcrouted": "", "others": []},
         "interfaces": [
             {
@@ -113,7 +114,7 @@ def rendered(found):
     """The files that the roles nodes and services write for a checked plan."""
     roscore = units.Roscore("/opt/ros/x/bin/roscore", found.roscore_port)
     made = units.services(
-        ["roscore", "discovery", "sync"],
+        found.services[1:],
         found.robot,
         str(found.address),
         roscore,

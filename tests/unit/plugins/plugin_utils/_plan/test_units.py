@@ -95,7 +95,7 @@ def test_the_name_of_a_robot_is_a_text():
 
 
 #: unit -> the worst rating of `systemd-analyze security` that it may have; tests/systems has the same of running ones
-RATED = {"address": 1.5, "roscore": 1.5, "discovery": 1.5, "sync": 2.0, "multicast-routing": 3.0}
+RATED = {"address": 1.5, "roscore": 1.5, "discovery": 1.5, "connections": 2.0, "sync": 2.0, "multicast-routing": 3.0}
 
 
 def analyzed(*words):
@@ -113,7 +113,7 @@ def _files(tmp_path, monkeypatch):
     monkeypatch.setattr(units, "WAIT", "/bin/true")
     programs = units.programs("bundled", "/bin/true", {})
     inputs, roscore = units.Inputs("a", "b"), units.Roscore("/bin/true", 11311)
-    made = units.services(["address", "roscore", *programs], "tibi", ADDRESS, roscore, programs, inputs)
+    made = units.services([*units.OTHERS, *programs], "tibi", ADDRESS, roscore, programs, inputs)
     upstream = units.programs("fkie_apt", "/bin/true", dict.fromkeys(programs, "/bin/true"))
     made += [
         units.Unit(unit.name.replace(".service", "-upstream.service"), unit.content)

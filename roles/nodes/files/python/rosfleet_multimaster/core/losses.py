@@ -7,6 +7,8 @@ connection that was cut sends again at ever longer intervals, and rospy reads fr
 offline, what leads to the XML-RPC ports of its nodes is ended; and when it comes back, those of the connections between
 its nodes and own ones that are still there and still silent: the client libraries then connect anew at once.
 
+What a robot says of its nodes is believed for the computers of that robot alone, and never for a roscore or discovery.
+
 Free of sockets, threads and clocks.
 """
 
@@ -15,6 +17,8 @@ import urllib.parse
 from dataclasses import dataclass, field
 from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
 
+from .members import Members
+from .permission import LOWEST, ports
 from .sync import NodeKey, Registration, View
 
 FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv4.tcp_retries2)
@@ -65,7 +69,8 @@ class _Master:
 class Losses:
     """The notes about each master, for the time when it is lost."""
 
-    def __init__(self) -> None:
+    def __init__(self, members: Members) -> None:
+        self._members, self._ports = members, ports(members)
         self._masters: Dict[str, _Master] = {}
         self._addresses: Dict[str, Tuple[float, FrozenSet[str]]] = {}  # host -> when, and its addresses
 
@@ -87,14 +92,8 @@ class Losses:
 
     def to_resolve(self, now: float) -> List[str]:
         """The hosts of registered nodes to look up. Now: when a master is lost, name servers may be too."""
-        hosts = {
-            host
-            for master in self._masters.values()
-            if master.lost is None
-            for host in map(_host, master.nodes)
-            if host
-        }
-        kept = {_host(node) for master in self._masters.values() for node in master.nodes}
+        hosts = {host for uri, master in self._masters.items() if master.lost is None for host in _hosts(uri, master)}
+        kept = {host for uri, master in self._masters.items() for host in _hosts(uri, master)}
         self._addresses = {host: found for host, found in self._addresses.items() if host in kept}
         due = [host for host in sorted(hosts) if now - self._addresses.get(host, (-RESOLVE, ()))[0] >= RESOLVE]
         for host in due:
@@ -114,7 +113,7 @@ class Losses:
                 looks.append(Look(uri, master.sharing, frozenset(part for node in master.nodes for part in node)))
             elif master.lost is not None and online.get(uri):
                 if master.noted:
-                    addresses = frozenset(address for address, _port in self._endpoints(master))
+                    addresses = frozenset(address for address, _port in self._endpoints(uri, master))
                     endings.append(Ending(addresses, frozenset(master.noted), now - master.lost))
                 master.lost, master.noted = None, set()
             elif master.lost is not None and now - master.lost >= FORGET:
@@ -133,17 +132,26 @@ class Losses:
         """The XML-RPC addresses of the nodes of lost masters, and of no other one: what leads there is ended."""
         lost: Set[Tuple[str, int]] = set()
         there: Set[Tuple[str, int]] = set()  # a robot may come back as another master, with a node at the same port
-        for master in self._masters.values():
-            (there if master.lost is None else lost).update(self._endpoints(master))
+        for uri, master in self._masters.items():
+            (there if master.lost is None else lost).update(self._endpoints(uri, master))
         return lost - there
 
-    def _endpoints(self, master: _Master) -> Set[Tuple[str, int]]:
-        found = set()
+    def _endpoints(self, uri: str, master: _Master) -> Set[Tuple[str, int]]:
+        believed = self._of_robot(uri)
+        found: Set[Tuple[str, int]] = set()
         for node in master.nodes:
             port = _port(node)
-            for address in self._addresses.get(_host(node), (0.0, frozenset()))[1] if port else ():
-                found.add((address, port))
+            if port >= LOWEST and port not in self._ports:
+                found.update((address, port) for address in self._at(_host(node)) & believed)
         return found
+
+    def _of_robot(self, uri: str) -> FrozenSet[str]:
+        """The addresses of a master's robot: the planned ones, and of a stranger's the master's own."""
+        member = self._members.master(uri)
+        return self._at(_host(("", uri))) if member is None else member.hosts
+
+    def _at(self, host: str) -> FrozenSet[str]:
+        return self._addresses.get(host, (0.0, frozenset()))[1]
 
 
 def connections_of(bus_info: Any, others: FrozenSet[str]) -> Set[Connection]:
@@ -155,6 +163,11 @@ def connections_of(bus_info: Any, others: FrozenSet[str]) -> Set[Connection]:
             if text:
                 found.add(Connection(int(text[1]), None if text[2] == "None" else int(text[2])))
     return found
+
+
+def _hosts(uri: str, master: _Master) -> Set[str]:
+    """The hosts of a master with nodes here, and of these."""
+    return {host for host in map(_host, [*master.nodes, ("", uri)]) if host} if master.nodes else set()
 
 
 def _host(node: NodeKey) -> str:

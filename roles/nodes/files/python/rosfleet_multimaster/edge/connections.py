@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The TCP connections of this computer, whichever process has them: seen, and ended (Linux's sock_diag by netlink).
 
-Ended means SOCK_DESTROY: the process gets ECONNABORTED, and the other side a reset. It needs CAP_NET_ADMIN and a kernel
+Any process may see them. Ended means SOCK_DESTROY: the process gets ECONNABORTED, and the other side a reset. It needs CAP_NET_ADMIN and a kernel
 with CONFIG_INET_DIAG_DESTROY. IPv4 only, as ROS 1 is by default.
 """
 

@@ -1,13 +1,17 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The connections with lost masters, ended so that nothing waits for TCP (see core/losses.py)."""
+"""The connections with lost masters, ended so that nothing waits for TCP (see core/losses.py).
+
+Another process ends them (edge/ending.py): a node has no rights beyond those of an ordinary user.
+"""
 
 from functools import partial
 from typing import Callable, Dict, FrozenSet, List, Mapping, Optional, Set, Tuple
 
 from ..core.losses import Connection, Ending, Look, Losses, connections_of
+from ..core.members import Members
 from ..core.sync import Claims, Registration, View
-from ..edge import connections
+from ..edge import connections, ending
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Recurring, Workers
 from ..edge.rpc_client import Rpc
@@ -28,10 +32,11 @@ class Lost:
         askers: Workers,
         limited: program.Limited,
         wanted: bool,
+        members: Members,
         online: Callable[[], Dict[str, bool]],
     ) -> None:
         """`wanted`: the parameter; `online()`: URI of each known master -> whether it is online."""
-        self._losses = Losses()
+        self._losses = Losses(members)
         self._limited, self._online = limited, online
         self._active = wanted and _possible()
         self._askers = askers
@@ -49,8 +54,8 @@ class Lost:
             self._sweeps.due = now
             for _name, uri in look.nodes:
                 self._askers.submit(partial(_connections_with, look, uri), partial(self._noted, look.master))
-        for ending in endings:
-            self._enders.submit(partial(_end, ending), self._ended)
+        for noted in endings:
+            self._enders.submit(partial(_end, noted), self._ended)
 
     def tick(self, now: float) -> Optional[float]:
         """End what leads to lost masters where that is due; the time of the next call."""
@@ -76,31 +81,31 @@ class Lost:
     def _noted(self, master: str, found: Optional[Set[Connection]], _problem: Optional[Exception]) -> None:
         self._losses.noted(master, found or set())
 
-    def _sweep(self) -> List[connections.Tcp]:
+    def _sweep(self) -> List[ending.Pair]:
         """End what waits for the nodes of lost masters, whichever process of this computer has it."""
         endpoints = self._endpoints
-        return connections.end_all(lambda found: found.remote in endpoints)
+        return ending.end(lambda found: found.remote in endpoints)
 
-    def _swept(self, ended: Optional[List[connections.Tcp]], problem: Optional[Exception]) -> None:
+    def _swept(self, ended: Optional[List[ending.Pair]], problem: Optional[Exception]) -> None:
         if ended:  # the roscore may have a queue of what leads there
             self._sweeps.due = monotonic() + SWEEP_AGAIN
         self._ended(ended, problem)
 
-    def _ended(self, ended: Optional[List[connections.Tcp]], problem: Optional[Exception]) -> None:
-        for found in (ended or [])[:LINES]:
-            program.LOG.info("the connection from port %d to %s:%d is ended", found.local[1], *found.remote)
+    def _ended(self, ended: Optional[List[ending.Pair]], problem: Optional[Exception]) -> None:
+        for (_address, port), remote in (ended or [])[:LINES]:
+            program.LOG.info("the connection from port %d to %s:%d is ended", port, *remote)
         if problem is not None:
             self._limited.say("warning", "end", f"connections with lost robots cannot be ended: {problem}")
 
 
 def _possible() -> bool:
     try:
-        connections.check()
-    except OSError as problem:
-        text = "connections with lost robots are left to TCP, since this service cannot end them (CAP_NET_ADMIN): %s"
-        program.LOG.info(text, problem)
-        return False
-    return True
+        problem = ending.ask([]).problem
+    except OSError as error:
+        problem = f"multimaster-connections.service does not answer: {error}"
+    if problem:
+        program.LOG.info("connections with lost robots are left to TCP: %s", problem)
+    return not problem
 
 
 def _connections_with(look: Look, node_uri: str) -> Set[Connection]:
@@ -109,5 +114,5 @@ def _connections_with(look: Look, node_uri: str) -> Set[Connection]:
     return connections_of(answer[2] if isinstance(answer, list) and len(answer) == 3 else [], look.others)
 
 
-def _end(ending: Ending) -> List[connections.Tcp]:
-    return connections.end_all(lambda found: ending.wants(found.local[1], found.remote, found.silent))
+def _end(noted: Ending) -> List[ending.Pair]:
+    return ending.end(lambda found: noted.wants(found.local[1], found.remote, found.silent))

@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The program that ends TCP connections for master_sync. It alone has the right to (CAP_NET_ADMIN), and it does little else.
+
+It ends what it is asked to end, where that is a connection with a computer of the fleet that neither a roscore nor
+discovery has (core/permission.py), and not too many of them. It runs on the system's Python (`python3 -I`), on files of
+root alone, and without ROS.
+"""
+
+import json
+import sys
+from typing import Any, List
+
+from .core.members import Members
+from .core.permission import Permission
+from .core.plain_text import plain
+from .edge import connections, ending
+from .edge.addresses import network
+from .edge.clock import sleep
+from .edge.systemd import notify, watchdog
+
+PER_SECOND = 256  # connections that are ended in a second; a request counts as one at least
+IDLE = 10.0  # seconds between two signs of life without a watchdog
+
+
+class Ender:
+    """Answers requests."""
+
+    def __init__(self, permission: Permission, problem: str) -> None:
+        """`problem`: why nothing can be ended here; empty where it can."""
+        self._permission, self._problem = permission, problem
+
+    def answer(self, asked: List[ending.Pair]) -> ending.Answer:
+        """End those of these connections that may be ended."""
+        if self._problem or not asked:
+            return ending.Answer([], self._problem)
+        try:
+            own = network().own
+            refused = {pair: self._permission.refusal(*pair, own) for pair in asked}
+            wanted = {pair for pair, refusal in refused.items() if not refusal}
+            ended = connections.end_all(lambda found: (found.local, found.remote) in wanted) if wanted else []
+        except OSError as problem:
+            return ending.Answer([], str(problem))
+        for found in ended:
+            _say(f"the connection from port {found.local[1]} to {found.remote[0]}:{found.remote[1]} is ended")
+        return ending.Answer(
+            [(found.local, found.remote) for found in ended], "; ".join(sorted(set(refused.values()) - {""}))
+        )
+
+
+def main(parameters: str, path: str) -> None:
+    """Answer for ever. `parameters`: the file of master_sync's, `path`: the socket."""
+    with open(parameters, encoding="utf-8") as file:
+        given: Any = json.load(file)
+    problem = _problem()
+    ender = Ender(Permission(Members.of(given)), problem)
+    patience = min(IDLE, (watchdog() or IDLE) / 4)
+    with ending.listening(path) as listener:
+        notify("READY=1", f"STATUS={problem or 'connections with lost robots are ended'}")
+        while True:
+            notify("WATCHDOG=1")
+            count = ending.serve_one(listener, patience, ender.answer)
+            sleep(max(1, count) / PER_SECOND)
+
+
+def _problem() -> str:
+    try:
+        connections.check()
+    except OSError as problem:
+        text = f"connections cannot be ended here (CAP_NET_ADMIN, CONFIG_INET_DIAG_DESTROY): {problem}"
+        _say(text)
+        return text
+    return ""
+
+
+def _say(text: str) -> None:
+    print(plain(text), file=sys.stderr, flush=True)
