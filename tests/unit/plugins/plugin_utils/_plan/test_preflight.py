@@ -476,3 +476,15 @@ def test_old_releases_hide_nothing():
 def test_a_packet_filter_is_due_where_one_is_planned_or_left_over():
     assert compare(firewall={"networks": []}).plan.firewall_due
     assert compare(lambda info: info.update(owned=["files-firewall", "routes"])).plan.firewall_due
+
+
+def test_services_that_cannot_run_here_are_left_out_and_named():
+    services = ["address", "roscore", "discovery", "connections", "sync"]
+    assert compare(services=services).plan.services == tuple(services)
+    found = compare(lambda info: info["systemd"].update(net_admin=False), services=services)
+    assert found.plan.services == ("roscore", "discovery", "sync") and not found.problems
+    assert len(found.warnings) == 2
+    assert all("systemd has no CAP_NET_ADMIN, as in some containers" in warning for warning in found.warnings)
+    found = compare(lambda info: info.update(python="3.6.9"), services=services)
+    assert found.plan.services == ("address", "roscore", "discovery", "sync")
+    assert [warning.partition(";")[0] for warning in found.warnings] == ["kobuki1computer: its Python is 3.6.9"]
