@@ -232,7 +232,13 @@ SUITES = [
     *systems(),
     demonstration("single_computer", 80, "--suite=kobuki2computer=trixie"),  # one robot of each release
     demonstration("multi_computer", 200),
-    cases("long", "pytest", "tests/long", labs=("long-links", "long-fuzz", "long-firewall", "long-alone"), limit=LONG_LIMIT),
+    cases(
+        "long",
+        "pytest",
+        "tests/long",
+        labs=("long-links", "long-fuzz", "long-firewall", "long-alone"),
+        limit=LONG_LIMIT,
+    ),
     demonstration("bullseye", 90, "--suite=bullseye", layout="single_computer", group="long"),
     cases("interop", "pytest", "tests/interop", labs=("interop",), limit=LONG_LIMIT),
 ]

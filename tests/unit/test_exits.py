@@ -1,0 +1,245 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Text from the network is plain at every exit: any text in, plain text out; and nobody writes beside these exits.
+
+DOORS says who alone may use a way out of the process. EXITS feeds each exit with any text. A new way out must be written
+into one of the two, or the first test fails.
+"""
+
+import ast
+import io
+import logging
+import pathlib
+import sys
+from unittest.mock import MagicMock, patch
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, Finding
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+ROOT = pathlib.Path(__file__).parents[2]
+NODES = "roles/nodes/files/python/rosfleet_multimaster"
+sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
+
+from rosfleet_multimaster.core.plain_text import is_plain  # noqa: E402
+from rosfleet_multimaster.edge import journal, systemd  # noqa: E402
+from rosfleet_multimaster.edge.rpc_client import Rpc  # noqa: E402
+from rosfleet_multimaster.edge.rpc_server import Refused, RpcServer  # noqa: E402
+from rosfleet_multimaster.parts.served import OwnMaster, Served  # noqa: E402
+
+#: a way out -> the only files that use it, by tree
+DOORS = {
+    "plugins": {
+        "exit_json": {"module_utils/_machine/ends.py"},
+        "fail_json": {"module_utils/_machine/ends.py"},
+        "warn": {"module_utils/_machine/ends.py"},
+        "deprecate": set(),
+        "print": set(),
+        "write to a standard stream": {  # JSON for the module that runs them, which reads and ends with it
+            "module_utils/_verify/listener.py",
+            "module_utils/_verify/message_types.py",
+        },
+        "display": {"action/fleet_report.py"},
+        "warning": set(),
+    },
+    NODES: {
+        "print": {"wait_for_master.py"},
+        "write to a standard stream": set(),
+        "StreamHandler": {"edge/journal.py"},
+        "FileHandler": set(),
+        "basicConfig": set(),
+        "DiagnosticStatus": {"edge/ros.py"},
+        "NOTIFY_SOCKET": {"edge/systemd.py"},
+        "logwarn": set(),
+        "logerr": set(),
+        "loginfo": set(),
+    },
+}
+
+
+def ways_out(path):
+    """The ways out that a file uses."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call):
+            called = node.func
+            found.add(called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", ""))
+            if isinstance(called, ast.Attribute) and called.attr in ("write", "writelines"):
+                if isinstance(called.value, ast.Attribute) and called.value.attr in ("stdout", "stderr"):
+                    found.add("write to a standard stream")
+        elif isinstance(node, ast.Attribute):
+            found.add(node.attr)
+        elif isinstance(node, ast.Constant) and node.value == "NOTIFY_SOCKET":
+            found.add("NOTIFY_SOCKET")
+    return found
+
+
+def owner(path, tree):
+    return path.relative_to(ROOT / tree).as_posix()
+
+
+@pytest.mark.parametrize(("tree", "way"), [(tree, way) for tree, ways in DOORS.items() for way in ways])
+def test_a_way_out_is_used_by_its_door_alone(tree, way):
+    used = {owner(path, tree) for path in (ROOT / tree).rglob("*.py") if way in ways_out(path)}
+    if way == "warn":  # ends.warn is the door itself; its callers name it
+        used = {name for name in used if calls_a_module(ROOT / tree / name)}
+    assert used == DOORS[tree][way]
+
+
+def calls_a_module(path):
+    """True where `warn` is called on something else than the door."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "warn":
+            if not (isinstance(node.func.value, ast.Name) and node.func.value.id == "ends"):
+                return True
+    return False
+
+
+# Any text in, plain text out
+
+
+class Module:
+    """An AnsibleModule that keeps what it is given."""
+
+    def __init__(self):
+        self.said = []
+
+    def exit_json(self, **result):
+        self.said.append(result)
+
+    fail_json = exit_json
+
+    def warn(self, sentence):
+        self.said.append(sentence)
+
+
+def texts(value):
+    """All texts in plain data."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for name, part in value.items():
+            yield from [*texts(name), *texts(part)]
+    elif isinstance(value, (list, tuple)):
+        for part in value:
+            yield from texts(part)
+
+
+def through_a_module(text):
+    module = Module()
+    ends.fail(module, f"it said {text}", found=[{"name": text, text: 1}])
+    ends.leave(module, msg=text, topics=(text,))
+    ends.warn(module, f"{text} is odd")
+    return list(texts(module.said))
+
+
+def through_a_difference(text):
+    module = Module()
+    ends.leave(module, diff=[{"before": text, "after": "", "before_header": text}])
+    return [line.replace("\t", " ") for part in texts(module.said) for line in part.split("\n")]
+
+
+def through_the_report(text):
+    finding = Finding("names", FAILED, "robot1", "robot2", text, text, text, text)
+    shown = plain_lines(report.render(report.summarise([finding], ["robot1", "robot2"], 2)))
+    return [*shown.replace("\t", " ").split("\n"), *texts(plain_data(vars(finding)))]
+
+
+def through_preflight(text):
+    return numbered([f"robot1: found {text}", text]).split("\n")
+
+
+def through_the_log(text):
+    stream = io.StringIO(newline="")
+    handler = journal.Handler(stream)
+    handler.setFormatter(journal.Format())
+    handler.handle(logging.LogRecord("rosfleet", logging.WARNING, "", 1, "it says %s", (text,), None))
+    lines = stream.getvalue().split("\n")
+    assert len(lines) == 2, "one record is one line"
+    return lines
+
+
+def through_print(text):
+    stream = io.StringIO(newline="")
+    print(f"shutdown request: {text}", file=journal.PlainStream(stream))
+    return stream.getvalue().replace("\t", " ").split("\n")
+
+
+def through_systemd(text):
+    sent = []
+    with patch.object(systemd.socket, "socket") as made, patch.dict(systemd.os.environ, NOTIFY_SOCKET="/x"):
+        made.return_value.__enter__.return_value.sendto.side_effect = lambda data, _path: sent.append(data)
+        systemd.notify("STOPPING=1", f"STATUS={text}")
+    lines = sent[0].decode().split("\n")
+    assert len(lines) == 2 and lines[1].startswith("STATUS=")
+    return lines
+
+
+def through_diagnostics(text):
+    modules = {
+        name: MagicMock()
+        for name in "genpy rosgraph rosgraph.network roslib roslib.message rospy std_srvs std_srvs.srv diagnostic_msgs "
+        "diagnostic_msgs.msg fkie_multimaster_msgs".split()
+    }
+    with patch.dict(sys.modules, modules), patch.dict("os.environ"):
+        sys.modules.pop("rosfleet_multimaster.edge.ros", None)
+        from rosfleet_multimaster.core.report import Diagnosis
+        from rosfleet_multimaster.edge import ros
+
+        ros.hostname = lambda: "robot1"
+        said = []
+        ros.diagnostics = MagicMock()
+        ros.diagnostics.DiagnosticStatus = lambda **fields: said.append(fields)
+        ros.diagnostics.DiagnosticStatus.__dict__.update(WARN=1, OK=0)
+        ros.diagnostics.KeyValue = lambda *pair: said.append(pair)
+        ros.SyncNode(dict).diagnose([Diagnosis(text, text, [(text, text)])], 1.0)
+        sys.modules.pop("rosfleet_multimaster.edge.ros", None)
+    return list(texts(said))
+
+
+def through_an_answer(text):
+    """A fault of the server; and masterErrors."""
+    own = OwnMaster("http://own:11311/", "own", "/master_discovery", lambda: "own", 11611)
+    served = Served(own, MagicMock(), {"x": text}, set, lambda: None, lambda _name: None)
+    return list(texts(served.methods()["masterErrors"]()))
+
+
+EXITS = [
+    through_a_module,
+    through_a_difference,
+    through_the_report,
+    through_preflight,
+    through_the_log,
+    through_print,
+    through_systemd,
+    through_diagnostics,
+    through_an_answer,
+]
+
+
+@pytest.mark.parametrize("through", EXITS, ids=lambda through: through.__name__)
+@settings(max_examples=25)
+@given(
+    st.text(st.one_of(st.characters(), st.sampled_from("\n\r\x1b\x85\x9b\u2028\u2029\u202e\u200b\u2066")), max_size=400)
+)
+def test_any_text_leaves_as_plain_text(through, text):
+    for shown in through(text):
+        assert is_plain(shown), ascii(shown)
+
+
+def test_a_fault_of_the_server_is_plain_and_so_is_one_that_is_read():
+    def refuse():
+        raise Refused("no\nstate\x1b[2J\u202e")
+
+    server = RpcServer("127.0.0.1", 0, {"refuse": refuse}, lambda _host, _why: None)
+    try:
+        with pytest.raises(Exception) as failure:  # noqa: PT011 a Fault
+            Rpc(f"http://127.0.0.1:{server.server_address[1]}", 5.0).call("refuse")
+    finally:
+        server.stop()
+    assert failure.value.faultString == "no state\\x1b[2J\\u202e"
