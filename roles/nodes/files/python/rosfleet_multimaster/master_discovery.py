@@ -160,9 +160,9 @@ class MasterDiscovery:
     def _say_status(self) -> None:
         online = [master.name for master in self.masters if master.online]
         offline = [master.name for master in self.masters if not master.online]
-        text = f"{len(online)} master{'s' if len(online) != 1 else ''}: {', '.join(online)}" if online else "no master"
-        text += f"; offline: {', '.join(offline)}" if offline else ""
-        text += f"; {self.datagrams.problem}" if self.datagrams.problem else ""
+        shown = f"{len(online)} master{'s' if len(online) != 1 else ''}: {', '.join(online)}" if online else "no master"
+        away = f"offline: {', '.join(offline)}" if offline else ""
+        text = "; ".join(filter(None, (shown, away, self.datagrams.problem)))
         if text != self.status:
             self.status = text
             notify(f"STATUS={text}")
