@@ -345,7 +345,8 @@ def test_a_packet_filter_that_closes_the_controllers_way_is_taken_back(fleet):
 # A way in that is no ssh: it runs what it is sent, once.
 AGENT = """
 import socket, subprocess
-connection = socket.create_server(("0.0.0.0", 2223)).accept()[0]
+server = socket.create_server(("0.0.0.0", 2223))
+connection = server.accept()[0]
 command = connection.recv(65536).decode()
 connection.sendall(subprocess.run(["sh", "-c", command], stdout=-1, stderr=-2).stdout)
 """
