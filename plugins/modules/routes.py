@@ -60,9 +60,11 @@ options:
         type: int
       table:
         description:
-          - The number of the routing table, for example V(100); V(254) is the table main, which is always asked.
-        type: int
-        default: 254
+          - The routing table by its number or its name, for example V(100) or V(robots); V(254) is the table V(main), which is always
+            asked. Names are those of C(rt_tables) and C(rt_tables.d) below C(/usr/share/iproute2) and C(/etc/iproute2). What
+            brings the route back at boot gets the number.
+        type: str
+        default: "254"
       source:
         description:
           - The address of this computer that it prefers as the sender on this way, for example V(192.168.11.100).
@@ -82,6 +84,28 @@ options:
           blackhole: It is dropped in silence.
           unreachable: It is refused with the answer that the destination cannot be reached.
           prohibit: It is refused with the answer that it is forbidden.
+          throw: This table has no answer, so that the next rule decides.
+      scope:
+        description:
+          - How far the destination is, with IPv4, for example V(link). The default is the kernel's, V(link) without a gateway, else V(global).
+        type: str
+        choices:
+          global: Behind other computers.
+          link: On the link itself.
+          host: On this computer.
+      mtu:
+        description:
+          - The size in bytes of the largest packet on this way, for example V(1400). The default is what the kernel finds out itself.
+        type: int
+      advmss:
+        description:
+          - The size in bytes of the largest TCP segment that is asked of the other side on this way, for example V(1360).
+            netplan and NetworkManager cannot bring it back at boot.
+        type: int
+      initcwnd:
+        description:
+          - How many segments of a TCP connection are sent on this way before the first answer, for example V(20).
+        type: int
       backend:
         description:
           - What brings the route back at boot, for example V(none).
@@ -120,6 +144,9 @@ options:
       - The folder of the record of what this module made, for example V(/var/lib/rosfleet-multimaster).
     type: path
     default: /var/lib/rosfleet-multimaster
+seealso:
+  - module: rosfleet.multimaster.sysctl
+  - module: rosfleet.multimaster.multimaster_info
 author:
   - rosfleet contributors (@rosfleet)
 """
@@ -131,6 +158,14 @@ EXAMPLES = r"""
       - destination: default
         gateway: 192.168.11.101
     confirm_within: 30
+
+- name: A way with smaller packets, in the table that /etc/iproute2/rt_tables.d names robots
+  rosfleet.multimaster.routes:
+    routes:
+      - destination: 192.168.10.0/24
+        gateway: 192.168.1.202
+        table: robots
+        mtu: 1400
 
 - name: The static routes of the router
   rosfleet.multimaster.routes:
@@ -195,6 +230,26 @@ routes:
       type: bool
       returned: always
       sample: false
+    scope:
+      description: The scope, null for the kernel's own choice.
+      type: str
+      returned: always
+      sample: link
+    mtu:
+      description: The size of the largest packet in bytes, null where the kernel finds it out.
+      type: int
+      returned: always
+      sample: 1400
+    advmss:
+      description: The size of the largest TCP segment in bytes that is asked of the other side, null where the kernel chooses.
+      type: int
+      returned: always
+      sample: 1360
+    initcwnd:
+      description: The number of TCP segments that are sent before the first answer, null where the kernel chooses.
+      type: int
+      returned: always
+      sample: 20
     type:
       description: The type of the route.
       type: str
@@ -377,10 +432,14 @@ ROUTE = {
     "gateway": {"type": "str"},
     "device": {"type": "str"},
     "metric": {"type": "int"},
-    "table": {"type": "int", "default": 254},
+    "table": {"type": "str", "default": "254"},
     "source": {"type": "str"},
     "on_link": {"type": "bool", "default": False},
     "type": {"type": "str", "default": "unicast", "choices": ["unicast", *NO_WAY]},
+    "scope": {"type": "str", "choices": ["global", "link", "host"]},
+    "mtu": {"type": "int"},
+    "advmss": {"type": "int"},
+    "initcwnd": {"type": "int"},
     "backend": {"type": "str", "default": "auto", "choices": CHOICES},
 }
 

@@ -10,11 +10,23 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, text_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.contract import Machine, Wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import AUTO, BACKENDS, NONE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import BootRecord, Place
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.wanted import Item
+
+
+def _check_expressible(name: str, cannot: typing.Tuple[str, ...], routes: typing.List[Route]) -> None:
+    """Raises Problem for what a back end has no word for."""
+    for route in routes:
+        found = [field for field in cannot if getattr(route, field)]
+        if found:
+            raise Problem(
+                f"routes: {text_of(route)}: the backend {name} has no word for {', '.join(found)}, so the route would come back without "
+                "it at boot: remove it, or set backend to none for this route."
+            )
+
 
 # back end -> interface -> routes
 Choice = typing.Dict[str, typing.Dict[str, typing.List[Route]]]
@@ -82,6 +94,7 @@ class Boot:
                 wanted.update(backend.render(listed))
             self.wanted[name] = wanted
             for interface, routes in listed.items():
+                _check_expressible(name, backend.cannot, routes)
                 self.routes.setdefault(backend.place(interface), []).extend(routes)
         for name in self.changes:
             self.backends[name].check(self.wanted[name])

@@ -9,18 +9,21 @@ command.
 
 import ipaddress
 import json
+import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer, run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 MAIN = 254  # the table main, linux/rtnetlink.h
 DEFAULTS = {4: "0.0.0.0/0", 6: "::/0"}
 METRICS = {4: 0, 6: 1024}  # the kernel's defaults; 1024 is IP6_RT_PRIO_USER
 PROTOCOL = "static"  # rtnetlink(7): made by the administrator; networkd and NetworkManager use the same
-NO_WAY = ("blackhole", "unreachable", "prohibit")  # the types of routes without gateway and device
+NO_WAY = ("blackhole", "unreachable", "prohibit", "throw")  # the types of routes without gateway and device
 
 _LIMIT = 30.0  # seconds; a command takes a few milliseconds on a machine that is not overloaded
+
+PATH = ("mtu", "advmss", "initcwnd")  # metrics of the path that a user can ask for
 
 Raw = typing.Dict[str, typing.Any]  # one route in the form of `ip -json -details route show`
 Key = typing.Tuple[int, str, int, int]  # version, destination, table, metric
@@ -37,6 +40,10 @@ class Route(typing.NamedTuple):
     source: str = ""
     on_link: bool = False
     type: str = "unicast"
+    scope: str = ""  # "" for the kernel's own: link without a gateway, else global
+    mtu: int = 0  # 0, as for the next two, for what the kernel finds out itself
+    advmss: int = 0
+    initcwnd: int = 0
 
     @property
     def version(self) -> int:
@@ -51,7 +58,20 @@ class Route(typing.NamedTuple):
     @property
     def way(self) -> typing.Tuple[typing.Any, ...]:
         """The key and the way. `on_link` is no part of it: it only allows a gateway that the kernel would refuse."""
-        return self.key + (self.type, self.gateway, self.device, self.source)
+        return self.key + (self.type, self.gateway, self.device, self.source, *self.finer)
+
+    @property
+    def finer(self) -> typing.Tuple[typing.Any, ...]:
+        """What the kernel decides itself where nobody does."""
+        return (self.scope, *(getattr(self, name) for name in PATH))
+
+    def fits(self, other: "Route") -> bool:
+        """True where the other route goes this way, whatever it says beyond a route that leaves the finer points open."""
+        return self.way == other.way or (not any(self.finer) and self.way == _coarse(other).way)
+
+
+def _coarse(route: Route) -> Route:
+    return route._replace(scope="", mtu=0, advmss=0, initcwnd=0)
 
 
 class Held(typing.NamedTuple):
@@ -79,7 +99,8 @@ def words_of(route: Route) -> typing.List[str]:
         words += ["via", route.gateway]
     if route.device:
         words += ["dev", route.device]
-    return words + ["proto", PROTOCOL] + _options(route)
+    words += ["proto", PROTOCOL] + (["scope", route.scope] if route.scope else []) + _options(route)
+    return words + [word for name in PATH if getattr(route, name) for word in (name, str(getattr(route, name)))]
 
 
 def _options(route: Route) -> typing.List[str]:
@@ -145,6 +166,7 @@ def held(raw: Raw, version: int, table: int) -> Held:
 def _route(raw: Raw, version: int, table: int) -> Route:
     """The fields of a route in the form of `ip -json`."""
     kind = raw.get("type", "unicast")
+    metrics = {name: value for found in raw.get("metrics", []) for name, value in found.items()}
     destination = DEFAULTS[version] if raw["dst"] == "default" else raw["dst"]
     return Route(
         destination=str(ipaddress.ip_network(destination)),
@@ -155,7 +177,25 @@ def _route(raw: Raw, version: int, table: int) -> Route:
         source=raw.get("prefsrc", ""),
         on_link="onlink" in raw.get("flags", []),
         type=kind,
+        scope=_scope(raw, version, kind),
+        **{name: metrics.get(name, 0) for name in PATH},
     )
+
+
+def usual_scope(kind: str, gateway: str) -> str:
+    """The scope that the kernel gives a route of IPv4 (ip-route(8))."""
+    return "link" if kind == "unicast" and not gateway else "global"
+
+
+def _scope(raw: Raw, version: int, kind: str) -> str:
+    """The scope of a route, "" for the usual one, and where it says nothing: with IPv6, several next hops, and without a way.
+
+    (NetworkManager gives a blackhole another scope than ip does.)
+    """
+    if version == 6 or "nexthops" in raw or kind in NO_WAY:
+        return ""
+    scope = raw.get("scope", "")
+    return "" if scope == usual_scope(kind, raw.get("gateway") or raw.get("via", {}).get("host", "")) else scope
 
 
 def _hop(raw: Raw) -> typing.List[str]:
@@ -175,13 +215,14 @@ def _metrics(raw: Raw) -> typing.Tuple[typing.List[str], typing.List[str]]:
     words, inexpressible = [], []
     for metrics in raw.get("metrics", []):
         for name, value in sorted(metrics.items()):
-            if name in _PATH_METRICS and isinstance(value, int):
-                words += [name, str(value)]
+            if name in _PATH_METRICS and _NUMBER.match(str(value)):
+                words += [name, *str(value).split()]
             else:
                 inexpressible.append(name)
     return words, inexpressible
 
 
+_NUMBER = re.compile(r"(lock )?[0-9]+$")  # locked: not to be changed by what the kernel finds out
 _NAMES = {"proto": "protocol", "src": "prefsrc"}
 _NUMBERS = ("metric", "weight", "error")
 
@@ -215,11 +256,27 @@ def _pairs(words: typing.List[str], raw: Raw) -> None:
             raw[name] = ""
         elif name in _PATH_METRICS:
             value = words.pop(0)
+            value = f"lock {words.pop(0)}" if value == "lock" and words else value
             raw.setdefault("metrics", [{}])[0][name] = int(value) if value.isdigit() else value
         else:
             value = words.pop(0)
             name = "gateway" if name == "via" else _NAMES.get(name, name)
             raw[name] = int(value) if name in _NUMBERS else value
+
+
+def _add_locks(found: typing.List[Raw], answer: Answer) -> None:
+    """Add what only the text says: metrics that are locked."""
+    lines = from_text(answer.output.decode("utf-8", "replace"))
+    same = len(lines) == len(found) and all(
+        line["dst"] == raw.get("dst") and line.get("metric", 0) == raw.get("metric", 0)
+        for line, raw in zip(lines, found)
+    )
+    for raw in found if not same else ():
+        if "metrics" in raw:
+            raw["metrics"] = [*raw["metrics"], {"metrics that are changing": None}]
+    for line, raw in zip(lines, found) if same else ():
+        if "metrics" in line:
+            raw["metrics"] = line["metrics"]
 
 
 # The kernel
@@ -238,6 +295,8 @@ class Kernel:
             if answer.status != 0:
                 raise ValueError  # perhaps ip does not know the option -json; the command for text decides
             found = json.loads(answer.output.decode("utf-8") or "[]")
+            if any("metrics" in raw for raw in found):
+                _add_locks(found, run(["ip", "-oneline", *show], limit=_LIMIT))
         except ValueError:
             answer = run(["ip", "-oneline", *show], limit=_LIMIT)
             found = from_text(answer.output.decode("utf-8", "replace"))

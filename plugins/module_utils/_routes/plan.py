@@ -176,9 +176,14 @@ def _one_listed(route: Route, there: typing.List[Held], entry: Entry, replace: b
 
 
 def _sorted_out(route: Route, there: typing.List[Held], entry: Entry) -> _There:
-    same = [held for held in there if held.route.way == route.way]
+    same = [held for held in there if _is(held, route, entry)]
     others = [held for held in there if held not in same]
     return _There(same, others, [held for held in others if held.route.way not in _ways(entry)])
+
+
+def _is(held: Held, route: Route, entry: Entry) -> bool:
+    """True where the kernel's route is the wanted one. What somebody else has made may say more than the wanted one does."""
+    return held.route.way == route.way or (held.route.way not in _ways(entry) and route.fits(held.route))
 
 
 def _ways(entry: Entry) -> typing.Set[typing.Tuple[typing.Any, ...]]:

@@ -5,10 +5,11 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import PATH, Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.plan import Entries, Entry
 
 Data = typing.Dict[str, typing.Any]  # JSON
+_LATER = ("scope",) + PATH
 SHAPE = {
     "routes": [{"made": [dict], "replaced": [[str]]}],
     "boot": {
@@ -83,7 +84,8 @@ def read_boot(data: Data) -> BootRecord:
 
 
 def _plain(route: Route) -> Data:
-    return dict(route._asdict())
+    """The fields of a route; those that earlier versions did not have only where they say something."""
+    return {name: value for name, value in route._asdict().items() if value or name not in _LATER}
 
 
 def _filled(**parts: typing.Any) -> Data:

@@ -16,10 +16,13 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.modu
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import may_change_network, unwritable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan, record, wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot, Choice
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
     DEFAULTS,
+    MAIN,
+    PATH,
     Held,
     Kernel,
     Route,
@@ -30,6 +33,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import CHOICES, NONE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import RoutesRecord
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import tables
 
 RUN_TIME = "routes at run time"
 # Protocols of routes that managers make from their configuration; a person's `ip route add` gives "boot".
@@ -64,23 +68,38 @@ class Run(ModuleRun):
         for option in ("root", "records"):
             if not os.path.isabs(options[option]):
                 raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
+        self.options = options
         self.machine = contract.machine(options["root"])
         self.overrides = _overrides(options["backends"] or {}, self.machine.interfaces)
-        listed = wanted.items_of(options["routes"], self.machine.interfaces)
+        self.kernel = Kernel()
+        self._main: typing.Dict[int, typing.List[Held]] = {}
+        listed = wanted.items_of(options["routes"], self.machine.interfaces, tables(options["root"]), self._links)
         self.routes = [item.route for item in listed]
         self.record = Record("routes", options["records"], record.SHAPE)
         self.stored = self.record.load()
         self.recorded = self.record.parse(record.read, self.stored if memory is None else memory)
-        self.kernel = Kernel()
         self.keys = [route.key for route in self.routes] + list(self.recorded.entries)
         self.current = self._read()
-        wanted.check_usable(listed, self.machine.interfaces, _all(self.current))
+        wanted.check_usable(listed, self.machine.interfaces, self._near())
         replace = options["on_conflict"] == "replace"
         self.plan = plan.plan(self.routes, self.current, self.recorded.entries, replace, self.machine.interfaces)
         self.taken_back = [item.plain() for item in self.plan.taken_back]
         self.boot = Boot(self.machine, options["root"], self.recorded.boot)
         self.items = self._items([self._with_boot_device(item, listed) for item in listed])
         self.changed = bool(self.plan.changes or self.boot.changes)
+
+    def _links(self, version: int) -> typing.List[Route]:
+        """The routes of the table main, as this run first saw them."""
+        if version not in self._main:
+            self._main[version] = self.kernel.read(version, MAIN)
+        return [held.route for held in self._main[version]]
+
+    def _near(self) -> typing.List[Route]:
+        """The kernel's routes that may lead to a gateway: those of our tables, and of main for the other tables."""
+        versions = {route.version for route in self.routes if route.gateway and route.table != MAIN}
+        return [held.route for held in _all(self.current)] + [
+            route for version in sorted(versions) for route in self._links(version)
+        ]
 
     def _read(self) -> plan.Current:
         """The kernel's routes in the tables of our keys."""
@@ -129,6 +148,8 @@ class Run(ModuleRun):
             "source": item.route.source or None,
             "on_link": item.route.on_link,
             "type": item.route.type,
+            "scope": item.route.scope or None,
+            **{name: getattr(item.route, name) or None for name in PATH},
             "backend": backend,
             "before": runtime.before,
             "after": runtime.after,
@@ -143,7 +164,7 @@ class Run(ModuleRun):
         entry = self.recorded.entries.get(route.key)
         ours = {other.way for other in entry.made} if entry else set()
         for held in self.current.get(route.key, []):
-            if held.protocol in _CONFIGURED and held.route.way not in ours | {route.way}:
+            if held.protocol in _CONFIGURED and held.route.way not in ours and not route.fits(held.route):
                 owner = self.boot.owner(held.route.device)
                 if owner and not self.boot.backends[owner].takes_precedence:
                     return (
@@ -157,8 +178,21 @@ class Run(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """One sentence per listed route that routes of others stand against."""
-        return [item["problem"] for item in self.items if item["problem"]]
+        """One sentence per listed route that routes of others stand against, and one without the right to change anything."""
+        return [item["problem"] for item in self.items if item["problem"]] + self._forbidden()
+
+    def _forbidden(self) -> typing.List[str]:
+        files = [place for places in self.boot.changes.values() for place in places if place.startswith("/")]
+        places = [os.path.join(self.options["root"], place.lstrip("/")) for place in files]
+        problem = unwritable([*places, self.record.path]) if self.changed else None
+        if problem:
+            return [problem]
+        if self.plan.changes and not may_change_network():
+            return [
+                f"routes: user {os.geteuid()} may not change the kernel's routes, expected root: run as root (become: true), in a "
+                "container with the capability NET_ADMIN."
+            ]
+        return []
 
     @property
     def warnings(self) -> typing.List[str]:
@@ -312,7 +346,7 @@ class Run(ModuleRun):
         now = self._read()
         for route, item in zip(self.routes, self.items):
             there = now.get(route.key, [])
-            same = [held for held in there if held.route.way == route.way]
+            same = [held for held in there if route.fits(held.route)]
             if not same:
                 found = " and ".join(f"'{held.text}'" for held in there) or "nothing"
                 raise Problem(

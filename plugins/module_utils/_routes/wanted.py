@@ -4,6 +4,7 @@
 """The wanted routes: the option `routes` of the module, read and checked against the interfaces. Pure."""
 
 import ipaddress
+import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
@@ -12,11 +13,12 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
     DEFAULTS,
     METRICS,
     NO_WAY,
-    Held,
+    PATH,
     Key,
     Route,
     name_of,
     text_of,
+    usual_scope,
 )
 
 _LARGEST = 2**32 - 1
@@ -24,6 +26,12 @@ _LOCAL = 255  # the table local, which belongs to the kernel
 
 Given = typing.Mapping[str, typing.Any]  # one item of the option, every suboption set
 Interfaces = typing.Mapping[str, Interface]  # by name
+Tables = typing.Mapping[str, int]  # the numbers of the routing tables that have names
+Links = typing.Callable[[int], typing.Iterable[Route]]  # version of IP -> the routes of the table main
+
+
+def _no_links(version: int) -> typing.Iterable[Route]:
+    return ()
 
 
 class Item(typing.NamedTuple):
@@ -37,15 +45,23 @@ class Item(typing.NamedTuple):
 # From the option to routes
 
 
-def items_of(wanted: typing.Iterable[Given], interfaces: Interfaces) -> typing.List[Item]:
+def items_of(
+    wanted: typing.Iterable[Given],
+    interfaces: Interfaces,
+    tables: typing.Optional[Tables] = None,
+    links: Links = _no_links,
+) -> typing.List[Item]:
     """The routes of the option, each with its interface. A repeated item counts once.
 
+    `links` is asked where no network of an interface holds a gateway, such as the other end of a point-to-point link.
     Raises Problem for an item that makes no sense, and for two items with one key.
     """
     items: typing.List[Item] = []
     keys: typing.Dict[Key, Item] = {}
     for number, given in enumerate(wanted, 1):
-        item = _item(given, f"routes: item {number} ({given['destination']})", interfaces)
+        where = f"routes: item {number} ({given['destination']})"
+        given = dict(given, table=_table(given["table"], where, tables or {}))
+        item = _item(given, where, interfaces, links)
         earlier = keys.setdefault(item.route.key, item)
         if earlier is item:
             items.append(item)
@@ -57,15 +73,17 @@ def items_of(wanted: typing.Iterable[Given], interfaces: Interfaces) -> typing.L
     return items
 
 
-def _item(given: Given, where: str, interfaces: Interfaces) -> Item:
+def _item(given: Given, where: str, interfaces: Interfaces, links: Links) -> Item:
     destination = _destination(given["destination"], where)
     version = 6 if ":" in destination else 4
     gateway = _address(given["gateway"], version, where, "gateway")
     source = _address(given["source"], version, where, "source")
     _check_way(given, gateway, source, where)
-    device = _device(given, gateway, where, interfaces)
+    device = _device(given, gateway, where, interfaces, links)
     _check_number("metric", given["metric"] or 0, 0, where)
     _check_number("table", given["table"], 1, where)
+    for name in PATH:
+        _check_number(name, given.get(name) or 0, 0, where)
     route = Route(
         destination=destination,
         gateway=gateway,
@@ -75,8 +93,33 @@ def _item(given: Given, where: str, interfaces: Interfaces) -> Item:
         source=source,
         on_link=given["on_link"],
         type=given["type"],
+        scope=_scope(given, version, gateway, where),
+        **{name: given.get(name) or 0 for name in PATH},
     )
     return Item(route, device, given["backend"])
+
+
+def _table(value: typing.Any, where: str, tables: Tables) -> int:
+    """The number of a table. Its name comes from the files of iproute2."""
+    text = str(value)
+    if re.fullmatch(r"-?[0-9]+", text):
+        return int(text)
+    if text not in tables:
+        found = ", ".join(sorted(tables)) or "no names"
+        raise Problem(
+            f"{where}: there is no routing table {text} in rt_tables of /etc/iproute2 or /usr/share/iproute2 (found {found}): "
+            "correct table, or give its number."
+        )
+    return tables[text]
+
+
+def _scope(given: Given, version: int, gateway: str, where: str) -> str:
+    scope = str(given.get("scope") or "")
+    if scope and version == 6:
+        raise Problem(f"{where}: found the scope {scope}, and IPv6 has no scopes of routes: remove scope.")
+    if scope == "host" and gateway:
+        raise Problem(f"{where}: found the scope host with a gateway, expected the scope link or global: correct it.")
+    return "" if scope == usual_scope(given["type"], gateway) else scope
 
 
 def _destination(value: str, where: str) -> str:
@@ -109,15 +152,16 @@ def _address(value: typing.Optional[str], version: int, where: str, option: str)
 def _check_way(given: Given, gateway: str, source: str, where: str) -> None:
     """A unicast route needs a gateway or a device; a blackhole and its like have no way."""
     if given["type"] in NO_WAY:
-        if gateway or source or given["on_link"]:
+        if gateway or source or given["on_link"] or any(given.get(name) for name in ("scope",) + PATH):
             raise Problem(
-                f"{where}: found the type {given['type']} with a way, expected no gateway, source or on_link."
+                f"{where}: found the type {given['type']} with a way, expected no gateway, source, on_link, scope or "
+                f"{', '.join(PATH)}: remove them."
             )
     elif not gateway and not given["device"]:
         raise Problem(f"{where}: found neither gateway nor device, expected one of them: add it.")
 
 
-def _device(given: Given, gateway: str, where: str, interfaces: Interfaces) -> str:
+def _device(given: Given, gateway: str, where: str, interfaces: Interfaces, links: Links) -> str:
     """The interface of an item: the given one, else the one whose network holds the gateway."""
     device = given["device"] or ""
     if device and device not in interfaces:
@@ -125,11 +169,11 @@ def _device(given: Given, gateway: str, where: str, interfaces: Interfaces) -> s
     if given["on_link"] and not (gateway and device):
         raise Problem(f"{where}: on_link needs gateway and device: add them, or remove on_link.")
     if given["type"] not in NO_WAY and not device:
-        device = _device_towards(gateway, where, interfaces)
+        device = _device_towards(gateway, where, interfaces, links)
     return device
 
 
-def _device_towards(gateway: str, where: str, interfaces: Interfaces) -> str:
+def _device_towards(gateway: str, where: str, interfaces: Interfaces, links: Links) -> str:
     """The interface whose connected network holds the gateway. The smallest such network decides."""
     address = ipaddress.ip_address(gateway)
     if address.is_link_local:
@@ -139,6 +183,10 @@ def _device_towards(gateway: str, where: str, interfaces: Interfaces) -> str:
         for own in link.networks:
             if not link.loopback and address in own.network:
                 found.setdefault(own.network.prefixlen, set()).add(name)
+    for route in () if found else links(address.version):
+        network = ipaddress.ip_network(route.destination)
+        if route.device in interfaces and _is_near(route, route.device) and address in network:
+            found.setdefault(network.prefixlen, set()).add(route.device)
     if not found:
         raise Problem(
             f"{where}: no interface has a network with the gateway {gateway} (found {_addresses(interfaces)}), expected one: "
@@ -160,11 +208,11 @@ def _check_number(option: str, value: int, least: int, where: str) -> None:
 # From routes to the interfaces as they are now
 
 
-def check_usable(items: typing.List[Item], interfaces: Interfaces, held: typing.Iterable[Held]) -> None:
+def check_usable(items: typing.List[Item], interfaces: Interfaces, held: typing.Iterable[Route]) -> None:
     """Raises Problem for a route that the kernel would refuse now. `held`: the kernel's routes."""
     own = {str(address.ip) for link in interfaces.values() for address in link.networks}
     wanted = [item.route for item in items]
-    routes = wanted + [other.route for other in held]
+    routes = wanted + list(held)
     for route in wanted:
         _check_ends(route, interfaces, own)
         if route.gateway and not route.on_link:
@@ -191,6 +239,13 @@ def _check_gateway(route: Route, interfaces: Interfaces, own: typing.Set[str], r
         )
     link = interfaces[route.device]
     gateway = ipaddress.ip_address(route.gateway)
+    broadcasts = [
+        own.network.broadcast_address for own in link.networks if own.version == 4 and own.network.prefixlen < 31
+    ]
+    if gateway.is_multicast or gateway in broadcasts:
+        raise Problem(
+            f"{where}: the gateway is the address of many computers (broadcast or multicast), expected that of one: correct it."
+        )
     near = [address.network for address in link.networks]
     near += [ipaddress.ip_network(other.destination) for other in routes if _is_near(other, route.device)]
     if not gateway.is_link_local and not any(gateway in network for network in near):

@@ -18,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.modu
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, Step, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import unwritable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import (
     Assignment,
@@ -218,7 +219,8 @@ class Run(ModuleRun):
     @property
     def refusals(self) -> typing.List[str]:
         """The sentences that prevent the plan: refused settings, and conflicts unless they are to be reported only."""
-        return self.problems + (self.conflicts if self.fails_on_conflict else [])
+        unable = unwritable([self.file, self.record.path]) if self.changed and not self.problems else None
+        return self.problems + (self.conflicts if self.fails_on_conflict else []) + ([unable] if unable else [])
 
     @property
     def warnings(self) -> typing.List[str]:

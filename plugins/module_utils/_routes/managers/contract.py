@@ -62,6 +62,7 @@ class BackEnd:
     name = ""  # the value of the options `backend` and `backends`
     mode = 0o644  # of the files
     takes_precedence = False  # True where its routes replace routes of others at boot, too
+    cannot: typing.Tuple[str, ...] = ()  # fields of a route that its configuration cannot express
 
     def __init__(self, machine: Machine, root: str, recorded: Recorded) -> None:
         """`root`: the folder that holds the files of the machine. `recorded`: two texts of a place after a killed run."""
@@ -124,9 +125,10 @@ class BackEnd:
         text = (atomic.read_bytes(path) or b"").decode("utf-8", "replace") if regular else ""
         if HEADER in text or text in self.recorded.get(place, []):
             return text
+        why = "neither our first line nor our record" if regular else "no regular file, as this module writes one"
         raise Problem(
-            f"routes: {place} is there and not ours (neither our first line nor our record), expected no file or one that "
-            "this module wrote: move it away, or set backend to none for the routes that belong there."
+            f"routes: {place} is there and not ours ({why}), expected no file or one that this module wrote: move it away, or "
+            "set backend to none for the routes that belong there."
         )
 
     def wrong_mode(self, place: str) -> bool:

@@ -58,6 +58,7 @@ class BackEnd(contract.BackEnd):
 
     name = "netplan"
     mode = 0o600
+    cannot = ("advmss",)
 
     def __init__(self, machine: contract.Machine, root: str, recorded: contract.Recorded) -> None:
         super().__init__(machine, root, recorded)
@@ -218,8 +219,12 @@ _KEYS = (
     ("table", "table"),
     ("on-link", "on_link"),
     ("type", "type"),
+    ("scope", "scope"),
+    ("mtu", "mtu"),
+    ("congestion-window", "initcwnd"),
 )
-_PLAIN = {"table": 254, "on_link": False, "type": "unicast"}  # the values that need no line
+# The values that need no line.
+_PLAIN = {"table": 254, "on_link": False, "type": "unicast", "mtu": 0, "initcwnd": 0}
 
 
 def _entry(route: Route) -> typing.List[str]:
@@ -229,7 +234,7 @@ def _entry(route: Route) -> typing.List[str]:
         if value == "" or (field in _PLAIN and value == _PLAIN[field]):
             continue
         lines.append(f"{key}: {_scalar(value)}")
-    if route.type == "unicast" and not route.gateway:
+    if route.type == "unicast" and not route.gateway and not route.scope:
         lines.append("scope: link")  # else netplan asks for a gateway
     return [f"        - {lines[0]}", *(f"          {line}" for line in lines[1:])]
 

@@ -99,6 +99,10 @@ _KEYS = (
     ("Metric", "metric", 0),
     ("Table", "table", 254),
     ("Type", "type", "unicast"),
+    ("Scope", "scope", ""),
+    ("MTUBytes", "mtu", 0),
+    ("TCPAdvertisedMaximumSegmentSize", "advmss", 0),
+    ("InitialCongestionWindow", "initcwnd", 0),
 )
 
 

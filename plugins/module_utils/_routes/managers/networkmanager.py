@@ -73,6 +73,7 @@ class BackEnd(contract.BackEnd):
     """NetworkManager."""
 
     name = "networkmanager"
+    cannot = ("advmss",)  # before 1.46
 
     def __init__(self, machine: contract.Machine, root: str, recorded: contract.Recorded) -> None:
         super().__init__(machine, root, recorded)
@@ -269,12 +270,18 @@ def _normal(version: int, words: typing.List[str]) -> str:
     return " ".join([f"ipv{version}.routes", *line, *sorted(rest)])
 
 
+_SCOPES = {"global": 0, "link": 253, "host": 254}  # rtnetlink(7)
+
+
 def line_of(route: Route, profile_table: int) -> str:
     """A route of ours as a line. `profile_table` is the profile's route-table: 0 for none, so for the table main."""
     words = [route.destination] + ([route.gateway] if route.gateway else [])
     words.append(str(route.metric))  # without it NetworkManager takes that of the interface, 100 and more
     attributes = [
+        ("initcwnd", str(route.initcwnd or "")),
+        ("mtu", str(route.mtu or "")),
         ("onlink", "true" if route.on_link else ""),
+        ("scope", str(_SCOPES[route.scope]) if route.scope else ""),
         ("src", route.source),
         ("table", "" if route.table == (profile_table or MAIN) else str(route.table)),
         ("type", "" if route.type == "unicast" else route.type),

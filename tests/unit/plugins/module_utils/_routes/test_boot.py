@@ -11,6 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.prob
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import BACKENDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import read_boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.wanted import Item
 
@@ -78,6 +79,27 @@ def test_a_failure_half_way_puts_the_files_back(tree):
     (tree / "etc/network/if-up.d").unlink()
     assert plan.undo() == []
     assert snapshot(tree) == before
+
+
+@pytest.mark.parametrize("backend", ["netplan", "networkmanager"])
+def test_what_a_back_end_has_no_word_for_is_one_sentence(tree, backend, monkeypatch):
+    monkeypatch.setattr(BACKENDS[backend], "render", lambda self, routes: {})
+    routes = [Route("0.0.0.0/0", "192.168.11.101", "eth0", advmss=1360)]
+    with pytest.raises(Problem, match=f"advmss 1360: the backend {backend} has no word for advmss"):
+        boot(tree, choice={backend: {"eth0": routes}})
+
+
+def test_the_finer_points_at_boot(tree):
+    routes = [Route("10.1.0.0/16", "", "eth1.5", scope="host", mtu=1400, advmss=1360, initcwnd=20)]
+    plan = boot(
+        tree, choice={"networkd": {"eth1.5": routes}, "ifupdown": {"eth0": [routes[0]._replace(device="eth0")]}}
+    )
+    (drop_in,), (hook,) = plan.wanted["networkd"].values(), plan.wanted["ifupdown"].values()
+    assert drop_in.endswith(
+        "Destination=10.1.0.0/16\nScope=host\nMTUBytes=1400\nTCPAdvertisedMaximumSegmentSize=1360\n"
+        "InitialCongestionWindow=20\n"
+    )
+    assert "10.1.0.0/16 dev eth0 proto static scope host mtu 1400 advmss 1360 initcwnd 20" in hook
 
 
 def test_an_interface_that_changes_hands_leaves_no_hook(tree):

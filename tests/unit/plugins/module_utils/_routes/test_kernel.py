@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from hypothesis import given
@@ -39,8 +40,32 @@ def test_the_words_of_a_route_bring_it_back_whole():
 
 
 def test_what_the_words_do_not_say_is_named():
-    found = held("unicast default via 192.168.11.1 dev eth0 proto boot scope global encap mpls 100 mtu lock 1400")
-    assert {"encap", "lock"} <= set(found.inexpressible)
+    found = held("unicast default via 192.168.11.1 dev eth0 proto boot scope global encap mpls 100")
+    assert "encap" in found.inexpressible
+    found = held("unicast default via 192.168.11.1 dev eth0 proto boot scope global mtu lock 1400 quickack 1")
+    assert "quickack" in found.inexpressible
+    assert found.text.endswith("mtu lock 1400") and "mtu" not in found.inexpressible
+
+
+@pytest.mark.parametrize("kind", kernel.NO_WAY)
+def test_without_a_way_a_scope_says_nothing(kind):
+    """NetworkManager makes a blackhole with scope link."""
+    assert held(f"{kind} 10.66.0.0/16 proto static scope link").route == Route("10.66.0.0/16", type=kind)
+
+
+def test_what_is_locked_is_known_from_the_text_alone():
+    raws = [
+        {"dst": "default", "gateway": "10.0.0.1", "dev": "eth0", "metrics": [{"mtu": 1400}]},
+        {"dst": "10.1.0.0/16"},
+    ]
+    text = (
+        b"unicast default via 10.0.0.1 dev eth0 proto boot scope global mtu lock 1400\nunicast 10.1.0.0/16 dev eth0\n"
+    )
+    kernel._add_locks(raws, Answer(0, text, ""))
+    assert kernel.held(raws[0], 4, 254).text == "default via 10.0.0.1 dev eth0 proto boot mtu lock 1400"
+    raws[0]["metrics"] = [{"mtu": 1400}]
+    kernel._add_locks(raws, Answer(0, b"", ""))  # the routes have changed meanwhile
+    assert kernel.held(raws[0], 4, 254).inexpressible
 
 
 GATEWAYS = st.sampled_from(["", "192.168.11.1", "192.168.11.2"])
@@ -54,6 +79,9 @@ GATEWAYS = st.sampled_from(["", "192.168.11.1", "192.168.11.2"])
         metric=st.integers(0, 2**32 - 1),
         table=st.integers(1, 2**32 - 1),
         source=st.sampled_from(["", "192.168.11.100"]),
+        mtu=st.sampled_from([0, 1400]),
+        advmss=st.sampled_from([0, 1360]),
+        initcwnd=st.sampled_from([0, 20]),
     )
 )
 def test_a_route_of_ours_is_read_as_it_was_made(wanted):

@@ -519,9 +519,101 @@ def test_a_hook_that_has_lost_its_permissions_gets_them_back(computer):
     computer.run(FOUR)
     hook = computer.root / HOOK
     hook.chmod(0o644)
-    assert computer.run(FOUR)["routes"][0]["state"] == "changed"
+    assert computer.run(FOUR, _ansible_check_mode=True)["changed"] and not os.access(hook, os.X_OK)
+    repaired = computer.run(FOUR)
+    assert repaired["changed"] and repaired["routes"][0]["state"] == "changed"
     assert os.access(hook, os.X_OK)
     assert not computer.run(FOUR)["changed"]
+
+
+FINE = {"destination": "10.5.0.0/16", "gateway": "192.168.11.101", "mtu": 1400, "advmss": 1360, "initcwnd": 20}
+SIX_FINE = {"destination": "fd00:5::/64", "gateway": "fd00:11::101", "mtu": 1400}
+
+
+def test_the_finer_points_of_a_way_are_made_changed_and_removed(computer):
+    far = {"destination": "10.6.0.0/16", "device": "eth0", "scope": "global"}
+    assert computer.run(FINE, SIX_FINE, far)["changed"]
+    lines = [
+        "10.5.0.0/16 via 192.168.11.101 dev eth0 proto static mtu 1400 advmss 1360 initcwnd 20",
+        "10.6.0.0/16 dev eth0 proto static",
+        "fd00:5::/64 via fd00:11::101 dev eth0 proto static metric 1024 mtu 1400 pref medium",
+    ]
+    assert computer.routes() == lines
+    assert "replace -4 10.5.0.0/16 via 192.168.11.101 dev eth0 proto static mtu 1400 advmss 1360" in (
+        (computer.root / HOOK).read_text()
+    )
+    again = computer.run(FINE, SIX_FINE, far)
+    assert not again["changed"], again
+    assert computer.run({**FINE, "mtu": 1300}, far)["changed"]
+    assert computer.routes()[0].split()[8] == "1300" and len(computer.routes()) == 2
+    plain = {name: FINE[name] for name in ("destination", "gateway")}
+    assert computer.run(plain)["changed"]
+    assert computer.routes() == ["10.5.0.0/16 via 192.168.11.101 dev eth0 proto static"]
+    assert not computer.run(plain)["changed"]
+    computer.run()
+    assert computer.routes() == [] and HOOK not in computer.files()
+
+
+def test_a_route_of_somebody_else_may_say_more_and_comes_back_with_it(computer):
+    theirs = "default via 192.168.11.101 dev eth0 mtu lock 1400"
+    computer.ip(f"route add {theirs}")
+    assert computer.run(FOUR)["routes"][0]["state"] == "changed"  # at boot alone
+    assert computer.routes() == [theirs]
+    computer.run()
+    assert computer.routes() == [theirs]
+    other = {"destination": "default", "gateway": "192.168.11.102"}
+    assert "somebody else has made" in computer.run(other)["msg"]
+    assert computer.run(other, on_conflict="replace")["changed"]
+    computer.run()
+    assert computer.routes() == [theirs]
+
+
+def test_a_table_by_its_name_and_what_it_has_no_answer_for(computer):
+    for path, text in (
+        ("usr/share/iproute2/rt_tables", "255 local\n0x64 robots\n# 7 nobody\n"),
+        ("etc/iproute2/rt_tables.d/site.conf", "101\tfleet  # ours\n"),
+    ):
+        (computer.root / path).parent.mkdir(parents=True, exist_ok=True)
+        (computer.root / path).write_text(text)
+    rest = {"destination": "10.0.0.0/8", "type": "throw", "table": "fleet"}
+    done = computer.run({**FOUR, "table": "robots"}, rest)
+    assert [item["table"] for item in done["routes"]] == [100, 101], done
+    assert computer.ip("route show table 100").strip() == "default via 192.168.11.101 dev eth0 proto static"
+    assert computer.ip("route show table 101").strip() == "throw 10.0.0.0/8 proto static"
+    assert not computer.run({**FOUR, "table": 100}, {**rest, "table": "101"})["changed"]
+    assert "no routing table nobody" in computer.run({**FOUR, "table": "nobody"})["msg"]
+    computer.run()
+    assert computer.ip("route show table 100") + computer.ip("route show table 101") == ""
+
+
+def test_the_other_end_of_a_point_to_point_link_is_a_gateway(computer):
+    computer.ip("address add 10.7.0.1 peer 10.7.0.2/32 dev eth1")
+    for table in (254, 100):
+        done = computer.run({"destination": "10.8.0.0/16", "gateway": "10.7.0.2", "table": table})
+        assert [(item["device"], item["state"]) for item in done["routes"]] == [("eth1", "changed")], done
+        assert "10.8.0.0/16 via 10.7.0.2 dev eth1" in computer.ip(f"route show table {table}")
+    computer.run()
+
+
+def test_check_mode_refuses_what_the_run_refuses(computer):
+    broadcast = {"destination": "10.8.0.0/16", "gateway": "192.168.11.255"}
+    for check in (True, False):
+        assert "broadcast or multicast" in computer.run(broadcast, _ansible_check_mode=check)["msg"]
+    # Another user in the same network namespace.
+    computer.enter += [shutil.which("setpriv") or "setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
+    if computer.python("-c", "import ansible").returncode:
+        pytest.skip("another user cannot run this Python")
+    for check in (True, False):
+        message = computer.run(FOUR, _ansible_check_mode=check)["msg"]
+        assert "run as root (become: true)" in message and computer.files().keys() == {"run/network/ifstate"}
+
+
+def test_a_link_in_the_place_of_the_hook_is_named_as_one(computer):
+    computer.run(FOUR)
+    hook = computer.root / HOOK
+    hook.rename(hook.with_name("other"))
+    hook.symlink_to("other")
+    assert "not ours (no regular file, as this module writes one)" in computer.run(FOUR)["msg"]
 
 
 @pytest.mark.parametrize("record", [{"routes": [{}]}, {"routes": None}, {"boot": []}, {"boot": {"places": {"x": {}}}}])

@@ -36,7 +36,7 @@ DEFAULTS = {
 
 
 def items(*given):
-    return wanted_routes.items_of([{**DEFAULTS, **item} for item in given], INTERFACES)
+    return wanted_routes.items_of([{**DEFAULTS, **item} for item in given], INTERFACES, {"main": 254, "local": 255})
 
 
 def route(destination, gateway="", device="eth0", metric=None, **more):
@@ -59,6 +59,11 @@ def route(destination, gateway="", device="eth0", metric=None, **more):
         ({"destination": "10.1.0.0/16", "gateway": "192.168.1.20"}, route("10.1.0.0/16", "192.168.1.20", "eth1")),
         ({"destination": "fd00:5::/64", "device": "eth0", "metric": 0}, route("fd00:5::/64")),
         ({"destination": "10.5.0.0/16", "type": "blackhole"}, route("10.5.0.0/16", device="", type="blackhole")),
+        ({"destination": "10.5.0.0/16", "device": "eth0", "table": "main", "scope": "link"}, route("10.5.0.0/16")),
+        (
+            {"destination": "10.5.0.0/16", "device": "eth0", "table": "100", "mtu": 9},
+            route("10.5.0.0/16", table=100, mtu=9),
+        ),
     ],
 )
 def test_what_an_item_means(given, expected):
@@ -84,6 +89,12 @@ def test_what_an_item_means(given, expected):
         ({"destination": "default", "device": "eth0", "table": 255}, ["table 255"]),
         ({"destination": "default", "device": "eth0", "on_link": True}, ["on_link"]),
         ({"destination": "10.5.0.0/16", "type": "blackhole", "gateway": "192.168.11.1"}, ["blackhole", "gateway"]),
+        ({"destination": "10.5.0.0/16", "type": "throw", "mtu": 1400}, ["throw", "mtu"]),
+        ({"destination": "10.5.0.0/16", "device": "eth0", "table": "robots"}, ["no routing table robots", "main"]),
+        ({"destination": "10.5.0.0/16", "device": "eth0", "table": "local"}, ["table 255"]),
+        ({"destination": "10.5.0.0/16", "device": "eth0", "mtu": -1}, ["mtu -1"]),
+        ({"destination": "fd00:5::/64", "device": "eth0", "scope": "link"}, ["IPv6 has no scopes"]),
+        ({"destination": "10.5.0.0/16", "gateway": "192.168.11.1", "scope": "host"}, ["scope host"]),
     ],
 )
 def test_an_item_that_cannot_be_meant_is_one_sentence(given, words):
@@ -107,16 +118,18 @@ def test_the_same_item_twice_is_one_and_two_ways_of_one_key_are_refused():
         (route("0.0.0.0/0", "10.0.0.9", "wlan0"), "wlan0 is down"),
         (route("0.0.0.0/0", "192.168.11.100"), "this computer itself"),
         (route("0.0.0.0/0", "172.16.0.1"), "not in a network of eth0"),
+        (route("0.0.0.0/0", "192.168.11.255"), "broadcast or multicast"),
+        (route("0.0.0.0/0", "224.0.0.1"), "broadcast or multicast"),
         (route("0.0.0.0/0", "192.168.11.1", source="192.168.11.7"), "no address of this computer"),
     ],
 )
 def test_what_the_kernel_would_refuse_is_said_before(wanted, words):
     with pytest.raises(Problem, match=words):
-        wanted_routes.check_usable([wanted_routes.Item(wanted, "eth0", "auto")], INTERFACES, {})
+        wanted_routes.check_usable([wanted_routes.Item(wanted, "eth0", "auto")], INTERFACES, [])
 
 
 def test_a_gateway_behind_a_route_of_the_list_or_on_link_is_usable():
     behind = route("0.0.0.0/0", "172.16.0.1")
     near = route("172.16.0.0/24")
-    wanted_routes.check_usable([wanted_routes.Item(r, "eth0", "auto") for r in (behind, near)], INTERFACES, {})
-    wanted_routes.check_usable([wanted_routes.Item(behind._replace(on_link=True), "eth0", "auto")], INTERFACES, {})
+    wanted_routes.check_usable([wanted_routes.Item(r, "eth0", "auto") for r in (behind, near)], INTERFACES, [])
+    wanted_routes.check_usable([wanted_routes.Item(behind._replace(on_link=True), "eth0", "auto")], INTERFACES, [])
