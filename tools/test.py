@@ -236,7 +236,7 @@ SUITES = [
         "long",
         "pytest",
         "tests/long",
-        labs=("long-links", "long-fuzz", "long-firewall", "long-alone"),
+        labs=("long-links", "long-fuzz", "long-firewall", "long-alone", "long-hostile"),
         limit=LONG_LIMIT,
     ),
     demonstration("bullseye", 90, "--suite=bullseye", layout="single_computer", group="long"),

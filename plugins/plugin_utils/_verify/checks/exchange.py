@@ -144,6 +144,8 @@ TYPES = Check(
 
 # The flow
 
+MOST_REGISTRATIONS = 5000  # of one master: the same number as in the nodes' core/limits.py
+
 
 def _exchange_unknown(case: Case) -> bool:
     return case.exchange is not None and bool(case.exchange.error)
@@ -157,6 +159,12 @@ def _superfluous(case: Case) -> bool:
 def _nothing_registered(case: Case) -> bool:
     own, its = case.robots
     return not case.exchanges.imported(its, own)
+
+
+def _too_many(case: Case) -> bool:
+    """Whether the observer has as much of the other robot as master_sync takes of one."""
+    own, its = case.robots
+    return len(case.exchanges.imported(its, own)) >= MOST_REGISTRATIONS
 
 
 def _flow(case: Case) -> Judgement | None:
@@ -204,6 +212,11 @@ FLOW = Check(
             "the sync node on {observer} has registered nothing of {target}",
             "see on {observer}: journalctl -b -u multimaster-sync; rosservice call /master_sync/get_sync_info",
             when=_nothing_registered,
+        ),
+        Cause(
+            "{target} offers more than the 5000 registrations that the sync node on {observer} takes of one master",
+            "leave out what nobody needs, by multimaster_filters or multimaster_exports",
+            when=_too_many,
         ),
         Cause(
             "the sync node on {observer} has not registered it, or the discovery node on {target} does not serve it",

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """5,000 registrations of a master at most: which ones, and who is told."""
 
+import pathlib
 import random
 
 from hypothesis import given
@@ -53,3 +54,10 @@ def test_what_was_taken_stays_whatever_else_is_offered(first, second, most):
     assert topics(before) & set(second) <= topics(after)
     shuffled = random.Random(1).sample(second, len(second))
     assert topics(limited(state(shuffled), before, most)) == topics(after), "the order of the document does not matter"
+
+
+def test_the_verification_knows_the_same_number():
+    text = (pathlib.Path(__file__).parents[4] / "plugins/plugin_utils/_verify/checks/exchange.py").read_text(
+        encoding="utf-8"
+    )
+    assert f"\nMOST_REGISTRATIONS = {MOST} " in text

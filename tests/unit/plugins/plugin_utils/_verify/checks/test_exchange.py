@@ -74,6 +74,14 @@ def _against_the_plan(seen):
     update(part, topics=[*part.topics, topic("/rosout", "rosgraph_msgs/Log", ["/kobuki2/base"])])
 
 
+def _too_many(seen):
+    part = seen[ONE].probe.exchange.imports[0]
+    flood = [topic(f"/flood/{number}", "std_msgs/String", ["/kobuki2/base"]) for number in range(5000)]
+    update(part, topics=[*without(part.topics, "/kobuki2/odom"), *flood])
+    own = seen[TWO].probe.exchange
+    update(own, topics=[*own.topics, *flood])
+
+
 def _stranger_of_a_node(seen):
     """A connection on a topic that is exchanged with nobody."""
     part = seen[ONE].probe.exchange
@@ -96,6 +104,7 @@ CAUSES = [
     ),
     (_not_registered, "flow", FAILED, "has not registered it"),
     (_exchange_of(ONE, imports=[]), "flow", FAILED, "has registered nothing of"),
+    (_too_many, "flow", FAILED, "leave out what nobody needs"),
     (_against_the_plan, "flow", FAILED, "runs with other parameters"),
     (_stranger_of_a_node, "cross_link", FAILED, "start these nodes again"),
 ]
