@@ -24,6 +24,7 @@ _TOKEN = 1 << 17  # bytes of one token of XML, such as a comment
 _TEXT = 4 << 20  # bytes of one text
 _ELEMENT = 40  # bytes of memory that an element costs about, beside its text
 _STRUCT = 40  # and a mapping more
+_DEAR = 24 << 20  # bytes of memory of any document: 5,000 topics are 6 MB
 _SPARE = 1 << 20  # bytes of memory: what libraries write costs less than this and twice its length
 _NUMBERS = ("int", "i1", "i2", "i4", "i8", "biginteger", "bigdecimal", "double")
 
@@ -78,7 +79,7 @@ class Document:
     def __init__(self, most: int) -> None:
         """`most`: bytes of the document."""
         self._most, self._fed = most, 0
-        self._reader = _Reader(2 * most + _SPARE)
+        self._reader = _Reader(min(2 * most, _DEAR) + _SPARE)
         self._reader.xml("", None)  # its texts are decoded already
         # In UTF-8 whatever it says: in another encoding nobody would see a document type coming.
         self._parser = parser = xml.parsers.expat.ParserCreate("utf-8")
