@@ -175,14 +175,8 @@ class MasterSync:
     def _say_status(self) -> None:
         if not self.finder.listed_once:
             return
-        parts = []
-        for uri, remote in sorted(self.core.remotes.items(), key=lambda item: item[1].announced.name):
-            mine = [item for item, master in self.rounds.held.items() if master == uri]
-            topics = len({item.name for item in mine if item.kind != "service"})
-            services = sum(1 for item in mine if item.kind == "service")
-            offline = "" if remote.announced.online else " (offline)"
-            parts.append(f"{remote.announced.name}{offline}: {topics} topics, {services} services")
-        text = "; ".join(parts) or "no other master"
+        remotes = sorted(self.core.remotes.items(), key=lambda item: item[1].announced.name)
+        text = "; ".join(self._share(uri, remote.announced) for uri, remote in remotes) or "no other master"
         refused = sorted({item.name for item in self.refused if item.kind != "limit"})
         limited = sorted(item.master for item in self.refused if item.kind == "limit")
         text += f"; refused: {', '.join(refused)}" if refused else ""
@@ -190,6 +184,14 @@ class MasterSync:
         if text != self.status:
             self.status = text
             notify(f"STATUS={text}")
+
+    def _share(self, uri: str, announced: Announced) -> str:
+        """How much of a master is registered here."""
+        mine = [item for item, master in self.rounds.held.items() if master == uri]
+        topics = len({item.name for item in mine if item.kind != "service"})
+        services = sum(1 for item in mine if item.kind == "service")
+        offline = "" if announced.online else " (offline)"
+        return f"{announced.name}{offline}: {topics} topics, {services} services"
 
     # The end
 
