@@ -277,8 +277,9 @@ def test_15_1_a_change_is_repeated():
 def test_15_2_who_had_no_state_or_did_not_answer_is_asked_again(answer):
     made, now, asked = running(), 10.0, []
     made.datagram(beat(), PEER, True, now)
-    while len(asked) < 3 and now < 30.0:
+    while len(asked) < 3 and now < 60.0:
         now = max(now, made.next_tick())
+        made.datagram(beat(), PEER, True, now)
         made.tick(now)
         for action in take(made, Ask):
             asked.append(now)

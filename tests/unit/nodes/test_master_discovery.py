@@ -56,7 +56,10 @@ class Lab:
     def discovery_node(self, masters, refresh):
         self.made.append(([master.name for master in masters()], len(self.sent)))
         return types.SimpleNamespace(
-            service_uri=lambda: ("", ""), changed=lambda *event: None, links=lambda *links: None
+            service_uri=lambda: ("", ""),
+            changed=lambda *event: None,
+            links=lambda *links: None,
+            diagnose=lambda *parts: None,
         )
 
     def move(self):
@@ -96,7 +99,7 @@ def test_what_is_to_be_sent_goes_before_the_sockets_close(lab, look):
     if look == "of the second":
         lab.program.address_looks.due = 0.0
     else:
-        lab.program._contacted(("192.168.1.2", 11511, 11611), CONTACT, "", False)
+        lab.program._contacted(("192.168.1.2", 11511, 11611), CONTACT, "", False, False)
     lab.program._tick(monotonic())
     assert b"x" in lab.sent
 

@@ -277,23 +277,49 @@ def test_one_name_or_one_uri_for_two_masters_is_reported():
     assert core.masters()[0] == OWN
 
 
-def test_a_master_heard_from_two_addresses_is_shown_at_the_one_that_lives():
+def heard_from_two_addresses(answers):
+    """What is told of a master whose first address falls silent; `answers`: somebody answers there over TCP."""
     core = started()
     second = ("10.0.0.2", 11511)
     for source in (PEER, second):
         core.datagram(state(rate=1.0), source, True, 10.0)
         core.contacted((*source, 11611), CONTACT, "", 10.0)
     take(core)
-    shown = []
-    for tenth in range(1, 40):
+    shown, asked = [], []
+    for tenth in range(1, 100):
         now = 10.0 + tenth / 10
         core.tick(now)
         if tenth % 10 == 0:
             core.datagram(state(rate=1.0), second, True, now)
+        asked += [(now + (0.01 if answers else action.limit), action.key) for action in take(core, Ask)]
+        for due, key in [one for one in asked if one[0] <= now]:
+            asked.remove((due, key))
+            lives = answers or key[0] == second[0]
+            core.contacted(key, CONTACT if lives else None, "timed out", now)
         for event in take(core, Event):
             shown.append((now, event.change, event.master.monitor_uri, event.master.online))
+    return shown
+
+
+def test_a_master_heard_from_two_addresses_is_shown_at_the_one_that_lives():
+    shown = heard_from_two_addresses(answers=False)
     assert [line[1:] for line in shown] == [("changed", "http://10.0.0.2:11611", True)], "once, and it stays there"
-    assert shown[0][0] < 12.0
+    assert 12.0 < shown[0][0] < 15.5, "when nobody answers at the first one"
+
+
+def test_a_master_stays_where_it_is_while_it_answers_there():
+    """Whoever answers with the URI of another robot that is silent for a moment does not become it."""
+    assert heard_from_two_addresses(answers=True) == []
+
+
+def test_whoever_answers_with_the_uri_of_another_robot_is_named():
+    core = started()
+    second = ("10.0.0.2", 11511)
+    for source in (PEER, second):
+        core.datagram(state(rate=1.0), source, True, 10.0)
+        core.contacted((*source, 11611), CONTACT, "", 10.0)
+    (said,) = [action.text for action in take(core, Say) if "10.0.0.2" in action.text]
+    assert "answers at 192.168.1.239 and at 10.0.0.2: it stays where it is" in said
 
 
 def test_an_own_address_that_is_new_is_not_another_master():

@@ -3,19 +3,9 @@
 """Who belongs to the fleet."""
 
 import pytest
+from fleet_of_one import ROUTER, TIBI, URI
 from rosfleet_multimaster.core import parameters
 from rosfleet_multimaster.core.members import Members, Networks
-
-TIBI = {
-    "robot": "tibi",
-    "name": "tibi-visio",
-    "uris": ["http://tibi-visio:11311/", "http://192.168.1.201:11311/"],
-    "rpc_port": 11611,
-    "addresses": ["192.168.1.201", "192.168.11.101"],
-    "hosts": ["tibi-visio", "192.168.1.201", "192.168.11.101", "tibi-laser", "192.168.11.102"],
-}
-ROUTER = {"robot": "router", "name": "", "uris": [], "rpc_port": 0, "addresses": [], "hosts": ["router", "192.168.1.1"]}
-URI = "http://tibi-visio:11311/"
 
 
 def members(strangers="ignore", allow=()):

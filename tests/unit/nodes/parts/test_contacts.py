@@ -12,7 +12,13 @@ def test_what_is_said_of_a_master_that_is_not_known_is_not_kept():
     errors, loop = {}, Loop()
     known = []
     contacts = Contacts(
-        loop, Workers(loop, 1), program.Limited(), errors, lambda uri: uri in known, lambda *result: None
+        loop,
+        Workers(loop, 1),
+        program.Limited(),
+        errors,
+        lambda uri: uri in known,
+        lambda address: True,
+        lambda *result: True,
     )
     contact = Contact(1.0, "http://robot2:11311/", "robot2", "/master_discovery")
     contacts._compare(contact, "192.168.1.2", "", None)

@@ -8,12 +8,14 @@
 import urllib.parse
 from typing import Any, Dict, Optional, Tuple
 
-from .core import parameters
+from .core import parameters, report
 from .core.discovery import Ask, Discovery, Event, Say, Send, Settings
 from .core.graph import Policy, State
-from .core.members import Members
+from .core.members import Members, Networks
+from .core.outsiders import Outsider
 from .core.peer import Contact, Key, Master
 from .edge import ros
+from .edge.addresses import networks
 from .edge.clock import monotonic, wall_clock
 from .edge.loop import Ended, InLoop, Loop, Recurring, Workers
 from .edge.roscore import Roscore
@@ -38,6 +40,8 @@ class MasterDiscovery:
         self.errors: Dict[str, str] = {}  # what masterErrors tells
         self.node: Optional[ros.DiscoveryNode] = None
         self.masters: Tuple[Master, ...] = ()
+        self.outsiders: Tuple[Outsider, ...] = ()  # who is ignored,
+        self.diagnosed: Optional[Tuple[Outsider, ...]] = None  # and as it stands on /diagnostics
         self.told: Dict[str, Master] = {}
         self.status = ""
         self.looked = 0.0  # when the addresses were looked at
@@ -81,13 +85,21 @@ class MasterDiscovery:
         self.roscore.ask(("setParam", "/mastername", self.own.name))
         self.datagrams.start()
         settings = {name: value for name, value in values.items() if name in Settings.__dataclass_fields__}
-        self.core = Discovery(Settings(**settings), self.datagrams.own_addresses, self.own.rpc_port)
+        self.members = Members.of(values)
+        self.core = Discovery(Settings(**settings), self.datagrams.own_addresses, self.own.rpc_port, self.members)
         self.datagrams.tell(self._received, self._moved, self._opened, self._network_changed)
         self.contacts = Contacts(
-            self.loop, self.resolvers, self.limited, self.errors, lambda uri: uri in self.told, self._contacted
+            self.loop,
+            self.resolvers,
+            self.limited,
+            self.errors,
+            lambda uri: uri in self.told,
+            self.core.may_ask,
+            self._contacted,
         )
+        self._look_at_networks()
         self.address_looks = Recurring(InLoop(), lambda: 1.0, self._look_at_addresses)
-        self.link_reports = Recurring(InLoop(), lambda: 1.0, self._report_links)
+        self.reports = Recurring(InLoop(), lambda: 1.0, self._report)
 
     def _serve(self, values: Dict[str, Any], poller: Poller) -> None:
         served = Served(
@@ -97,15 +109,16 @@ class MasterDiscovery:
             lambda: self.datagrams.own_addresses,
             lambda: poller.do_not_sync,
             ros.md5sum,
+            lambda: self.outsiders,
         )
-        who = callers(Members.of(values), self.own.uri, lambda: self.datagrams.own_addresses)
+        who = callers(self.members, self.own.uri, lambda: self.datagrams.own_addresses)
         self.server = serve(values["rpc_addr"], self.own.rpc_port, served.methods(), self._malformed, who)
 
     # The loop
 
     def _tick(self, now: float) -> float:
         """One pass: do what is due, and carry out whatever the core wants since the last pass."""
-        seconds = [self.address_looks.tick(now), self.link_reports.tick(now)]
+        seconds = [self.address_looks.tick(now), self.reports.tick(now)]
         self.datagrams.tick(now)
         self.core.tick(now)
         self._carry_out()
@@ -167,14 +180,26 @@ class MasterDiscovery:
             self.status = text
             notify(f"STATUS={text}")
 
-    def _report_links(self) -> None:
-        if self.node is not None:
-            self.node.links(self.own.name, self.core.links(monotonic()), wall_clock())
+    def _report(self) -> None:
+        self.outsiders = tuple(self.core.outsiders.shown())
+        if self.node is None:
+            return
+        self.node.links(self.own.name, self.core.links(monotonic()), wall_clock())
+        if self.outsiders != self.diagnosed:
+            self.diagnosed = self.outsiders
+            self.node.diagnose([report.ignored(self.own.node, self.outsiders)], wall_clock())
 
     def _look_at_addresses(self) -> None:
         self._carry_out()  # first: a look may close the sockets, and what is to be sent would be lost
         self.datagrams.look_at_addresses()
+        self._look_at_networks()
         self.looked = monotonic()
+
+    def _look_at_networks(self) -> None:
+        try:
+            self.core.in_networks(Networks(networks()))
+        except OSError:  # the kernel is busy: in a second again
+            pass
 
     def _network_changed(self) -> None:
         """Look soon, but not more often than the kernel can be asked without harm."""
@@ -194,10 +219,10 @@ class MasterDiscovery:
         self.core.greet(now)
         self._show_own(now)
 
-    def _contacted(self, key: Key, contact: Optional[Contact], problem: str, gone: bool) -> None:
+    def _contacted(self, key: Key, contact: Optional[Contact], problem: str, gone: bool, fault: bool) -> bool:
         if contact is not None and contact.uri == self.own.uri:  # perhaps this node itself, at a new address
             self._look_at_addresses()
-        self.core.contacted(key, contact, problem, monotonic(), gone=gone)
+        return self.core.contacted(key, contact, problem, monotonic(), gone=gone, fault=fault)
 
     def _polled(self, state: State) -> None:
         if self.own.away and self.own.state is not None:

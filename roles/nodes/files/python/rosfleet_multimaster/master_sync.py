@@ -71,6 +71,7 @@ class MasterSync:
             values["sync_remote_nodes"],
             values["sync_topics_on_demand"],
             keep,
+            Members.of(values),
         )
         guard = TypeGuard()
         self.rounds = Rounds(roscore, (self.node_name, node_uri), self.core, guard, roscore_calls, updaters, limited)

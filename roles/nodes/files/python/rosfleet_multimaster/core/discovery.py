@@ -10,7 +10,8 @@ does not say who the master is.
 
 So a new sender is a stranger first. It is asked over TCP who it is. Anybody can write any sender into a datagram, so
 the number of strangers is bounded, only a few are asked at a time, and silent ones are forgotten.
-Who answers becomes a peer that others are told of: `Event("new")`.
+Who answers becomes a peer that others are told of: `Event("new")`. Where the fleet is known (members.py), this is only
+for its robots at their planned addresses, and for who is allowed besides; the rest are outsiders (outsiders.py).
 
 A peer that is silent for longer than it promised is asked by datagrams, then over TCP, and then it is offline. It stays
 listed, so that it is online again with its first heartbeat, and is removed after ~remove_after. A LEAVE says that a
@@ -28,6 +29,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import (
     Callable,
+    Container,
     Deque,
     Dict,
     Iterable,
@@ -42,6 +44,8 @@ from typing import (
 )
 
 from .heartbeat import Heartbeat, Kind, Malformed, Stamp, decode, encode
+from .members import Members
+from .outsiders import Budget, Outsiders
 from .peer import LONG_AGO, Act, Contact, Key, Master, Peer, Sign
 
 REPEAT_CHANGES = (0.0, 0.2, 1.0)  # seconds after a change: one lost datagram must not delay it
@@ -174,9 +178,14 @@ class News(NamedTuple):
 class Discovery:
     """The discovery of one master."""
 
-    def __init__(self, settings: Settings, own_addresses: Iterable[str], rpc_port: int) -> None:
+    def __init__(
+        self, settings: Settings, own_addresses: Iterable[str], rpc_port: int, members: Optional[Members] = None
+    ) -> None:
         self.settings = settings
+        self.members = Members() if members is None else members
+        self.outsiders = Outsiders()
         self.own_addresses = frozenset(own_addresses)
+        self.networks: Optional[Container[str]] = None  # of this computer; None where they do not matter
         self.rpc_port = rpc_port
         self.actions: Deque[Action] = deque()
         self.malformed = 0
@@ -188,6 +197,7 @@ class Discovery:
         self._entries: Dict[Key, Peer] = {}
         self._strangers: Dict[Key, Peer] = {}  # in the order in which they were last heard
         self._asked: Set[Key] = set()  # strangers that are being asked who they are
+        self._budget = Budget()
         self._turn = False
         self._public: Dict[str, Master] = {}
         self._announce: List[float] = []
@@ -205,6 +215,8 @@ class Discovery:
             Act.CHECK: self._check,
             Act.CHECK_AGAIN: self._check_again,
             Act.KEEP: self._keep,
+            Act.REFUSE: self._refuse,
+            Act.EXPEL: self._refuse,
             Act.DROP: self._drop,
         }
 
@@ -235,6 +247,10 @@ class Discovery:
             self._announce = [now + after for after in REPEAT_CHANGES]
         self.tick(now)
         return True
+
+    def in_networks(self, networks: Container[str]) -> None:
+        """Take the networks of this computer. Where the fleet is known, who is in none of them is not asked who it is."""
+        self.networks = networks if self.members.robots else None
 
     def own_moved(self, own_addresses: Iterable[str]) -> None:
         """Take the new addresses of this computer: no peer at one of them is another master."""
@@ -274,7 +290,13 @@ class Discovery:
             if beat.kind is Kind.STATE:
                 self._own_beats.append(now)
             return
-        key = (source[0], source[1], beat.rpc_port)
+        planned = self.members.is_discovery(source[0], beat.rpc_port)
+        if not planned and not self._is_admitted(source[0]):
+            if beat.kind is not Kind.LEAVE:
+                self.outsiders.heard(source[0], beat.rpc_port, now, self.may_ask(source[0]))
+                self._meet(now)
+            return
+        key = (source[0], 0 if planned else source[1], beat.rpc_port)
         entry = self._entries.get(key)
         if beat.kind is Kind.LEAVE:
             if entry is not None:
@@ -287,13 +309,31 @@ class Discovery:
         else:
             self._heard(entry, beat, now)
 
-    def contacted(self, key: Key, contact: Optional[Contact], problem: str, now: float, *, gone: bool = False) -> None:
-        """Take the result of an Ask: the answer, or None and why. `gone`: it was answered that there is no master."""
+    def contacted(
+        self,
+        key: Key,
+        contact: Optional[Contact],
+        problem: str,
+        now: float,
+        *,
+        gone: bool = False,
+        fault: bool = False,
+    ) -> bool:
+        """Take the result of an Ask: the answer, or None and why. True where it is a master that is listed.
+
+        `gone`: it was answered that there is no master, `fault`: by a discovery node.
+        """
         self._asked.discard(key)
         entry = self._entries.get(key) or self._strangers.get(key)
         if entry is None:
-            return
+            self.outsiders.answered(key, contact, self._objection(key, contact), now)
+            self._meet(now)
+            return False
         asked, entry.asked, entry.contacted, entry.contact_due = entry.asked, None, now, None
+        if contact is not None or gone:
+            self._budget.answered(key[0])
+        if contact is None and not fault:
+            entry.failed = now
         starting = contact is not None and contact.stamp <= 0.0
         if starting:
             contact, problem = None, "it has no state yet"
@@ -303,11 +343,14 @@ class Discovery:
         self._move(entry, self._sign_of(entry, contact, gone), news)
         self._publish()
         self._meet(now)
+        return contact is not None and key in self._entries
 
     def _sign_of(self, entry: Peer, contact: Optional[Contact], gone: bool) -> Sign:
         last = entry.checks == len(LEAVE_CHECKS)
         if contact is None:
             return Sign.REFUSAL if gone else Sign.LAST_NO_ANSWER if last else Sign.NO_ANSWER
+        if self._objection(entry.key, contact):
+            return Sign.FOREIGN
         if entry.contact is None and not self._has_room(entry):
             return Sign.NO_ROOM
         return Sign.LAST_ANSWER if last else Sign.ANSWER
@@ -331,6 +374,7 @@ class Discovery:
         if now >= self._next_scan:
             self._next_scan = now + SCAN
             self._answered = {host: at for host, at in self._answered.items() if now - at < ANSWER_PAUSE}
+            self.outsiders.forget(now)
             while self._strangers and now - next(iter(self._strangers.values())).heard > FORGET_STRANGER:
                 self._strangers.pop(next(iter(self._strangers)))
         self._publish()
@@ -341,6 +385,9 @@ class Discovery:
         due = [at for entry in self._entries.values() for at, _step in self._steps(entry)]
         if len(self._asked) < MAX_ASKED:
             due += [at for at, _entry in self._unmet()]
+        outsider = self.outsiders.next_due()
+        if outsider is not None:
+            due.append(outsider)
         if self._own is not None:
             due += self._announce
         if self._online():
@@ -364,9 +411,39 @@ class Discovery:
             found.append(Link(self._own.name, quality, now - heard))
         for entry in self._entries.values():
             if entry.contact is not None:
-                quality = self._quality(entry.beats, entry.beat.rate, entry.since, now)
+                quality = self._quality(entry.beats, entry.rate, entry.since, now)
                 found.append(Link(entry.contact.name, quality, now - entry.heard))
         return found
+
+    # Who may be a master here, and who is asked
+
+    def may_ask(self, address: str) -> bool:
+        """True where a connection to an address may be made that somebody else names: never to this computer itself."""
+        if address.startswith("127.") or address == "0.0.0.0":
+            return False
+        if self.networks is None or self.members.at(address) is not None or address in self.members.allow:
+            return True
+        return (address in self.networks and address not in self.own_addresses) or address in self.settings.robot_hosts
+
+    def _is_admitted(self, address: str) -> bool:
+        """True where the sender may be an allowed stranger."""
+        return self.members.admits(address) and self.may_ask(address)
+
+    def _objection(self, key: Key, contact: Optional[Contact]) -> str:
+        return "" if contact is None else self.members.objection(contact.uri, contact.name, key[0])
+
+    def _refuse(self, entry: Peer, news: News) -> None:
+        """Do not exchange with who is not what it says. Its heartbeats go on being heard."""
+        if news.contact is not None:
+            self.outsiders.refused(entry.key, news.contact, self._objection(entry.key, news.contact), news.now)
+        self._entries.pop(entry.key, None)
+        entry.contact_due = news.now + FORGET_STRANGER
+
+    def _tell_news(self) -> None:
+        """Say who is ignored, each once."""
+        for outsider in self.outsiders.news:
+            self._say("warning", f"outsider {outsider.address}", str(outsider))
+        self.outsiders.news.clear()
 
     # Strangers: senders that have not said who they are. Anybody can write any sender into a datagram, so there may be many.
 
@@ -384,6 +461,7 @@ class Discovery:
         entry.heard, entry.credit = now, entry.credit + 1
         if beat.kind is Kind.STATE:
             entry.beat = beat
+            entry.promises[beat.rate] = now
             entry.beats.append(now)
         self._meet(now)
 
@@ -393,14 +471,28 @@ class Discovery:
         A flood may have ever other senders: so first comes who is heard most. It may have the same ones again and again:
         so every second time, first comes who was not asked yet.
         """
+        self._tell_news()
+        for key in self.outsiders.due(now):
+            self.actions.append(Ask(key, f"http://{key[0]}:{key[2]}", STRANGER_LIMIT, True))
         while len(self._asked) < MAX_ASKED:
             waiting = [entry for due, entry in self._unmet() if due <= now]
             if not waiting:
                 return
             self._turn = not self._turn
             entry = max(waiting, key=lambda entry: (-entry.failures if self._turn else 0, entry.credit))
+            free = self._free(entry, now)
+            if free > now:
+                entry.contact_due = free
+                continue
+            self._budget.spend(entry.key[0], now)
             self._asked.add(entry.key)
             self._ask(entry, now, STRANGER_LIMIT)
+
+    def _free(self, entry: Peer, now: float) -> float:
+        """The time from which a stranger may be asked: twice, and later again, unless a member is planned there."""
+        if self.members.is_discovery(entry.key[0], entry.key[2]):
+            return now
+        return self._budget.free(entry.key[0], now)
 
     def _unmet(self) -> Iterator[Tuple[float, Peer]]:
         for entry in self._strangers.values():
@@ -445,6 +537,7 @@ class Discovery:
         stamp = Stamp.at(contact.stamp)
         if stamp != entry.beat.stamp and not (entry.beats and entry.beats[-1] >= news.asked):  # a beat was lost
             entry.beat = entry.beat._replace(stamp=stamp, local_stamp=stamp)
+        entry.rate = entry.promised(news.now - self._memory())
         if known is None or known.uri != contact.uri:
             self._report_twins(entry, contact)
 
@@ -455,6 +548,13 @@ class Discovery:
                 " exchanged with it; set ROS_HOSTNAME or ROS_IP before roscore starts, on both"
             )
             self._say("error", f"same {entry.key[0]}", text)
+        for peer in self._entries.values() if self.members.master(contact.uri) is None else ():
+            if peer.contact is not None and peer.contact.uri == contact.uri and peer.key[0] != entry.key[0]:
+                text = (
+                    f"{contact.name} ({contact.uri}) answers at {peer.key[0]} and at {entry.key[0]}: it stays where it is for"
+                    " as long as it answers there"
+                )
+                self._say("warning", f"twice {contact.uri}", text)
         for other in self._public.values():
             if other.name == contact.name and other.uri != contact.uri:
                 text = f"two masters are called {contact.name}: {other.uri} and {contact.uri}; give one another name"
@@ -470,14 +570,28 @@ class Discovery:
         else:
             entry.beats.append(now)
             entry.beat = beat
+            self._promised(entry, beat.rate, now)
             if not entry.online:
                 entry.contact_due = now
         self._move(entry, Sign.HEARD if entry.beat.stamp != Stamp() else Sign.HEARD_EMPTY, News(now))
         self._publish()
 
+    def _promised(self, entry: Peer, rate: float, now: float) -> None:
+        """Take the rate in a heartbeat, which anybody can write. A lower one delays that a loss is seen: it must be confirmed."""
+        entry.promises[rate] = now
+        promised = entry.promised(now - self._memory())
+        if promised > entry.rate:
+            entry.rate = promised
+        elif promised < entry.rate and now - entry.contacted > CONTACT_PAUSE and entry.contact_due is None:
+            entry.contact_due = now
+
+    def _memory(self) -> float:
+        """Seconds for which a higher rate counts after it was heard."""
+        return self.settings.offline_after if self.settings.offline_after > 0 else self.settings.active_request_after
+
     def _steps(self, entry: Peer) -> Iterator[Step]:
         """The steps about a master that stays silent, each with its time."""
-        heard, patience = entry.heard, Patience.with_rate(entry.beat.rate, self.settings)
+        heard, patience = entry.heard, Patience.with_rate(entry.rate, self.settings)
         if self._online():
             pause = patience.pause if entry.online else max(self.settings.active_request_after, patience.ask)
             pause = max(pause, SLOW_PAUSE) if self._crowded(entry) else pause
@@ -502,7 +616,7 @@ class Discovery:
 
     def _probe(self, entry: Peer, now: float) -> None:
         entry.probed = now
-        patience = Patience.with_rate(entry.beat.rate, self.settings)
+        patience = Patience.with_rate(entry.rate, self.settings)
         self._ask(entry, now, entry.heard + patience.offline - now)
 
     def _ask(self, entry: Peer, now: float, limit: float = CONTACT_LIMIT) -> None:
@@ -544,19 +658,14 @@ class Discovery:
     def _publish(self) -> None:
         """Compare what is known with what was told, and tell the difference.
 
-        Masters are known by their URI here: one that is heard from two addresses is there while one of them is, and is
-        shown at the same one for as long as it answers there.
+        Masters are known by their URI here: one that is heard from two addresses is there while one of them is. Anybody
+        can answer with the URI of another one. So it is shown at the same address until it does not answer there over TCP.
         """
-        best: Dict[str, Tuple[Tuple[bool, bool, bool], Master]] = {}
+        found: Dict[str, List[Peer]] = {}
         for entry in self._entries.values():
-            master = entry.master()
-            if master is None:
-                continue
-            shown = self._public.get(master.uri)
-            rank = (master.online, not entry.overdue, shown is not None and shown.monitor_uri == master.monitor_uri)
-            if master.uri not in best or rank > best[master.uri][0]:
-                best[master.uri] = (rank, master)
-        public = {uri: master for uri, (_rank, master) in best.items()}
+            if entry.contact is not None:
+                found.setdefault(entry.contact.uri, []).append(entry)
+        public = {uri: self._shown(uri, entries) for uri, entries in found.items()}
         if self._own is not None:
             public[self._own.uri] = self._own
         if public == self._public:
@@ -570,6 +679,19 @@ class Discovery:
                 self.actions.append(Event("new", master))
             elif master != before[uri]:
                 self.actions.append(Event("changed", master))
+
+    def _shown(self, uri: str, entries: Sequence[Peer]) -> Master:
+        """The master with this URI, of the peers that say so."""
+        before = self._public.get(uri)
+        at = before.monitor_uri if before is not None else ""
+
+        def rank(entry: Peer) -> Tuple[bool, bool, bool]:
+            return entry.monitor_uri == at and not entry.given_up, entry.online, not entry.overdue
+
+        best = max(entries, key=rank)
+        if len(entries) > 1 and (best.overdue or not best.online) and best.contact_due is None and best.asked is None:
+            best.contact_due = self._ticked  # is it still there? Another one waits for its place
+        return best.master()
 
     def _own_uri(self) -> Optional[str]:
         return self._own.uri if self._own else None

@@ -7,8 +7,7 @@
 """
 
 import ipaddress
-from dataclasses import dataclass
-from typing import Any, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional
 
 IGNORE, ALLOW = "ignore", "allow"
 
@@ -58,31 +57,40 @@ class Networks:
         return bool(self._ranges)
 
 
-@dataclass(frozen=True)
 class Members:
     """The robots of the fleet, and what becomes of everybody else."""
 
-    robots: Tuple[Member, ...] = ()
-    strangers: str = ALLOW
-    allow: Networks = Networks()
+    def __init__(self, robots: Iterable[Member] = (), strangers: str = ALLOW, allow: Iterable[str] = ()) -> None:
+        self.robots = tuple(robots)
+        self.strangers = strangers
+        self.allow = Networks(allow)
+        self._by_uri = {uri: robot for robot in self.robots for uri in robot.uris}
+        self._by_address = {address: robot for robot in self.robots for address in robot.addresses}
+        self._names = {robot.name.lower() for robot in self.robots if robot.name}
+        self._hosts = {host for robot in self.robots for host in robot.hosts}
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any]) -> "Members":
         """The members in the parameters of a node, which have been checked."""
-        robots = tuple(Member.of(entry) for entry in parameters.get("members") or ())
-        return cls(robots, parameters.get("strangers", ALLOW), Networks(parameters.get("allow") or ()))
+        robots = [Member.of(entry) for entry in parameters.get("members") or ()]
+        return cls(robots, parameters.get("strangers", ALLOW), parameters.get("allow") or ())
 
     def master(self, uri: str) -> Optional[Member]:
         """The robot whose master has this URI; None for a stranger's."""
-        return next((robot for robot in self.robots if same_uri(uri) in robot.uris), None)
+        return self._by_uri.get(same_uri(uri))
 
     def at(self, address: str) -> Optional[Member]:
         """The robot whose master is on the computer with this address."""
-        return next((robot for robot in self.robots if address in robot.addresses), None)
+        return self._by_address.get(address)
 
-    def takes(self, address: str) -> bool:
-        """True where a master at this address may be one to exchange with."""
-        return self.strangers == ALLOW or self.at(address) is not None or address in self.allow
+    def is_discovery(self, address: str, rpc_port: int) -> bool:
+        """True where the discovery of a robot of the fleet is planned to answer."""
+        member = self._by_address.get(address)
+        return member is not None and member.rpc_port == rpc_port
+
+    def admits(self, address: str) -> bool:
+        """True where a master at this address may be one to exchange with, though no robot of the fleet is planned there."""
+        return self.strangers == ALLOW or address in self.allow
 
     def serves(self, address: str) -> bool:
         """True where a caller from this address is told of the own master: a computer of the fleet, or who is allowed."""
@@ -90,7 +98,7 @@ class Members:
 
     def knows(self, address: str) -> bool:
         """True for a computer of the fleet, and for who is allowed by name."""
-        return address in self.allow or any(address in robot.hosts for robot in self.robots)
+        return address in self.allow or address in self._hosts
 
     def objection(self, uri: str, name: str, address: str) -> str:
         """Why the master that calls itself so, at this address, is none to exchange with; empty where it is one."""
@@ -100,9 +108,9 @@ class Members:
                 planned = " or ".join(sorted(member.addresses))
                 return f"it says that it is {member.name}, which is at {planned}"
             return ""
-        if any(robot.name.lower() == name.lower() for robot in self.robots if robot.name):
+        if name.lower() in self._names:
             return f"it has the name of the master of a robot of the fleet, {name}, but another URI, {uri}"
-        if self.strangers == ALLOW or address in self.allow:
+        if self.admits(address):
             return ""
         there = self.at(address)
         if there is not None:

@@ -9,7 +9,7 @@ Nothing here knows what an act does; that is in discovery.py.
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Deque, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Deque, Dict, Mapping, NamedTuple, Optional, Tuple
 from urllib.parse import urlsplit
 
 from .heartbeat import Heartbeat
@@ -40,6 +40,7 @@ class Sign(Enum):
     ANSWER = "it answered over TCP who it is"
     LAST_ANSWER = "the same, to the last check after a LEAVE"
     NO_ROOM = "it answered, but too many peers are known"
+    FOREIGN = "it answered that it is somebody who does not belong to the fleet, or not at this address"
     NO_ANSWER = "it did not answer over TCP, or has no state yet"
     LAST_NO_ANSWER = "the same, at the last check after a LEAVE"
     REFUSAL = "its computer answered over TCP that nobody is there"
@@ -58,6 +59,8 @@ class Act(Enum):
     CHECK = "ask over TCP whether it has left"
     CHECK_AGAIN = "ask once more: soon where it did not answer, later where it did"
     KEEP = "say that it has not left"
+    REFUSE = "tell of it as one that is ignored, and ask it again much later"
+    EXPEL = "the same, and forget that it was a master"
     DROP = "forget it"
 
 
@@ -73,6 +76,7 @@ LIFE: Mapping[State, Mapping[Sign, Tuple[State, Act]]] = {
     State.STRANGER: {
         Sign.ANSWER: (State.ONLINE, Act.ADMIT),
         Sign.NO_ROOM: (State.STRANGER, Act.WAIT_FOR_ROOM),
+        Sign.FOREIGN: (State.STRANGER, Act.REFUSE),
         Sign.NO_ANSWER: (State.STRANGER, Act.ASK_LATER),
         Sign.REFUSAL: (State.STRANGER, Act.ASK_LATER),
     },
@@ -84,6 +88,7 @@ LIFE: Mapping[State, Mapping[Sign, Tuple[State, Act]]] = {
         Sign.NO_ANSWER: (State.ONLINE, Act.ASK_LATER),
         Sign.REFUSAL: (State.ONLINE, Act.ASK_LATER),
         Sign.SILENCE: (State.OFFLINE, Act.NOTHING),
+        Sign.FOREIGN: (State.REMOVED, Act.EXPEL),
         Sign.LONG_SILENCE: (State.REMOVED, Act.DROP),
     },
     State.OFFLINE: {
@@ -93,6 +98,7 @@ LIFE: Mapping[State, Mapping[Sign, Tuple[State, Act]]] = {
         Sign.ANSWER: (State.ONLINE, Act.IDENTIFY),
         Sign.NO_ANSWER: (State.OFFLINE, Act.NOTHING),
         Sign.REFUSAL: (State.OFFLINE, Act.NOTHING),
+        Sign.FOREIGN: (State.REMOVED, Act.EXPEL),
         Sign.LONG_SILENCE: (State.REMOVED, Act.DROP),
     },
     State.LEAVING: {
@@ -103,6 +109,7 @@ LIFE: Mapping[State, Mapping[Sign, Tuple[State, Act]]] = {
         Sign.LAST_NO_ANSWER: (State.REMOVED, Act.DROP),
         Sign.REFUSAL: (State.REMOVED, Act.DROP),
         Sign.SILENCE: (State.LEAVING_OFFLINE, Act.NOTHING),
+        Sign.FOREIGN: (State.REMOVED, Act.EXPEL),
         Sign.LONG_SILENCE: (State.REMOVED, Act.DROP),
     },
     State.LEAVING_OFFLINE: {
@@ -112,6 +119,7 @@ LIFE: Mapping[State, Mapping[Sign, Tuple[State, Act]]] = {
         Sign.LAST_ANSWER: (State.OFFLINE, Act.KEEP),
         Sign.LAST_NO_ANSWER: (State.REMOVED, Act.DROP),
         Sign.REFUSAL: (State.REMOVED, Act.DROP),
+        Sign.FOREIGN: (State.REMOVED, Act.EXPEL),
         Sign.LONG_SILENCE: (State.REMOVED, Act.DROP),
     },
     State.REMOVED: {},
@@ -178,6 +186,9 @@ class Peer:
     asked: Optional[float] = None  # since when an answer over TCP is awaited
     contacted: float = LONG_AGO
     checks: int = 0  # checks after a LEAVE that were begun
+    failed: float = LONG_AGO  # when it did not answer over TCP
+    rate: float = 0.0  # heartbeats that it promises a second, as far as a contact has confirmed them
+    promises: Dict[float, float] = field(default_factory=dict)  # rate in its heartbeats -> when one was heard last
     beats: Deque[float] = field(default_factory=lambda: deque(maxlen=512))
 
     @property
@@ -202,15 +213,22 @@ class Peer:
         """The address of its XML-RPC server."""
         return f"http://{self.key[0]}:{self.key[2]}"
 
+    def promised(self, since: float) -> float:
+        """The highest rate of its heartbeats since a time: anybody can write a lower one."""
+        return max((rate for rate, heard in self.promises.items() if heard >= since), default=self.beat.rate)
+
+    @property
+    def given_up(self) -> bool:
+        """True where it did not answer over TCP, and has not been heard since."""
+        return self.failed > self.heard
+
     @property
     def overdue(self) -> bool:
         """True where it was asked for its state and has not been heard since."""
         return self.requested > self.heard
 
-    def master(self) -> Optional[Master]:
-        """The master as others are told of it; None for a stranger."""
-        if self.contact is None:
-            return None
+    def master(self) -> Master:
+        """The master as others are told of it; not for a stranger."""
         stamp, local = self.beat.stamp.seconds, self.beat.local_stamp.seconds
-        contact = self.contact
+        contact = self.contact or Contact(0.0, "", "", "")
         return Master(contact.name, contact.uri, stamp, local, self.online, contact.discoverer, self.monitor_uri)

@@ -14,10 +14,15 @@ from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Opt
 
 from .filters import UNKNOWN_TYPES, Filters, Pattern, Rules
 from .graph import LOCAL, Endpoints, State
+from .members import Members
+from .places import Places, host_of
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
+PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anybody can announce a change
 RETRY = (0.2, 1.0, 3.0, 10.0, 30.0)  # seconds after failed fetches
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
+
+LONG_AGO = float("-inf")
 
 NodeKey = Tuple[str, str]  # name and URI of a node
 Claims = Dict[NodeKey, str]  # nodes that we registered -> URI of the master that they are of
@@ -81,13 +86,16 @@ class View:
 
 
 class Refusal(NamedTuple):
-    """A conflict, so nothing is registered: the name is taken here, or own nodes have the topic with another type."""
+    """A conflict, so nothing is registered.
 
-    kind: str  # node, service, type
+    The name is taken here, own nodes have the topic with another type, or a node is where none of its robot can be.
+    """
+
+    kind: str  # node, service, type, place
     name: str  # of the node, the service, the topic
     master: str  # name of the master that it is of
     uri: str  # who has it there; for a type, which it is
-    holder: str  # the same here
+    holder: str  # the same here; for a place, what is wrong with it
 
 
 @dataclass
@@ -290,6 +298,9 @@ class Remote:
     asking_for: float = 0.0  # local stamp that was announced when the fetch under way began
     answered_for: float = 0.0  # the same of the last successful one
     problem: str = ""
+    began: float = LONG_AGO  # when the last fetch began
+    vain: bool = False  # it brought nothing new
+    misplaced: Mapping[str, str] = field(default_factory=dict)  # URI of a node or service -> why it is refused
 
 
 class Sync:
@@ -303,8 +314,10 @@ class Sync:
         sync_remote_nodes: bool,
         on_demand: bool,
         keep_offline: Optional[float],
+        members: Optional[Members] = None,
     ) -> None:
         """`keep_offline`: seconds that the registrations of an offline master are kept, None for ever."""
+        self.members = Members() if members is None else members
         self.filters, self.own_uri, self.own_node = filters, own_uri, own_node
         self.sync_remote_nodes, self.on_demand, self.keep_offline = sync_remote_nodes, on_demand, keep_offline
         self.remotes: Dict[str, Remote] = {}
@@ -328,7 +341,8 @@ class Sync:
 
     def announced(self, master: Announced, now: float) -> None:
         """Take the news of discovery that a master is there, or changed."""
-        if master.uri == self.own_uri or not self.filters.wants_host(master.name):
+        stranger = self.members.objection(master.uri, master.name, host_of(master.monitor_uri))
+        if stranger or master.uri == self.own_uri or not self.filters.wants_host(master.name):
             self.remotes.pop(master.uri, None)  # it may have been wanted under another name
             return
         remote = self.remotes.get(master.uri)
@@ -345,12 +359,12 @@ class Sync:
         if self._gone(remote, now):
             remote.state = None
         remote.offline_since = None
-        if (
-            self._outdated(remote)
-            and not remote.fetching
-            and (remote.due is None or (remote.failures and master != before))
-        ):
-            remote.due, remote.failures = now + COALESCE, 0
+        if not self._outdated(remote) or remote.fetching:
+            return
+        if remote.due is None:
+            remote.due, remote.failures = _soon(remote, now), 0
+        elif remote.failures and master != before:
+            remote.due = min(remote.due, _soon(remote, now))
 
     def _rules(self, master: Announced) -> Tuple[Rules, Rules]:
         given = self.filters.rules(master.name, (master.discoverer, self.own_node))
@@ -363,6 +377,7 @@ class Sync:
         for uri, remote in self.remotes.items():
             if remote.due is not None and remote.due <= now and not remote.fetching:
                 remote.fetching, remote.due, remote.asking_for = True, None, remote.announced.local_stamp
+                remote.began = now
                 found.append(Fetch(uri, remote.announced.monitor_uri, remote.rules))
         return found
 
@@ -373,8 +388,13 @@ class Sync:
             default=None,
         )
 
-    def fetched(self, fetch: Fetch, state: Optional[State], problem: str, now: float) -> bool:
-        """Take the result of a fetch: a state, or None and why. True for a new state; without one the old is kept."""
+    def fetched(
+        self, fetch: Fetch, state: Optional[State], problem: str, now: float, places: Optional[Places] = None
+    ) -> bool:
+        """Take the result of a fetch: a state, or None and why. True for a new state; without one the old is kept.
+
+        `places`: where nodes of this master may be; None for anywhere.
+        """
         remote = self.remotes.get(fetch.uri)
         if remote is None:
             return False
@@ -385,10 +405,13 @@ class Sync:
         if fetch.rules != remote.rules:  # who it is has changed meanwhile
             state, problem = None, "it changed its name"
         remote.problem = "" if state is not None else problem
+        before = remote.state
+        remote.vain = state is None or (before is not None and before.local_stamp == state.local_stamp)
         if state is not None:
             remote.state, remote.answered_for, remote.failures = state, remote.asking_for, 0
+            remote.misplaced = {} if places is None else places.refused(state)
             if self._outdated(remote):  # changed again meanwhile
-                remote.due = now + COALESCE
+                remote.due = _soon(remote, now)
         elif remote.announced.online:
             remote.due = now + RETRY[min(remote.failures, len(RETRY) - 1)]
             remote.failures += 1
@@ -409,6 +432,8 @@ class Sync:
             if remote.state is None or self._gone(remote, now):
                 continue
             for item in select(remote.state, remote.rules, self.own_uri, self.sync_remote_nodes):
+                if item.node_uri in remote.misplaced or item.service_uri in remote.misplaced:
+                    continue
                 if demanded is not None and item.kind != "service" and item.name not in demanded:
                     if not remote.given.sync_topics.matches(item.name):
                         if not remote.given.sync_nodes.matches(item.node):
@@ -416,6 +441,22 @@ class Sync:
                 kind = remote.state.types.get(item.name, "")
                 found.append(Wanted(item, uri, remote.announced.name, "*" if kind in UNKNOWN_TYPES else kind))
         return found
+
+    def misplaced(self) -> List[Refusal]:
+        """The nodes and services that are refused, since they are where none of their robot can be."""
+        found: Dict[Refusal, None] = {}
+        for _uri, remote in sorted(self.remotes.items()):
+            if not remote.misplaced or remote.state is None or not remote.announced.online:
+                continue
+            master = remote.announced.name
+            for item in select(remote.state, remote.rules, self.own_uri, self.sync_remote_nodes):
+                if item.node_uri in remote.misplaced:
+                    why = remote.misplaced[item.node_uri]
+                    found[Refusal("place", item.node, master, item.node_uri, why)] = None
+                elif item.service_uri in remote.misplaced:
+                    why = remote.misplaced[item.service_uri]
+                    found[Refusal("place", item.name, master, item.service_uri, why)] = None
+        return list(found)
 
     def stamps(self) -> Dict[str, float]:
         """Master -> stamp of the state that was fetched last."""
@@ -434,7 +475,8 @@ class Sync:
         if not remote.rules.topic(item.node, item.name, state.types.get(item.name, ""), True):
             return []
         nodes = (state.nodes.get(node) for node in state.publishers.get(item.name, ()))
-        return list(dict.fromkeys([*here, *(node.uri for node in nodes if node is not None and node.uri)]))
+        uris = (node.uri for node in nodes if node is not None and node.uri)
+        return list(dict.fromkeys([*here, *(uri for uri in uris if uri not in remote.misplaced)]))
 
     def next_gone(self, now: float) -> Optional[float]:
         """The time at which the registrations of an offline master are to go."""
@@ -460,3 +502,8 @@ class Sync:
             remote.state.local_stamp,
             remote.answered_for,
         )
+
+
+def _soon(remote: Remote, now: float) -> float:
+    """The time of a fetch after news: at once, unless the last one was in vain."""
+    return max(now + COALESCE, remote.began + PAUSE) if remote.vain else now + COALESCE

@@ -36,6 +36,16 @@ def network() -> Network:
     return Network(of, own, running)
 
 
+def networks() -> List[str]:
+    """The networks of this computer's interfaces, as 192.168.1.2/24; not the loopback's."""
+    found = []
+    for head, parts in _listed(_RTM_GETADDR, _RTM_NEWADDR, struct.pack("=BBBBI", socket.AF_INET, 0, 0, 0, 0), 8):
+        address = parts.get(_IFA_ADDRESS, b"")  # the other end's, on a point-to-point link
+        if len(address) == 4 and address[0] != 127:
+            found.append(f"{socket.inet_ntoa(address)}/{head[1]}")
+    return found
+
+
 def addresses() -> List[Tuple[str, int]]:
     """(IPv4 address, index of its interface) of this computer."""
     found: List[Tuple[str, int]] = []

@@ -109,6 +109,35 @@ def _announced(master: Any) -> Announced:
     )
 
 
+class _Diagnostics:
+    """The topic /diagnostics, where its messages are installed."""
+
+    def __init__(self) -> None:
+        self._topic = diagnostics and rospy.Publisher(
+            "/diagnostics", diagnostics.DiagnosticArray, queue_size=1, latch=True
+        )
+
+    def publish(self, parts: Sequence[Diagnosis], now: float) -> None:
+        """Publish these entries; the last message stays for who comes later."""
+        if not self._topic:
+            return
+        kind = diagnostics.DiagnosticStatus
+        message = diagnostics.DiagnosticArray(
+            status=[
+                kind(
+                    level=kind.WARN if part.values else kind.OK,
+                    name=plain(part.name),
+                    message=plain(part.message, LINE),
+                    hardware_id=hostname(),
+                    values=[diagnostics.KeyValue(plain(key), plain(value, LINE)) for key, value in part.values],
+                )
+                for part in parts
+            ]
+        )
+        message.header.stamp = _time(now)
+        self._topic.publish(message)
+
+
 # master_discovery
 
 
@@ -119,6 +148,7 @@ class DiscoveryNode:
         """`masters` and `refresh` are called in threads of rospy."""
         self._changes = rospy.Publisher("~changes", msg.MasterState, queue_size=100)
         self._links = rospy.Publisher("~linkstats", msg.LinkStatesStamped, queue_size=1)
+        self._diagnostics = _Diagnostics()
 
         def listed(_request: Any) -> Any:
             return srv.DiscoverMastersResponse([_ros_master(master) for master in masters()])
@@ -137,6 +167,10 @@ class DiscoveryNode:
     def changed(self, change: str, master: Master) -> None:
         """Publish that a master is new, changed or removed."""
         self._changes.publish(msg.MasterState(state=change, master=_ros_master(master)))
+
+    def diagnose(self, parts: Sequence[Diagnosis], now: float) -> None:
+        """Say on /diagnostics what is wrong, and what is not."""
+        self._diagnostics.publish(parts, now)
 
     def links(self, own_name: str, links: Iterable[Link], now: float) -> None:
         """Publish the quality of the links; `now` is the wall clock."""
@@ -185,9 +219,7 @@ class SyncNode:
         """`held` is called in threads of rospy."""
         self._subscriber: Any = None
         self._subscribed = ""
-        self._diagnostics = diagnostics and rospy.Publisher(
-            "/diagnostics", diagnostics.DiagnosticArray, queue_size=1, latch=True
-        )
+        self._diagnostics = _Diagnostics()
         self._service = rospy.Service("~get_sync_info", srv.GetSyncInfo, lambda _request: _sync_info(held()))
 
     def service_uri(self) -> Tuple[str, str]:
@@ -209,23 +241,7 @@ class SyncNode:
 
     def diagnose(self, parts: Sequence[Diagnosis], now: float) -> None:
         """Say on /diagnostics what is wrong, and what is not."""
-        if not self._diagnostics:
-            return
-        kind = diagnostics.DiagnosticStatus
-        message = diagnostics.DiagnosticArray(
-            status=[
-                kind(
-                    level=kind.WARN if part.values else kind.OK,
-                    name=plain(part.name),
-                    message=plain(part.message, LINE),
-                    hardware_id=hostname(),
-                    values=[diagnostics.KeyValue(plain(key), plain(value, LINE)) for key, value in part.values],
-                )
-                for part in parts
-            ]
-        )
-        message.header.stamp = _time(now)
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(parts, now)
 
 
 def list_masters(service: str) -> List[Announced]:

@@ -12,7 +12,8 @@ from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
 from . import program
 
-Answered = Callable[[Key, Optional[Contact], str, bool], None]  # key, contact or None, why not, it says it has none
+# key, contact or None, why not, it says that it has none, a fault says so; true where it is a master that is listed
+Answered = Callable[[Key, Optional[Contact], str, bool, bool], bool]
 
 
 class Contacts:
@@ -25,13 +26,17 @@ class Contacts:
         limited: program.Limited,
         errors: Dict[str, str],
         known: Callable[[str], bool],
+        may_ask: Callable[[str], bool],
         answered: Answered,
     ) -> None:
-        """`known(uri)`: a master that others are told of. `errors` takes what is wrong with the names of these."""
+        """`known(uri)`: a master that others are told of. `errors` takes what is wrong with the names of these.
+
+        `may_ask(address)`: a connection to an address that somebody else names is allowed; called in threads.
+        """
         self._masters = Workers(loop, 16)  # masters that may have gone: nothing else must keep them waiting
         self._strangers = Workers(loop, MAX_ASKED)
         self._resolvers, self._limited, self._errors = resolvers, limited, errors
-        self._known, self._answered = known, answered
+        self._known, self._may_ask, self._answered = known, may_ask, answered
         self._comparing: Set[str] = set()
 
     def ask(self, action: Ask) -> None:
@@ -42,13 +47,14 @@ class Contacts:
         )
 
     def _contacted(self, key: Key, contact: Optional[Contact], problem: Optional[Exception]) -> None:
-        gone = isinstance(problem, (ConnectionRefusedError, xmlrpc.client.Fault))
-        self._answered(key, contact, str(problem or ""), gone)
-        if contact is not None and contact.host not in self._comparing:
+        fault = isinstance(problem, xmlrpc.client.Fault)
+        gone = fault or isinstance(problem, ConnectionRefusedError)
+        listed = self._answered(key, contact, str(problem or ""), gone, fault)
+        if listed and contact is not None and contact.host not in self._comparing:
             self._comparing.add(contact.host)
             heard, _port, rpc_port = key
             self._resolvers.submit(
-                lambda: _who_has(contact.host, heard, rpc_port),
+                lambda: _who_has(contact.host, heard, rpc_port, self._may_ask),
                 lambda found, _problem: self._compare(contact, heard, *(found or ("", None))),
             )
 
@@ -63,11 +69,11 @@ class Contacts:
             self._errors.pop(contact.uri, None)
 
 
-def _who_has(host: str, heard: str, rpc_port: int) -> Tuple[str, Optional[Contact]]:
+def _who_has(host: str, heard: str, rpc_port: int, may_ask: Callable[[str], bool]) -> Tuple[str, Optional[Contact]]:
     """The address of a name, and which master answers there where that is another than the one that is heard."""
     address = address_of(host)
     try:
-        return address, None if address == heard else _contact(f"http://{address}:{rpc_port}")
+        return address, None if address == heard or not may_ask(address) else _contact(f"http://{address}:{rpc_port}")
     except program.FAILURES:
         return address, None
 

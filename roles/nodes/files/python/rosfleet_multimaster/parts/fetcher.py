@@ -3,12 +3,15 @@
 """The states of other masters, fetched from their discovery nodes when the core wants them."""
 
 from functools import partial
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Dict, List, Optional, Tuple
 from xmlrpc.client import Fault
 
 from ..core.graph import Malformed, State, parse
 from ..core.limits import limited
+from ..core.members import Members, Networks
+from ..core.places import Here, Places, names_to_resolve
 from ..core.sync import Fetch, Sync
+from ..edge.addresses import address_of, network, networks
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
@@ -16,6 +19,11 @@ from ..edge.xml_rpc import STATE
 from . import program
 
 TIMEOUT = 10.0  # seconds
+
+
+LOOKUPS = 3.0  # seconds for the names in a state that the plan does not have
+
+Fetched = Tuple[State, Places]  # a state, and where its nodes may be
 
 
 class Fetcher:
@@ -30,12 +38,13 @@ class Fetcher:
         """Fetch what is due; the time of the next fetch."""
         for fetch in self._core.due(now):
             before = self._core.remotes[fetch.uri].state
-            job = partial(_fetch, fetch, self._core.sync_remote_nodes, before)
+            job = partial(_fetch, fetch, self._core.sync_remote_nodes, before, self._core.members)
             self._workers.submit(job, partial(self._fetched, fetch))
         return self._core.next_due()
 
-    def _fetched(self, fetch: Fetch, state: Optional[State], problem: Optional[Exception]) -> None:
-        if self._core.fetched(fetch, state, str(problem or ""), monotonic()):
+    def _fetched(self, fetch: Fetch, found: Optional[Fetched], problem: Optional[Exception]) -> None:
+        state, places = found or (None, None)
+        if self._core.fetched(fetch, state, str(problem or ""), monotonic(), places):
             self._on_state(fetch.uri)
         elif problem is not None:
             self._limited.say(
@@ -45,7 +54,28 @@ class Fetcher:
             )
 
 
-def _fetch(fetch: Fetch, sync_remote_nodes: bool, before: Optional[State]) -> State:
+def _fetch(fetch: Fetch, sync_remote_nodes: bool, before: Optional[State], members: Members) -> Fetched:
+    """The state of a master, and where its nodes may be."""
+    state = _state(fetch, sync_remote_nodes, before)
+    here = Here(frozenset(network().own), Networks(networks()))
+    resolved = _resolved(names_to_resolve(state, members))
+    return state, Places(members, fetch.uri, fetch.monitor_uri, here, resolved)
+
+
+def _resolved(names: List[str]) -> Dict[str, str]:
+    """The addresses of names, of as many as can be looked up in a short time."""
+    until, found = monotonic() + LOOKUPS, {}
+    for name in names:
+        if monotonic() > until:
+            break
+        try:
+            found[name] = address_of(name)
+        except (OSError, UnicodeError):  # one that is no host name
+            pass
+    return found
+
+
+def _state(fetch: Fetch, sync_remote_nodes: bool, before: Optional[State]) -> State:
     """The state of a master, filtered there where it can be, and as much of it as is taken."""
 
     def read(value: Any) -> State:

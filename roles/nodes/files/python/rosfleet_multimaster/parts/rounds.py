@@ -153,7 +153,7 @@ class Rounds:
         for question in verdict.questions:
             self._questions.ask(question)
         todo = plan(verdict.wanted, view, reading.claims)
-        todo.refused += verdict.refused + limits.exceeded(self._core.remotes)
+        todo.refused += verdict.refused + self._core.misplaced() + limits.exceeded(self._core.remotes)
         self._lost.registered(todo.held, view, reading.claims, now)
         return todo
 

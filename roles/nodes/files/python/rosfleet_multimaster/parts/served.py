@@ -6,11 +6,12 @@ import getpass
 import os
 import threading
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Optional, Set, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Optional, Set, Tuple
 
 from ..core.filters import InvalidPattern, Pattern, Rules
 from ..core.graph import Policy, State, document, own_types, stamp_text
 from ..core.members import ALLOW, Members
+from ..core.outsiders import Outsider
 from ..core.peer import Master
 from ..core.plain_text import LINE, plain
 from ..edge.clock import sleep, wall_clock
@@ -57,10 +58,15 @@ class Served:
         own_addresses: Callable[[], Set[str]],
         do_not_sync: Callable[[], Any],
         md5sum: Callable[[str], Optional[str]],
+        outsiders: Callable[[], Iterable[Outsider]],
     ) -> None:
-        """`do_not_sync()`: the parameter of the roscore with this name; `md5sum(type)`: of a message type, None for none."""
+        """`do_not_sync()`: the parameter of the roscore with this name; `md5sum(type)`: of a message type, None for none.
+
+        `outsiders()`: who is ignored.
+        """
         self._own, self._policy, self._errors, self._own_addresses = own, policy, errors, own_addresses
         self._do_not_sync, self._md5sum = do_not_sync, md5sum
+        self._outsiders = outsiders
         self._filtering = threading.Lock()  # patterns of others take time, of which one may have some at once
 
     def methods(self) -> Dict[str, Callable[..., Any]]:
@@ -73,7 +79,14 @@ class Served:
             "getCurrentTime": lambda: [self._own.uri, wall_clock()],
             "getTopicsMd5sum": PerCaller(self._md5sums),
             "getUser": lambda: [self._own.uri, _user()],
+            "getOutsiders": PerCaller(self._ignored),
         }
+
+    def _ignored(self, caller: str) -> List[Any]:
+        """Who is ignored: address, name, URI, why. For this computer alone."""
+        if not self._is_here(caller):
+            raise Refused("only this computer itself is told who is ignored")
+        return [self._own.uri, [list(map(plain, outsider)) for outsider in self._outsiders()]]
 
     def _master_contacts(self) -> List[str]:
         """Who this is: stamp, master URI, master name, node name, own URI."""
@@ -102,9 +115,12 @@ class Served:
         found = ((name, self._md5sum(name)) for name in types if isinstance(name, str) and name in known)
         return [[name, md5sum] for name, md5sum in found if md5sum]
 
+    def _is_here(self, caller: str) -> bool:
+        return caller.startswith("127.") or caller in self._own_addresses()
+
     def _view(self, caller: str) -> Tuple[State, List[Rules]]:
         """The state, and the rules by which a caller is told of it."""
-        if caller.startswith("127.") or caller in self._own_addresses():
+        if self._is_here(caller):
             return self._policy.view(self._own.current(), None, [])
         try:
             secret = Rules(do_not_sync=Pattern.of(_listed(self._do_not_sync()), "/do_not_sync"))
