@@ -474,6 +474,36 @@ roscore:
       returned: always
       type: str
       sample: ""
+outsiders:
+  description:
+    - The senders of heartbeats that the discovery node of this computer ignores, since they do not belong to the fleet. Empty
+      where the nodes are not the collection's own.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample:
+    - {address: 192.168.1.66, name: rogue, uri: "http://rogue:11311/", why: it is no robot of the fleet}
+  contains:
+    address:
+      description: From where it sends.
+      returned: always
+      type: str
+      sample: 192.168.1.66
+    name:
+      description: The name that it says, or empty.
+      returned: always
+      type: str
+      sample: rogue
+    uri:
+      description: The URI of its master, or empty.
+      returned: always
+      type: str
+      sample: http://rogue:11311/
+    why:
+      description: Why it is ignored.
+      returned: always
+      type: str
+      sample: it is no robot of the fleet
 list_masters:
   description: What C(rosservice call /master_discovery/list_masters) prints on this computer.
   returned: when O(state=collected)
@@ -906,6 +936,12 @@ def look_list_masters(params: Params, ros: Ros, deadline: float) -> Result:
     return ros_commands.list_masters(ros, names, deadline)
 
 
+def look_outsiders(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    """Ask the discovery node of this computer whom it ignores."""
+    own = [master["monitor_uri"] for master in params["masters"] if master["computer"] == params["name"]]
+    return masters.outsiders(own[0]) if own else []
+
+
 def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
     return topics.topics(ros, others(params), params["run"], params["name"], deadline)
 
@@ -927,6 +963,7 @@ PARTS = (
     ),
     Part("list_masters", look_list_masters, {"masters": [], "seconds": 0.0, "error": "not looked at"}, commands=True),
     Part("topics", look_topics, [], commands=True),
+    Part("outsiders", look_outsiders, [], settled=True),
     Part(
         "exchange",
         lambda params, ros, deadline: exchange.exchange(ros, params["members"], params["name"]),

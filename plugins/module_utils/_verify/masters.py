@@ -14,6 +14,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_r
 CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent again after one second
 
 
+OUTSIDER = ("address", "name", "uri", "why")
+
 SAMPLES = 3  # readings of a clock
 
 
@@ -31,6 +33,15 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
         except Exception as problem:  # http.client's and expat's own: something else than a discovery node
             found["clock_error"] = f"getCurrentTime failed: {type(problem).__name__}: {problem}"
     return found
+
+
+def outsiders(monitor_uri: str) -> typing.List[typing.Dict[str, str]]:
+    """Return whom a discovery node of this computer ignores; nobody where it is another implementation, or does not answer."""
+    try:
+        rows = server(monitor_uri).getOutsiders()[1]
+        return [{key: str(value) for key, value in zip(OUTSIDER, row)} for row in rows]
+    except Exception:  # the other parts say that it does not answer
+        return []
 
 
 def _connect(address: str, port: int) -> typing.Dict[str, typing.Any]:

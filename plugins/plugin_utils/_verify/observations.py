@@ -223,6 +223,16 @@ class Exchange:
 
 
 @dataclass(frozen=True)
+class Outsider:
+    """A sender of heartbeats that the computer's discovery node ignores."""
+
+    address: str
+    name: str = ""
+    uri: str = ""
+    why: str = ""
+
+
+@dataclass(frozen=True)
 class Probe:
     """The result of multimaster_verify with `state: collected`."""
 
@@ -233,6 +243,7 @@ class Probe:
     roscore: Roscore = Roscore()
     list_masters: ListMasters = ListMasters()
     topics: tuple[HeardTopic, ...] = ()
+    outsiders: tuple[Outsider, ...] = ()
     exchange: Exchange = Exchange()
     services: tuple[Service, ...] = ()
     talker: Talker | None = None

@@ -332,7 +332,7 @@ def test_15_6_a_node_with_the_name_of_an_own_one_shuts_nobody_down(lab):
     until(lambda: lab.nodes[0].diagnoses)
     assert lab.roscore.shut_down == [] and lab.roscore.nodes["/talker"] == "http://own:3/"
     assert not lab.has("Publisher", "/chatter", "/talker")
-    names, kinds, _places = lab.nodes[0].diagnoses[-1]
+    _limits, names, kinds, _places = lab.nodes[0].diagnoses[-1]
     assert names[2][0][0] == "node /talker" and kinds[2] == []
 
 
@@ -468,10 +468,10 @@ def test_a_type_conflict_is_refused_and_both_kinds_are_published(lab):
     lab.roscore.call("registerSubscriber", "/own", "/chatter", "std_msgs/Int32", uri)
     lab.start()
     until(lambda: lab.nodes[0].diagnoses)
-    names, kinds, _places = lab.nodes[0].diagnoses[-1]
+    _limits, names, kinds, _places = lab.nodes[0].diagnoses[-1]
     assert names[:2] == ("master_sync: names", "OK") and kinds[2][0][0] == "topic /chatter"
     assert not lab.has("Publisher", "/chatter", "/talker")
     lab.own("unregisterSubscriber", "/own", "/chatter", uri)
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
-    assert lab.nodes[0].diagnoses[-1][1][2] == []
+    assert lab.nodes[0].diagnoses[-1][2][2] == []
     node.stop()

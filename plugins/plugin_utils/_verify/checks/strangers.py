@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+from ipaddress import IPv4Address
+from urllib.parse import urlsplit
+
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     COMPUTER,
@@ -15,17 +18,51 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     Documented,
     Judgement,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Outsider
 
 
 def _strangers(case: Case) -> Judgement | None:
-    multicast = case.observer.seen.multicast
-    if case.probe is None or not (multicast or case.observer.listed):
+    multicast, listed = case.observer.seen.multicast, case.observer.listed
+    if case.probe is None or not (multicast or listed):
         return None
-    names = {master.name for master in case.fleet.masters}
-    listed = sorted(name for name in case.observer.listed if name not in names)
-    heard = [f"{entry.address} on {entry.interface}" for entry in (multicast.unexpected if multicast else ())]
-    found = [f"master {name}" for name in listed] + [f"datagrams from {source}" for source in heard]
-    return Judgement(WARNING if found else OK, "only computers of the fleet", ", ".join(found) or "only those")
+    ignored = [f"{_title(entry)} is ignored: {entry.why}" for entry in case.probe.outsiders]
+    guests = [entry for entry in listed.values() if entry.name not in {master.name for master in case.fleet.masters}]
+    named = {entry.address for entry in case.probe.outsiders} | {_host(guest.monitoruri) for guest in guests}
+    unwanted = [
+        f"master {guest.name} at {_host(guest.monitoruri)}"
+        for guest in guests
+        if not _allowed(case, _host(guest.monitoruri))
+    ]
+    unwanted += [
+        f"datagrams from {entry.address} on {entry.interface}"
+        for entry in (multicast.unexpected if multicast else ())
+        if entry.address not in named and not _allowed(case, entry.address)
+    ]
+    welcome = sorted(guest.name for guest in guests if _allowed(case, _host(guest.monitoruri)))
+    found = [*ignored, *sorted(unwanted)]
+    fine = f"only those, and the allowed {', '.join(welcome)}" if welcome else "only those"
+    return Judgement(WARNING if found else OK, "only computers of the fleet", ", ".join(found) or fine)
+
+
+def _title(entry: Outsider) -> str:
+    return f"{entry.name or 'a sender of heartbeats'} at {entry.address}"
+
+
+def _host(uri: str) -> str:
+    try:
+        return urlsplit(uri).hostname or ""
+    except ValueError:
+        return ""
+
+
+def _allowed(case: Case, address: str) -> bool:
+    """Return True if a master outside the inventory may be at this address."""
+    if case.fleet.belonging.strangers == "allow":
+        return True
+    try:
+        return any(IPv4Address(address) in network for network in case.fleet.belonging.allow)
+    except ValueError:
+        return False
 
 
 STRANGERS = Check(
@@ -33,11 +70,12 @@ STRANGERS = Check(
     title="nobody else is on the group",
     scope=COMPUTER,
     judge=_strangers,
-    documented=Documented("computer", "nobody else on the group, no other master (warning)"),
+    documented=Documented("computer", "nobody else on the group, no other master, none that is ignored (warning)"),
     causes=(
         Cause(
             "another fleet, or a computer that is not in the inventory, uses the same group and port",
-            "add it to the inventory, or give this fleet another multimaster_multicast_group or port",
+            "add it to the inventory, put its address into multimaster_allow, or give this fleet another "
+            "multimaster_multicast_group or port",
         ),
     ),
 )

@@ -459,6 +459,8 @@ class Discovery:
                 del self._strangers[next(first for first in self._strangers if first not in self._asked)]
         self._strangers[key] = entry
         entry.heard, entry.credit = now, entry.credit + 1
+        if entry.contact_due is None and entry.asked is None and self._free(entry, now) <= now:
+            entry.contact_due = now
         if beat.kind is Kind.STATE:
             entry.beat = beat
             entry.promises[beat.rate] = now
@@ -480,9 +482,8 @@ class Discovery:
                 return
             self._turn = not self._turn
             entry = max(waiting, key=lambda entry: (-entry.failures if self._turn else 0, entry.credit))
-            free = self._free(entry, now)
-            if free > now:
-                entry.contact_due = free
+            if self._free(entry, now) > now:
+                entry.contact_due = None  # until it is heard after that time
                 continue
             self._budget.spend(entry.key[0], now)
             self._asked.add(entry.key)

@@ -7,9 +7,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     DefaultRoute,
     ListedMaster,
+    Outsider,
     Stranger,
 )
-from fleets import ONE, evaluate, notable, update
+from fleets import ONE, evaluate, notable, plan, update
 
 
 def test_strangers_and_two_default_routes_are_warnings():
@@ -26,3 +27,26 @@ def test_strangers_and_two_default_routes_are_warnings():
         "default_routes": WARNING,
     }
     assert "guest" in found["strangers", ONE, ONE].found and "192.168.1.77" in found["strangers", ONE, ONE].found
+
+
+ROGUE = Outsider("192.168.1.66", "rogue", "http://rogue:11311/", "it is no robot of the fleet")
+
+
+def test_who_is_ignored_is_named_once():
+    def change(seen):
+        update(seen[ONE].multicast, unexpected=[Stranger("192.168.1.66", "eth0", 3)])
+        update(seen[ONE].probe, outsiders=[ROGUE])
+
+    found = notable(evaluate(change))["strangers", ONE, ONE]
+    assert found.verdict == WARNING
+    assert found.found == "rogue at 192.168.1.66 is ignored: it is no robot of the fleet"
+
+
+def test_who_is_allowed_is_no_stranger():
+    def change(seen):
+        guest = ListedMaster("guest", "http://guest:11311/", True, "http://192.168.1.77:11611")
+        update(seen[ONE].multicast, unexpected=[Stranger("192.168.1.77", "eth0", 3)])
+        update(seen[ONE].probe.list_masters, masters=[*seen[ONE].probe.list_masters.masters, guest])
+
+    for variables in ({"multimaster_strangers": "allow"}, {"multimaster_allow": ["192.168.1.77"]}):
+        assert not notable(evaluate(change, plan(**variables)))

@@ -1,0 +1,169 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Hostile schedules against the cores: nothing of a stranger, no change of identity, few connections, losses in time."""
+
+import pytest
+from fleet_of_one import ROUTER, TIBI, URI
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosfleet_multimaster.core.discovery import Ask, Discovery, Event, Say, Send, Settings
+from rosfleet_multimaster.core.filters import Filters
+from rosfleet_multimaster.core.graph import State
+from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, encode
+from rosfleet_multimaster.core.members import Members, Networks
+from rosfleet_multimaster.core.peer import Contact, Master
+from rosfleet_multimaster.core.sync import Announced, Sync
+
+OWN = Master("own", "http://own:11311/", 1.0, 1.0, True, "/master_discovery", "http://192.168.1.202:11611")
+ADDRESS, ROGUE = "192.168.1.201", "192.168.1.66"
+KNOWN = Contact(5.0, URI, "tibi-visio", "/master_discovery")
+ADDRESSES = [ADDRESS, ROGUE, "192.168.1.67", "192.168.1.202", "127.0.0.1", "8.8.8.8", "192.168.11.102", "192.168.1.1"]
+MEMBERS = {"members": [TIBI, ROUTER], "strangers": "ignore", "allow": []}
+
+
+def beat(kind=Kind.STATE, rate=1.0, stamp=5, port=11611):
+    return encode(Heartbeat(kind, port, rate, Stamp(stamp), Stamp(stamp)))
+
+
+def running(members):
+    core = Discovery(Settings(heartbeat_hz=1.0), ["127.0.0.1", "192.168.1.202"], 11611, Members.of(members))
+    core.in_networks(Networks(["192.168.1.202/24"]))
+    core.own_state(OWN, 0.0)
+    return core
+
+
+class Fleet:
+    """The core, a member that sends and answers until it is lost, and somebody else who sends and answers what he likes."""
+
+    def __init__(self, members, answer):
+        self.core, self.answer = running(members), answer
+        self.alive, self.now, self.asked, self.events, self.said = True, 0.0, [], [], []
+
+    def go(self, seconds, hostile=()):
+        """Pass some time. `hostile`: (time, address, UDP port, datagram)."""
+        end, waiting = self.now + seconds, sorted(hostile, key=lambda item: item[0])
+        while self.now < end:
+            self.now = round(self.now + 0.1, 3)
+            if self.alive and round(self.now * 10) % 10 == 0:
+                self.core.datagram(beat(), (ADDRESS, 11511), True, self.now)
+            while waiting and waiting[0][0] <= self.now:
+                _at, address, port, data = waiting.pop(0)
+                self.core.datagram(data, (address, port), True, self.now)
+            self.core.tick(self.now)
+            self.carry_out()
+
+    def carry_out(self):
+        while self.core.actions:
+            action = self.core.actions.popleft()
+            if isinstance(action, Ask):
+                self.asked.append((action.key[0], action.monitor_uri))
+                there = self.alive and action.monitor_uri == f"http://{ADDRESS}:11611"
+                answer = KNOWN if there else None if action.key[0] == ADDRESS else self.answer
+                self.core.contacted(action.key, answer, "timed out", self.now)
+            elif isinstance(action, Event):
+                self.events.append((self.now, action.change, action.master))
+            elif isinstance(action, Say):
+                self.said.append(action.text)
+            elif isinstance(action, Send) and action.host is not None:
+                assert action.host == ADDRESS, "no stranger is answered"
+
+
+DATAGRAMS = st.tuples(
+    st.floats(2.0, 40.0),
+    st.sampled_from(ADDRESSES),
+    st.sampled_from([11511, 4711]),
+    st.builds(
+        beat,
+        st.sampled_from([Kind.STATE, Kind.REQUEST, Kind.LEAVE]),
+        st.sampled_from([0.0, 0.1, 1.0, 25.5]),
+        st.integers(1, 9),
+        st.sampled_from([11611, 22, 12345]),
+    ),
+)
+ANSWERS = [
+    None,
+    Contact(1.0, "http://rogue:11311/", "rogue", "/master_discovery"),
+    Contact(1.0, URI, "tibi-visio", "/master_discovery"),
+    Contact(1.0, "http://rogue:11311/", "tibi-visio", "/master_discovery"),
+    Contact(0.0, "http://rogue:11311/", "rogue", "/master_discovery"),
+]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(DATAGRAMS, max_size=60), st.sampled_from(ANSWERS))
+def test_whatever_is_sent_the_fleet_stays_what_it_is(datagrams, answer):
+    fleet = Fleet(MEMBERS, answer)
+    fleet.go(41.0, datagrams)
+    assert {master.uri for _now, _change, master in fleet.events} <= {OWN.uri, URI}
+    assert {master.monitor_uri for _now, _change, master in fleet.events if master.uri == URI} == {
+        f"http://{ADDRESS}:11611"
+    }
+    assert all(change != "removed" and master.online for _now, change, master in fleet.events)
+    for address in set(ADDRESSES) - {ADDRESS}:
+        assert len([one for one, _uri in fleet.asked if one == address]) <= 2
+    assert not {"127.0.0.1", "8.8.8.8", "192.168.1.202"} & {address for address, _uri in fleet.asked}
+    assert len([uri for address, uri in fleet.asked if address == ADDRESS and not uri.endswith(":11611")]) <= 2
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(DATAGRAMS, max_size=60))
+def test_a_loss_is_seen_in_time_whatever_was_sent_before(datagrams):
+    fleet = Fleet(MEMBERS, None)
+    fleet.go(41.0, datagrams)
+    fleet.alive, lost = False, fleet.now
+    fleet.go(6.0)
+    offline = [now for now, _change, master in fleet.events if master.uri == URI and not master.online]
+    assert offline and offline[0] - lost <= 5.0
+
+
+def test_without_a_list_a_lost_rate_does_not_delay_that_a_loss_is_seen():
+    fleet = Fleet({}, None)
+    fleet.go(20.0, [(at, ADDRESS, 11511, beat(rate=0.0)) for at in (5.0, 10.05, 15.3, 19.95)])
+    fleet.alive, lost = False, fleet.now
+    fleet.go(6.0, [(lost + 0.1, ADDRESS, 11511, beat(rate=0.0))])
+    (offline,) = [now for now, _change, master in fleet.events if master.uri == URI and not master.online]
+    assert offline - lost <= 5.1
+
+
+def test_a_rogue_is_named_once():
+    fleet = Fleet(MEMBERS, ANSWERS[1])
+    fleet.go(60.0, [(at, ROGUE, 11511, beat()) for at in range(2, 60)])
+    said = [text for text in fleet.said if ROGUE in text]
+    assert len(said) == 1 and said[0].startswith(f"rogue (http://rogue:11311/) at {ROGUE} is ignored: ")
+    assert [outsider.name for outsider in fleet.core.outsiders.shown()] == ["rogue"]
+
+
+@pytest.mark.parametrize("members", [{}, {**MEMBERS, "strangers": "allow"}])
+def test_an_address_that_somebody_invents_is_asked_twice(members):
+    fleet = Fleet(members, None)
+    fleet.go(60.0, [(2.0, ROGUE, 11511 + port, beat(port=11611 + port)) for port in range(20)])
+    assert len([address for address, _uri in fleet.asked if address == ROGUE]) == 2
+
+
+# master_sync
+
+
+def announced(stamp, name="tibi-visio", uri=URI, address=ADDRESS):
+    return Announced(name, uri, f"http://{address}:11611", "/master_discovery", stamp, stamp, True)
+
+
+def test_spoofed_stamps_cost_one_fetch_a_second():
+    """226 datagrams in 9 s, each with another stamp; the state never changes."""
+    sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.of(MEMBERS))
+    fetches = 0
+    for step in range(900):
+        now = step / 100
+        if step % 4 == 0:
+            sync.announced(announced(5.0 if step % 8 == 0 else 1000.0 + step), now)
+        for fetch in sync.due(now):
+            fetches += 1
+            sync.fetched(fetch, State(URI, "tibi-visio", 5.0, 5.0), "", now + 0.005)
+    assert 1 <= fetches <= 11
+
+
+def test_whatever_discovery_lists_a_master_is_taken_at_its_planned_address_alone():
+    sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.of(MEMBERS))
+    sync.listed([announced(5.0, address=ROGUE), announced(5.0, "rogue", "http://rogue:11311/", ROGUE)], 0.0)
+    assert not sync.remotes
+    sync.listed([announced(5.0)], 0.0)
+    assert set(sync.remotes) == {URI}
