@@ -21,7 +21,7 @@ from .parts import own_roscore, program
 from .parts.fetcher import Fetcher
 from .parts.finder import Finder
 from .parts.lost import Lost
-from .parts.rounds import ROUND, Rounds
+from .parts.rounds import LINES, ROUND, Rounds
 from .parts.type_questions import TypeQuestions
 
 
@@ -158,9 +158,11 @@ class MasterSync:
 
     def _report(self, refused: List[Refusal]) -> None:
         now_refused = set(refused)
-        for item in refused:
-            if item not in self.refused:
-                program.LOG.warning("%s", report.refused(item))
+        new = [item for item in refused if item not in self.refused]
+        for item in new[:LINES]:
+            program.LOG.warning("%s", report.refused(item))
+        if len(new) > LINES:
+            program.LOG.warning("... and %d more refusals, see /diagnostics", len(new) - LINES)
         for item in self.refused - now_refused:
             program.LOG.info("%s", report.no_longer_refused(item))
         if now_refused != self.refused:
