@@ -7,7 +7,7 @@ import sys
 import types
 
 import pytest
-import rosfleet_multimaster
+import rosfleet_multimaster.edge
 from rosfleet_multimaster.core import parameters
 from rosfleet_multimaster.core.sync import Announced
 
