@@ -163,7 +163,7 @@ SECONDS = {
 }
 
 #: Files of tests/systems that have one lab in common, named "systems". All others have one each: "systems-NAME".
-IN_COMMON = ("cloud_init", "sandbox", "faults", "readme", "router_config", "kernel_settings", "strangers")
+IN_COMMON = ("cloud_init", "sandbox", "faults", "readme", "root", "router_config", "kernel_settings", "strangers")
 
 #: Tests that mostly wait.
 WAITING = {"clock", "exchanges"}

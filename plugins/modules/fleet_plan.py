@@ -56,10 +56,12 @@ hosts_entries:
   contains:
     address:
       description: The address of a computer.
+      returned: always
       type: str
       sample: 192.168.1.229
     names:
       description: Its names, the name in the inventory first.
+      returned: always
       type: list
       elements: str
       sample: [kobuki1computer]
@@ -71,36 +73,44 @@ masters:
   contains:
     robot:
       description: The robot, a group of the inventory.
+      returned: always
       type: str
       sample: kobuki1
     computer:
       description: The computer that runs the roscore.
+      returned: always
       type: str
       sample: kobuki1computer
     address:
       description: The address of that computer that discovery uses, on a gateway the one in the common network.
+      returned: always
       type: str
       sample: 192.168.1.229
     name:
       description: The name of the master.
+      returned: always
       type: str
       sample: kobuki1computer
     uri:
       description: The master URI.
+      returned: always
       type: str
       sample: http://kobuki1computer:11311/
     monitor_uri:
       description: Where the discovery node answers the others.
+      returned: always
       type: str
       sample: http://192.168.1.229:11611
     rpc_port:
       description: The TCP port of O(ignore:monitor_uri).
+      returned: always
       type: int
       sample: 11611
     declared:
       description:
         - Whether the robot declares what it gives to the others (C(multimaster_exports)). One that does not gives everything to
           everybody.
+      returned: always
       type: bool
       sample: false
 flows:
@@ -115,21 +125,25 @@ flows:
   contains:
     from:
       description: The robots that give, each of them to each of RV(flows[].to).
+      returned: always
       type: list
       elements: str
       sample: [tibi]
     to:
       description: The robots that are given it.
+      returned: always
       type: list
       elements: str
       sample: [dabo, car]
     topics:
       description: The topics whose publishers are exchanged, those of actions among them.
+      returned: always
       type: list
       elements: str
       sample: [/tibi/pose, /tibi/dock/status, /tibi/dock/feedback, /tibi/dock/result]
     services:
       description: The services that are exchanged.
+      returned: always
       type: list
       elements: str
       sample: [/tibi/reset]
@@ -146,22 +160,27 @@ networks:
   contains:
     robot:
       description: The robot.
+      returned: always
       type: str
       sample: tibi
     network:
       description: Its network.
+      returned: always
       type: str
       sample: 192.168.11.0/24
     gateway:
       description: The address of its gateway in this network.
+      returned: always
       type: str
       sample: 192.168.11.101
     common_address:
       description: The address of its gateway in the common network.
+      returned: always
       type: str
       sample: 192.168.1.201
     device:
       description: Whether the gateway is a device of another make, and no computer of the inventory.
+      returned: always
       type: bool
       sample: false
 router:
@@ -171,10 +190,12 @@ router:
   contains:
     name:
       description: The host, empty for a device of another make.
+      returned: always
       type: str
       sample: router
     address:
       description: Its address in the common network.
+      returned: always
       type: str
       sample: 192.168.1.1
 transport:
@@ -205,30 +226,37 @@ members:
   contains:
     name:
       description: The name of the computer.
+      returned: always
       type: str
       sample: kobuki1computer
     robot:
       description: Its robot.
+      returned: always
       type: str
       sample: kobuki1
     address:
       description: Its address.
+      returned: always
       type: str
       sample: 192.168.1.229
     network:
       description: The network of its robot.
+      returned: always
       type: str
       sample: 192.168.1.0/24
     discovery_address:
       description: The address that discovery uses, on a gateway the one in the common network.
+      returned: always
       type: str
       sample: 192.168.1.229
     discovery:
       description: Whether it takes part in discovery's traffic, as masters and all computers on the common network do.
+      returned: always
       type: bool
       sample: true
     multicast:
       description: Whether it hears the multicast group of the others.
+      returned: always
       type: bool
       sample: true
 listeners:
@@ -241,14 +269,17 @@ listeners:
   contains:
     name:
       description: The name of the computer.
+      returned: always
       type: str
       sample: kobuki1computer
     address:
       description: The address that discovery uses.
+      returned: always
       type: str
       sample: 192.168.1.229
     multicast:
       description: Whether it hears the multicast group of the others.
+      returned: always
       type: bool
       sample: true
 belonging:
@@ -258,47 +289,57 @@ belonging:
   contains:
     strangers:
       description: What becomes of masters that are not in the inventory, V(ignore) or V(allow).
+      returned: always
       type: str
       sample: ignore
     allow:
       description: Networks of computers that are not in the inventory and belong to the fleet all the same; an address is a network of one.
+      returned: always
       type: list
       elements: str
       sample: [192.168.1.77/32]
     robots:
       description: The robots by what the network shows of them; the router has an entry without a master.
+      returned: always
       type: list
       elements: dict
       contains:
         robot:
           description: The name of the robot, or of the router.
+          returned: always
           type: str
           sample: kobuki1
         name:
           description: The name of its master.
+          returned: always
           type: str
           sample: kobuki1computer
         uris:
           description: The URIs that its master may have, the planned one first.
+          returned: always
           type: list
           elements: str
           sample: ["http://kobuki1computer:11311/", "http://192.168.1.229:11311/"]
         rpc_port:
           description: The TCP port of its discovery node.
+          returned: always
           type: int
           sample: 11611
         addresses:
           description: The addresses of the computer with its master, the one that discovery uses first.
+          returned: always
           type: list
           elements: str
           sample: [192.168.1.229]
         hosts:
           description: Names and addresses of all its computers.
+          returned: always
           type: list
           elements: str
           sample: [kobuki1computer, 192.168.1.229]
     computers:
       description: All addresses of all computers, the router's among them.
+      returned: always
       type: list
       elements: str
       sample: [192.168.1.229, 192.168.1.239]

@@ -1076,7 +1076,30 @@ def wrong(params: Params) -> typing.Optional[str]:
             f"name is {params['name']!r}, which is not among members ({', '.join(members)}); "
             "add this computer to the list."
         )
-    return None
+    return next(filter(None, wrong_places(params)), None)
+
+
+def wrong_places(params: Params) -> typing.Iterator[str]:
+    """Say which addresses, networks and ports are none, one sentence each."""
+    members, masters = params["members"] or [], params["masters"] or []
+    ports = [("port", params["port"])]
+    addresses = []
+    for member in members:
+        place = f"members: the %s of {member['name']}"
+        addresses.append((place % "address", member["address"]))
+        if member["discovery_address"]:
+            addresses.append((place % "discovery_address", member["discovery_address"]))
+        if member["network"] and not network.is_network(member["network"]):
+            yield f"{place % 'network'} is {member['network']!r}, expected a network such as 192.168.1.0/24."
+    for master in masters:
+        addresses.append((f"masters: the address of {master['computer']}", master["address"]))
+        ports.append((f"masters: the rpc_port of {master['computer']}", master["rpc_port"]))
+    for place, address in addresses:
+        if not network.is_address(address):
+            yield f"{place} is {address!r}, expected an IPv4 address such as 192.168.1.239."
+    for place, number in ports:
+        if not 1 <= number <= 65535:
+            yield f"{place} is {number}, expected a port from 1 to 65535."
 
 
 STATES = {"started": start, "collected": collect, "stopped": stop}

@@ -89,6 +89,12 @@ class Lab:
             json.dumps(arguments),
         )
 
+    def ssh(self, host, command, user="root"):
+        """Run a command over a new connection by ssh, and return what it printed on one line."""
+        variables = {"ansible_user": user, "ansible_ssh_extra_args": "-o ControlPath=none"}
+        words = ("-m", "ansible.builtin.raw", "-e", json.dumps(variables), "-a", command)
+        return self._ansible(Path(sys.executable).with_name("ansible"), host, *words)[1]
+
     def _ansible(self, program, *words):
         done = subprocess.run(
             [program, "-i", self.inventory, "-i", self.connection, *words],

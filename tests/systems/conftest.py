@@ -50,7 +50,9 @@ def lab(untouched):
 
 
 # What ansible-core needs to run: itself and its libraries.
-LIBRARIES = "ansible cffi cryptography distlib jinja2 markupsafe packaging pycparser resolvelib yaml _cffi_backend* _yaml *.dist-info"
+LIBRARIES = (
+    "ansible cffi cryptography jinja2 markupsafe packaging pycparser resolvelib yaml _cffi_backend* _yaml *.dist-info"
+)
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,7 @@
 Everything is bounded in time, and many computers are asked at once.
 """
 
+import ipaddress
 import os
 import select
 import socket
@@ -19,6 +20,24 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiti
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
 ANSWER = 1.0  # seconds that an echo reply may take
+
+
+def is_address(text: str) -> bool:
+    """True for an IPv4 address."""
+    return _is(ipaddress.IPv4Address, text)
+
+
+def is_network(text: str) -> bool:
+    """True for an IPv4 network in CIDR notation."""
+    return "/" in text and _is(ipaddress.IPv4Network, text)
+
+
+def _is(kind: typing.Callable[[str], typing.Any], text: str) -> bool:
+    try:
+        kind(text)
+    except ValueError:
+        return False
+    return True
 
 
 def members(

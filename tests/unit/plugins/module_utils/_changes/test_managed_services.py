@@ -5,6 +5,7 @@
 
 import json
 import os
+import subprocess
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import unit_steps
@@ -258,3 +259,36 @@ def test_kill_at_any_call_leaves_what_the_next_run_repairs(tmp_path, killed_at, 
         assert (computer.running(), computer.files(), computer.records.exists()) == ({}, {}, False), step
         step += 1
     assert step > 12 or first == wanted
+
+
+def test_a_user_who_is_not_root_is_refused_in_check_mode_too(tmp_path, monkeypatch):
+    computer = Computer(tmp_path)
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    assert computer.run({CORE: text("1")}).refusals == [
+        "The user 1000 cannot change units of the system; expected root: run as root (become: true).",
+        "Nothing was changed.",
+    ]
+    assert computer.run({}).refusals == []
+
+
+def test_an_immutable_unit_file_is_refused_before_a_unit_stops(tmp_path):
+    computer = Computer(tmp_path)
+    computer.apply({CORE: text("1")})
+    path = computer.systemd.folder / CORE
+    if subprocess.run(["chattr", "+i", str(path)], capture_output=True, check=False).returncode:
+        pytest.skip("no flags on this file system")
+    try:
+        for wanted in ({CORE: text("2")}, {}):
+            assert f"run 'chattr -i {path}'" in computer.run(wanted).refusals[0]
+    finally:
+        subprocess.run(["chattr", "-i", str(path)], check=True)
+    assert computer.running() == {CORE: (True, "1")}
+
+
+def test_a_malformed_record_is_a_sentence(tmp_path):
+    computer = Computer(tmp_path)
+    computer.apply({CORE: text("1")})
+    record = computer.records / "services-b.json"
+    record.write_text(json.dumps(dict(json.loads(record.read_text()), units=[5])))
+    with pytest.raises(Problem, match=r"does not hold what this version of the module writes \(units\[0\] is 5\)"):
+        computer.run({})

@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The options of multimaster_verify: what is wrong is said before anything is sent, in check mode, too."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_verify
+
+MEMBER = {
+    "name": "kobuki1computer",
+    "address": "192.168.1.229",
+    "discovery_address": "",
+    "network": "",
+}
+MASTER = {"computer": "kobuki2computer", "address": "192.168.1.239", "rpc_port": 11611}
+
+
+def params(**changed):
+    found = {"run": "x", "patience": 20, "lifetime": 300, "name": "kobuki1computer", "is_router": False, "port": 11511}
+    return {**found, "members": [MEMBER], "masters": [MASTER], **changed}
+
+
+@pytest.mark.parametrize(
+    "good",
+    [
+        {},
+        {"members": None, "masters": None},
+        {"members": [{**MEMBER, "discovery_address": "10.0.0.1", "network": "192.168.1.0/24"}]},
+        {"port": 65535},
+    ],
+)
+def test_usual_options_are_right(good):
+    assert multimaster_verify.wrong(params(**good)) is None
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        ({"members": [{**MEMBER, "address": "x"}]}, "members: the address of kobuki1computer is 'x', expected an IPv4"),
+        ({"members": [{**MEMBER, "discovery_address": "::1"}]}, "the discovery_address of kobuki1computer is '::1'"),
+        (
+            {"members": [{**MEMBER, "network": "192.168.1.1"}]},
+            "the network of kobuki1computer is '192.168.1.1', expected a",
+        ),
+        ({"members": [{**MEMBER, "network": "192.168.1.1/24"}]}, "the network of kobuki1computer"),
+        ({"masters": [{**MASTER, "address": "300.1.1.1"}]}, "masters: the address of kobuki2computer is '300.1.1.1'"),
+        ({"masters": [{**MASTER, "rpc_port": 0}]}, "masters: the rpc_port of kobuki2computer is 0, expected a port"),
+        ({"port": 0}, "port is 0, expected a port from 1 to 65535"),
+        ({"port": 65536}, "port is 65536"),
+    ],
+)
+def test_an_address_or_a_port_that_is_none_is_a_sentence(bad, words):
+    assert words in multimaster_verify.wrong(params(**bad))
+
+
+def test_check_mode_refuses_the_same():
+    """As Ansible runs it: a program of its own."""
+    arguments = {
+        "state": "collected",
+        "name": "kobuki1computer",
+        "members": [{"name": "kobuki1computer", "address": "x"}],
+        "masters": [],
+        "port": 0,
+        "_ansible_check_mode": True,
+    }
+    done = subprocess.run(
+        [sys.executable, str(Path(multimaster_verify.__file__))],
+        input=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}),
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    result = json.loads(done.stdout)
+    assert result["failed"] and "the address of kobuki1computer is 'x'" in result["msg"]
