@@ -534,6 +534,11 @@ sshd:
           returned: always
           type: bool
           sample: false
+    match_setenv:
+      description: Whether it knows C(SetEnv) below a C(Match). OpenSSH 8.4 gives nobody such variables.
+      returned: always
+      type: bool
+      sample: true
     path:
       description: The C(PATH) of C(/etc/environment), empty where there is none.
       returned: always
@@ -621,6 +626,7 @@ NO_SSHD = {
     "installed": False,
     "includes_drop_ins": False,
     "other_setenv": [],
+    "match_setenv": True,
     "path": "",
     "service": "",
     "reload_due": False,

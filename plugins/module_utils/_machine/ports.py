@@ -11,6 +11,7 @@ import struct
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 
 _TABLES = (("tcp", "tcp"), ("tcp", "tcp6"), ("udp", "udp"), ("udp", "udp6"))
 _LISTEN = "0A"  # include/net/tcp_states.h
@@ -120,7 +121,7 @@ def _holder(entry: Socket, pid: int, proc: str) -> typing.Dict[str, typing.Any]:
         "port": entry.port,
         "address": entry.address,
         "pid": pid,
-        "command": text(os.path.join(folder, "cmdline")).replace("\0", " ").strip() if pid else "",
+        "command": plain(text(os.path.join(folder, "cmdline"), 4096).replace("\0", " ")) if pid else "",
         "user": user,
         "unit": unit(text(os.path.join(folder, "cgroup"))) if pid else "",
     }

@@ -5,6 +5,7 @@
 
 import fnmatch
 import glob
+import json
 import os
 import re
 import shlex
@@ -13,7 +14,13 @@ import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import (
+    BASE_PATH,
+    last_line,
+    run,
+    text,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 
 Found = typing.List[typing.Dict[str, typing.Any]]
 
@@ -54,26 +61,83 @@ _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "TERM")
 
 
 def exports(root: str = "/") -> Found:
-    """Find older assignments of the variables that name a master or this computer, in the files that shells read."""
+    """Find older assignments of the variables that name a master or this computer, in the files that shells read.
+
+    A person's files are read as that person: a link to a file of root's gives nothing away, and nothing is waited for long.
+    """
     under = os.path.join(root, "")
-    people = homes(text(under + "etc/passwd"))
-    patterns = list(_SYSTEM) + [os.path.join(home, name) for home in people for name in _PERSONAL]
-    files = ["/" + path[len(under) :] for pattern in patterns for path in sorted(glob.glob(under + pattern[1:]))]
-    return [
-        dict(found, file=path) for path in files if path not in _OURS for found in assignments(text(under + path[1:]))
+    found = [
+        dict(entry, file=path)
+        for path in _matching(under, _SYSTEM)
+        if path not in _OURS
+        for entry in assignments(text(under + path[1:]))
     ]
+    for person in people(text(under + "etc/passwd")):
+        for path, content in _read_as(person, under):
+            found += [dict(entry, file=path) for entry in assignments(content)]
+    return found
 
 
-def homes(passwd: str) -> typing.List[str]:
-    """List the home folders of root and of people in the text of /etc/passwd."""
-    found = []
+def _matching(under: str, patterns: typing.Iterable[str]) -> typing.List[str]:
+    return ["/" + path[len(under) :] for pattern in patterns for path in sorted(glob.glob(under + pattern[1:]))]
+
+
+class Person(typing.NamedTuple):
+    """An account whose shells read files of its home folder."""
+
+    home: str
+    uid: int
+    gid: int
+
+
+def people(passwd: str) -> typing.List[Person]:
+    """List root and the persons in the text of /etc/passwd, one for each home folder."""
+    found: typing.Dict[str, Person] = {}
     for line in passwd.splitlines():
         fields = line.split(":")
-        if len(fields) != 7 or not fields[2].isdigit() or os.path.basename(fields[6]) in _NO_LOGIN:
+        if len(fields) != 7 or not (fields[2] + fields[3]).isdigit() or os.path.basename(fields[6]) in _NO_LOGIN:
             continue
-        if (int(fields[2]) >= 1000 or fields[2] == "0") and os.path.isabs(fields[5]) and fields[5] not in found:
-            found.append(fields[5])
-    return found
+        if (int(fields[2]) >= 1000 or fields[2] == "0") and os.path.isabs(fields[5]):
+            found.setdefault(fields[5], Person(fields[5], int(fields[2]), int(fields[3])))
+    return list(found.values())
+
+
+# The first lines of a file that name one of the variables stand at their numbers; the others are empty.
+_READ = """
+import glob, json, os, stat, sys
+patterns, names = json.load(sys.stdin)
+found = []
+for pattern in patterns:
+    for path in sorted(glob.glob(pattern))[:100]:
+        try:
+            descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+            with open(descriptor, "rb") as stream:
+                if stat.S_ISREG(os.fstat(descriptor).st_mode):
+                    lines = stream.read(1 << 20).decode("utf-8", "replace").splitlines()
+                    kept = [line if len(line) < 500 and any(name in line for name in names) else "" for line in lines]
+                    while kept and not kept[-1]:
+                        kept.pop()
+                    if kept:
+                        found.append([path, kept[:5000]])
+        except OSError:
+            pass
+print(json.dumps(found))
+"""
+
+
+def _read_as(person: Person, under: str) -> typing.List[typing.Tuple[str, str]]:
+    """Read the files of a home folder as the person: (path, text), as far as the text may be of interest."""
+    patterns = [under + os.path.join(person.home, name)[1:] for name in _PERSONAL]
+    answer = run(
+        ["/usr/bin/python3", "-I", "-c", _READ],
+        given=json.dumps([patterns, VARIABLES]).encode(),
+        user=(person.uid, person.gid),
+    )
+    told = last_line(answer.output)
+    try:  # the process was the person's, and so may be its answer
+        return [("/" + plain(path[len(under) :]), "\n".join(map(str, lines))) for path, lines in told]
+    except (TypeError, ValueError):
+        return []
 
 
 def assignments(content: str) -> Found:
@@ -82,7 +146,7 @@ def assignments(content: str) -> Found:
     for number, line in enumerate(content.splitlines(), 1):
         if any(name in line for name in VARIABLES):
             for variable, value in _assigned(line):
-                found.append({"line": number, "variable": variable, "value": value, "text": line.strip()})
+                found.append({"line": number, "variable": variable, "value": plain(value), "text": plain(line)})
     return found
 
 
@@ -123,6 +187,7 @@ def sshd(root: str = "/") -> typing.Dict[str, typing.Any]:
             for file, line, keyword, rest, match in directives
             if keyword == "setenv" and file != OUR_DROP_IN
         ],
+        "match_setenv": _match_setenv() if root == "/" else True,
         "path": path.group(1) if path else "",
         "service": service,
         "reload_due": bool(service) and since < _changed(os.path.join(root, OUR_DROP_IN[1:])),
@@ -149,6 +214,14 @@ def _directives(
 
 def _patterns(rest: str) -> typing.List[str]:
     return [os.path.join("/etc/ssh", word.strip('"')) for word in rest.split()]
+
+
+def _match_setenv() -> bool:
+    """Ask sshd if it knows SetEnv below a Match: OpenSSH 8.4 reads it, and gives nobody the variables."""
+    daemon = shutil.which("sshd", path=BASE_PATH)
+    asked = [str(daemon), "-T", "-f", "/dev/stdin", "-C", "user=nobody,host=localhost,addr=127.0.0.1"]
+    answer = run(asked, given=b"Match User nobody\nSetEnv ASKED=1\n") if daemon else None
+    return answer is None or answer.status != 0 or b"setenv ASKED=1" in answer.output
 
 
 def _listener() -> typing.Tuple[str, float]:

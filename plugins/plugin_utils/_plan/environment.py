@@ -95,7 +95,7 @@ def machine(info: Mapping[str, Any]) -> Machine:
     return Machine(
         ssh=sshd["installed"] and sshd["includes_drop_ins"] and not _global_setenv(sshd),
         ssh_path=sshd["path"] or SSH_PATH,
-        ssh_match=not _match_setenv(sshd),
+        ssh_match=sshd.get("match_setenv", True) and not _match_setenv(sshd),
         hooks=((info["ros"].get("chosen") or {}).get("hooks") or ""),
     )
 
@@ -134,7 +134,14 @@ def notes(info: Mapping[str, Any], environment: Environment) -> list[str]:
         "move its variables elsewhere, or add ours to it."
         for other in against
     ]
-    if environment.others and environment.person and not against:
+    if not environment.others or not environment.person or against:
+        return found
+    if not sshd.get("match_setenv", True):
+        found.append(
+            f"Commands by ssh do not get the variables of the set-up file of ROS on {info['hostname']}: its OpenSSH knows no SetEnv "
+            "below a Match; login shells get them (bash -lc COMMAND)."
+        )
+    else:
         found += [
             f"Commands by ssh do not get the variables of the set-up file of ROS on {info['hostname']}: {other['file']} line "
             f"{other['line']} has a SetEnv below a Match, and sshd uses only the first of those; move its variables elsewhere."

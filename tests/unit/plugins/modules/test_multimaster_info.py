@@ -109,7 +109,7 @@ def test_ports_of_a_real_process():
     assert [found[key]["address"] for key in zip(("tcp", "tcp", "udp"), ports)] == ["127.0.0.1", "::1", "127.0.0.1"]
     for entry in found.values():
         assert (entry["pid"], entry["user"]) == (process.pid, pwd.getpwuid(os.getuid()).pw_name)
-        assert "time.sleep" in entry["command"]
+        assert entry["command"].startswith(f"{sys.executable} -c ") and entry["command"].endswith("...")
 
 
 def test_a_connection_is_no_holder():
@@ -159,7 +159,31 @@ def test_assignments_in_a_line(line, found):
     assert all((entry["line"], entry["text"]) == (2, line.strip()) for entry in shells.assignments("\n" + line))
 
 
+def opened(folder):
+    """A folder of pytest's that others may enter."""
+    for place in [folder, *folder.parents]:
+        if place.stat().st_uid == os.geteuid() and place != place.parent:
+            place.chmod(place.stat().st_mode | 0o011)
+    return folder
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root could read what is root's")
+def test_a_link_in_a_home_folder_gives_nothing_away(tmp_path):
+    home = opened(tmp_path) / "home/robot"
+    home.mkdir(parents=True)
+    (tmp_path / "etc").mkdir()
+    (tmp_path / "etc/passwd").write_text("robot:x:1000:1000::/home/robot:/bin/bash\n")
+    (tmp_path / "secret").write_text("ROS_IP=secret\n")
+    (tmp_path / "secret").chmod(0o600)
+    (home / ".bashrc").symlink_to(tmp_path / "secret")
+    os.mkfifo(home / ".profile")
+    (home / ".zshrc").write_text("ROS_IP=\x1b[1mred\n" + "x" * 3_000_000)
+    (entry,) = shells.exports(str(tmp_path))
+    assert (entry["file"], entry["text"]) == ("/home/robot/.zshrc", "ROS_IP=\\x1b[1mred")
+
+
 def test_exports_of_a_machine(tmp_path):
+    opened(tmp_path)
     files = {
         "etc/passwd": "root:x:0:0::/root:/bin/bash\nrobot:x:1000:1000::/home/robot:/bin/zsh\n"
         "daemon:x:1:1::/daemon:/bin/bash\nnobody:x:65534:65534::/none:/usr/sbin/nologin\n+::::::\n",
