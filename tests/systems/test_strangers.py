@@ -21,11 +21,9 @@ IDENTITIES = {
 
 
 def masters(lab):
-    """(name, monitor URI, online) of list_masters."""
-    listed = lab.run(VICTIM, "rosservice call /master_discovery/list_masters")
-    return sorted(
-        re.findall(r'name: "?(\w+)(?:(?!name:).)*?online: (\w+)(?:(?!name:).)*?monitoruri: "?([^"\n]+)', listed, re.S)
-    )
+    """(name, online, monitor URI) of list_masters."""
+    listed = lab.run(VICTIM, "rosservice call /master_discovery/list_masters", check=False)
+    return sorted(re.findall(r'(?<!_)name: "?(\w+).*?online: (\w+).*?monitoruri: "?([^"\n]+)', listed, re.DOTALL))
 
 
 @pytest.fixture(scope="module")
