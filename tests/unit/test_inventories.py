@@ -93,7 +93,12 @@ def test_declared_data_flow_is_in_the_plan(changed):
     assert found["flows"] == [
         {"from": ["tibi"], "to": ["dabo"], "topics": ["/dock/status", "/dock/feedback", "/dock/result"], "services": []}
     ]
-    assert found["computers"]["car-visio"]["sync"] == {"ignore_subscribers": ["*"], "ignore_hosts": ["tibi-visio"]}
+    assert found["computers"]["car-visio"]["sync"] == {
+        "ignore_subscribers": ["*"],
+        "ignore_hosts": ["tibi-visio"],
+        "strangers": "ignore",
+        "allow": [],
+    }
 
 
 def test_declarations_that_contradict_each_other_are_named_before_any_host_is_reached(changed):

@@ -25,23 +25,25 @@ def _strangers(case: Case) -> Judgement | None:
     multicast, listed = case.observer.seen.multicast, case.observer.listed
     if case.probe is None or not (multicast or listed):
         return None
+    planned = {master.name for master in case.fleet.masters}
+    guests = {entry.name: _host(entry.monitoruri) for entry in listed.values() if entry.name not in planned}
+    welcome = sorted(name for name, address in guests.items() if _allowed(case, address))
     ignored = [f"{_title(entry)} is ignored: {entry.why}" for entry in case.probe.outsiders]
-    guests = [entry for entry in listed.values() if entry.name not in {master.name for master in case.fleet.masters}]
-    named = {entry.address for entry in case.probe.outsiders} | {_host(guest.monitoruri) for guest in guests}
-    unwanted = [
-        f"master {guest.name} at {_host(guest.monitoruri)}"
-        for guest in guests
-        if not _allowed(case, _host(guest.monitoruri))
-    ]
-    unwanted += [
+    unwanted = [f"master {name} at {guests[name]}" for name in sorted(set(guests) - set(welcome))]
+    named = {*guests.values(), *(entry.address for entry in case.probe.outsiders)}
+    found = [*ignored, *unwanted, *_datagrams(case, named)]
+    fine = f"only those, and the allowed {', '.join(welcome)}" if welcome else "only those"
+    return Judgement(WARNING if found else OK, "only computers of the fleet", ", ".join(found) or fine)
+
+
+def _datagrams(case: Case, named: set[str]) -> list[str]:
+    """Return who else sends to the group, beside those that are named already."""
+    multicast = case.observer.seen.multicast
+    return [
         f"datagrams from {entry.address} on {entry.interface}"
         for entry in (multicast.unexpected if multicast else ())
         if entry.address not in named and not _allowed(case, entry.address)
     ]
-    welcome = sorted(guest.name for guest in guests if _allowed(case, _host(guest.monitoruri)))
-    found = [*ignored, *sorted(unwanted)]
-    fine = f"only those, and the allowed {', '.join(welcome)}" if welcome else "only those"
-    return Judgement(WARNING if found else OK, "only computers of the fleet", ", ".join(found) or fine)
 
 
 def _title(entry: Outsider) -> str:

@@ -70,6 +70,9 @@ class Places:
             return ""
         if self._member is not None:
             return f"{host} is no computer of {self._member.robot}"
+        return self._no_place_of_a_stranger(host, address)
+
+    def _no_place_of_a_stranger(self, host: str, address: str) -> str:
         if not self._members.robots or address == self._sender:
             return ""
         if not address:
