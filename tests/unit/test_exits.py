@@ -48,7 +48,7 @@ DOORS = {
         "warning": set(),
     },
     NODES: {
-        "print": {"wait_for_master.py"},
+        "print": {"end_connections.py", "wait_for_master.py"},
         "write to a standard stream": set(),
         "StreamHandler": {"edge/journal.py"},
         "FileHandler": set(),
@@ -205,7 +205,7 @@ def through_diagnostics(text):
 def through_an_answer(text):
     """A fault of the server; and masterErrors."""
     own = OwnMaster("http://own:11311/", "own", "/master_discovery", lambda: "own", 11611)
-    served = Served(own, MagicMock(), {"x": text}, set, lambda: None, lambda _name: None)
+    served = Served(own, MagicMock(), {"x": text}, set, lambda: None, lambda _name: None, list)
     return list(texts(served.methods()["masterErrors"]()))
 
 
