@@ -3,12 +3,14 @@
 """Bounds with real sockets and threads: queues, connections, sizes and times, on the side that is called and that calls."""
 
 import contextlib
+import gc
 import gzip
 import logging
 import queue
 import socket
 import threading
 import time
+import weakref
 import xmlrpc.client
 
 import pytest
@@ -97,6 +99,39 @@ def test_what_workers_have_to_do_is_bounded_and_everybody_gets_an_answer(running
     gate.set()
     rest = [answers.get(timeout=2) for _count in range(12)]
     assert rest.count(None) >= 10
+
+
+def test_a_worker_holds_nothing_of_its_last_job(running):
+    """Half of a large answer stood in the frames of a failure, in each of eight workers: that made 500 MB."""
+
+    class Large:
+        """Something that a job had."""
+
+    held, done = weakref.WeakSet(), threading.Event()
+
+    def fail():
+        large = Large()
+        held.add(large)
+        try:
+            raise ValueError("first")
+        except ValueError:
+            raise OSError("second") from None
+
+    def succeed():
+        made = Large()
+        held.add(made)
+        return made
+
+    workers = Workers(running.loop, 1)
+    for job in (fail, succeed):
+        done.clear()
+        workers.submit(job, lambda _result, _problem: done.set())
+        assert done.wait(5)
+        deadline = monotonic() + 5
+        while held and monotonic() < deadline:
+            gc.collect()
+            time.sleep(0.05)
+        assert not held, job.__name__
 
 
 # The side that is called

@@ -109,7 +109,10 @@ class Workers:
                 result, problem = job(), None
             except Exception as error:  # whatever it is belongs to who asked
                 result, problem = None, error
+                # Its frames hold what it was made of, such as half of a large answer.
+                problem.__traceback__ = problem.__context__ = problem.__cause__ = None
             self._loop.post(done, result, problem)
+            del job, done, result, problem  # else they are held until the next job has ended
 
 
 class InLoop:

@@ -60,11 +60,12 @@ class Rpc:
     def _value(self, answer: bytearray, packed: bool) -> Any:
         try:
             values, _method = loads(answer, self._most, packed)
+            return values[0] if values else None
         except xmlrpc.client.Fault as fault:
-            raise xmlrpc.client.Fault(fault.faultCode, plain(fault.faultString)) from None
+            failure: Exception = xmlrpc.client.Fault(fault.faultCode, plain(fault.faultString))
         except Exception as problem:
-            raise ValueError(f"{self.uri} answers no XML-RPC: {plain(problem)}") from None
-        return values[0] if values else None
+            failure = ValueError(f"{self.uri} answers no XML-RPC: {plain(problem)}")
+        raise failure  # out here: inside, it would hold the other one, and with it the values that were read so far
 
     def multicall(self, calls: Sequence[Tuple[Any, ...]]) -> List[Any]:
         """The results of many calls, (method, argument, ...), in one request; a Fault in the place of one that failed."""
