@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from ..core import parameters
-from ..edge import journal
+from ..edge import journal, memory
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, after
 from ..edge.roscore import Roscore
@@ -166,6 +166,7 @@ def run(main: Callable[[], int]) -> None:
     # Python would say something about each questionable pattern that a stranger sends.
     warnings.filterwarnings("ignore", "Possible (nested set|set )", FutureWarning)
     warnings.filterwarnings("ignore", "Flags not at the start", DeprecationWarning)
+    memory.give_back()
     journal.plain_streams()
     start_log()
     faulthandler.enable(2)  # the watchdog's SIGABRT shows where each thread hangs

@@ -1,0 +1,21 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The C library's memory, set so that what a large answer took is given back."""
+
+import ctypes
+
+_M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8  # malloc.h
+_THRESHOLD = 1 << 17  # bytes: what is larger goes back to the kernel at once
+
+
+def give_back() -> None:
+    """Have one pool of memory instead of one for each thread. To be called before there are threads; only glibc has it.
+
+    Each of eight workers kept the pool of the largest answer that it ever read: 225 MB, where one needs 90.
+    """
+    try:
+        library = ctypes.CDLL(None)
+        library.mallopt(_M_ARENA_MAX, 1)
+        library.mallopt(_M_MMAP_THRESHOLD, _THRESHOLD)
+    except (OSError, AttributeError):
+        pass
