@@ -4,6 +4,7 @@
 
 import pathlib
 import random
+from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +14,7 @@ from rosfleet_multimaster.core.graph import Node, State
 from rosfleet_multimaster.core.limits import MOST, exceeded, limited
 from rosfleet_multimaster.core.sync import Announced, Remote, select
 
-URI = "http://robot2:11311/"
+URI, OWN = "http://robot2:11311/", "http://robot1:11311/"
 
 
 def state(names, node="/n"):
@@ -33,7 +34,7 @@ def test_a_state_that_is_small_enough_is_taken_as_it_is():
 
 def test_of_80000_topics_5000_are_taken_and_it_says_so():
     taken = limited(state([f"/t{number:05}" for number in range(80_000)]))
-    assert len(select(taken, Rules(), "http://robot1:11311/", False)) == MOST
+    assert len(select(taken, Rules(), OWN, False)) == MOST
     assert (taken.left_out, len(taken.types)) == (75_000, MOST)
     remote = Remote(Announced("robot2", URI, "http://192.168.1.2:11611", "/d", 1.0, 1.0, True), Rules(), Rules(), taken)
     (refusal,) = exceeded({URI: remote})
@@ -54,6 +55,26 @@ def test_what_was_taken_stays_whatever_else_is_offered(first, second, most):
     assert topics(before) & set(second) <= topics(after)
     shuffled = random.Random(1).sample(second, len(second))
     assert topics(limited(state(shuffled), before, most)) == topics(after), "the order of the document does not matter"
+
+
+def test_what_a_master_has_of_others_takes_no_room_from_its_own():
+    """In a large fleet each robot's master has the registrations of all others."""
+    others = {f"/a{number:05}": ("/imported",) for number in range(3 * MOST)}
+    mine = {f"/t{number:05}": ("/n",) for number in range(MOST - 1)}
+    there = replace(
+        state([]),
+        publishers={**others, **mine, "/tf": ("/imported",)},
+        subscribers={"/tf": ("/n",)},
+        types=dict.fromkeys([*others, *mine, "/tf"], "std_msgs/String"),
+        nodes={
+            "/n": Node("http://robot2:40000/", URI, "local"),
+            "/imported": Node("http://robot3:40000/", "http://robot3:11311/", "remote"),
+        },
+    )
+    taken = limited(there, None, MOST, OWN)
+    assert len(select(taken, Rules(), OWN, False)) == MOST and taken.left_out == 0
+    few = limited(replace(there, publishers={**others, "/tf": ("/imported",)}), None, MOST, OWN)
+    assert (few.publishers, few.subscribers, few.left_out) == ({"/tf": ("/imported",)}, {"/tf": ("/n",)}, 0)
 
 
 def test_the_verification_knows_the_same_number():

@@ -3,28 +3,42 @@
 """How much of another master is taken: 5,000 registrations, and it is said where there are more.
 
 Which ones is not left to chance, nor to the other side: those that were taken before stay, as long as they are offered;
-then the first ones by kind and name. Free of sockets, threads and clocks.
+then the first ones by kind and name. What a master has of others is not registered, and not counted: in a large fleet
+each one has thousands. Of these, its subscribers' publishers are kept as far as there is room, since they are told of
+them (sync.py). Free of sockets, threads and clocks.
 """
 
 from dataclasses import replace
-from typing import Dict, Iterator, List, Mapping, Optional, Set, Tuple
+from typing import AbstractSet, Dict, Iterator, List, Mapping, Optional, Set, Tuple
 
 from .graph import Endpoints, State
-from .sync import Refusal, Remote
+from .sync import Refusal, Remote, own_nodes
 
 MOST = 5000  # registrations of one master
 
 Row = Tuple[str, str, str]  # kind, topic or service, node
 
 
-def limited(state: State, before: Optional[State] = None, most: int = MOST) -> State:
-    """The state, or the part of it that is taken. `before`: what was taken of the same master until now."""
+def limited(
+    state: State,
+    before: Optional[State] = None,
+    most: int = MOST,
+    own_uri: str = "",
+    sync_remote_nodes: bool = False,
+) -> State:
+    """The state, or the part of it that is taken. `before`: what was taken of the same master until now.
+
+    `own_uri`: of the master here, `sync_remote_nodes`: as in `sync.select`. They say which nodes are the master's own.
+    """
     rows = list(_rows(state))
     if len(rows) <= most:
         return state
+    mine = own_nodes(state, own_uri, sync_remote_nodes)
+    own = [row for row in rows if row[2] in mine]
     held = set(_rows(before)) if before is not None else set()
-    rows.sort(key=lambda row: (row not in held, row))
-    taken = set(rows[:most])
+    own.sort(key=lambda row: (row not in held, row))
+    taken = set(own[:most])
+    taken.update(sorted(_beside(rows, mine.keys(), taken))[: most - len(taken)])
     publishers, subscribers, services = (
         _taken(kind, table, taken)
         for kind, table in (
@@ -42,8 +56,14 @@ def limited(state: State, before: Optional[State] = None, most: int = MOST) -> S
         types={name: kind for name, kind in state.types.items() if name in publishers or name in subscribers},
         nodes={name: node for name, node in state.nodes.items() if name in nodes},
         providers={name: provider for name, provider in state.providers.items() if name in services},
-        left_out=len(rows) - most,
+        left_out=max(0, len(own) - most),
     )
+
+
+def _beside(rows: List[Row], mine: AbstractSet[str], taken: Set[Row]) -> Iterator[Row]:
+    """The publishers of others on the topics of subscribers that are taken."""
+    heard = {name for kind, name, _node in taken if kind == "subscriber"}
+    return (row for row in rows if row[0] == "publisher" and row[1] in heard and row[2] not in mine)
 
 
 def _rows(state: State) -> Iterator[Row]:

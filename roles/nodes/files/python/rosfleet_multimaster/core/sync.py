@@ -217,7 +217,7 @@ def _call(verb: str, item: Registration, kind: str = "*") -> Tuple[Any, ...]:
 
 def select(state: State, rules: Rules, own_uri: str, sync_remote_nodes: bool) -> List[Registration]:
     """The registrations of a master that are wanted here: of its own nodes, and not filtered."""
-    uris = _own_nodes(state, own_uri, sync_remote_nodes)
+    uris = own_nodes(state, own_uri, sync_remote_nodes)
     return [
         *_topics(state, rules, uris, "publisher", state.publishers),
         *_topics(state, rules, uris, "subscriber", state.subscribers),

@@ -38,7 +38,7 @@ class Fetcher:
         """Fetch what is due; the time of the next fetch."""
         for fetch in self._core.due(now):
             before = self._core.remotes[fetch.uri].state
-            job = partial(_fetch, fetch, self._core.sync_remote_nodes, before, self._core.members)
+            job = partial(_fetch, fetch, self._core.sync_remote_nodes, before, self._core.own_uri, self._core.members)
             self._workers.submit(job, partial(self._fetched, fetch))
         return self._core.next_due()
 
@@ -54,9 +54,9 @@ class Fetcher:
             )
 
 
-def _fetch(fetch: Fetch, sync_remote_nodes: bool, before: Optional[State], members: Members) -> Fetched:
+def _fetch(fetch: Fetch, sync_remote_nodes: bool, before: Optional[State], own_uri: str, members: Members) -> Fetched:
     """The state of a master, and where its nodes may be."""
-    state = _state(fetch, sync_remote_nodes, before)
+    state = _state(fetch, sync_remote_nodes, before, own_uri)
     here = Here(frozenset(network().own), Networks(networks()))
     resolved = _resolved(names_to_resolve(state, members))
     return state, Places(members, fetch.uri, fetch.monitor_uri, here, resolved)
@@ -75,11 +75,11 @@ def _resolved(names: List[str]) -> Dict[str, str]:
     return found
 
 
-def _state(fetch: Fetch, sync_remote_nodes: bool, before: Optional[State]) -> State:
+def _state(fetch: Fetch, sync_remote_nodes: bool, before: Optional[State], own_uri: str) -> State:
     """The state of a master, filtered there where it can be, and as much of it as is taken."""
 
     def read(value: Any) -> State:
-        return limited(parse(value), before)
+        return limited(parse(value), before, own_uri=own_uri, sync_remote_nodes=sync_remote_nodes)
 
     rpc = Rpc(fetch.monitor_uri, TIMEOUT, STATE)
     try:
