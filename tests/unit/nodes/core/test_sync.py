@@ -3,6 +3,7 @@
 import pytest
 from rosfleet_multimaster.core.filters import Filters
 from rosfleet_multimaster.core.graph import Node, Provider, State
+from rosfleet_multimaster.core.members import Members
 from rosfleet_multimaster.core.sync import Announced, Refusal, Registration, Sync, View, Wanted, calls, plan, select
 
 OWN = "http://robot1:11311/"
@@ -374,6 +375,17 @@ def test_a_subscriber_is_told_who_publishes_here_and_on_its_own_robot():
     assert sync.publishers_for(hearing, R2, here) == here
     assert sync.publishers_for(hearing, R2, here[:1]) == here
     assert sync.publishers_for(hearing, R2, []) == sync.publishers_for(hearing, R3, here) == []
+
+
+def test_a_subscriber_of_a_member_keeps_the_publishers_that_are_not_registered_here():
+    """A node of its robot at an address that the plan does not have, or one of a third robot: roscpp would leave it."""
+    sync = synced()
+    sync.remotes[R2].misplaced = {"http://robot2:40000/": "it is elsewhere"}
+    hearing, here = CHATTER._replace(kind="subscriber"), ["http://robot1:1/"]
+    assert sync.publishers_for(hearing, R2, here) == [], "a stranger's says what it likes"
+    known = {"robot": "robot2", "name": "robot2", "uris": [R2], "rpc_port": 11611, "addresses": [], "hosts": ["robot2"]}
+    sync.members = Members.of({"members": [known]})
+    assert sync.publishers_for(hearing, R2, here) == [*here, "http://robot2:40000/"]
 
 
 @pytest.mark.parametrize("filters", [{"ignore_publishers": ["/chatter"]}, {"do_not_sync": ["/chatter"]}])

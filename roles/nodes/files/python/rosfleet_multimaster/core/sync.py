@@ -225,7 +225,7 @@ def select(state: State, rules: Rules, own_uri: str, sync_remote_nodes: bool) ->
     ]
 
 
-def _own_nodes(state: State, own_uri: str, sync_remote_nodes: bool) -> Dict[str, str]:
+def own_nodes(state: State, own_uri: str, sync_remote_nodes: bool) -> Dict[str, str]:
     """The URIs of the nodes that count as the master's own, by name."""
     return {
         name: node.uri
@@ -466,7 +466,8 @@ class Sync:
         """The URIs that an imported subscriber is told: the publishers here and those of its own robot.
 
         roscpp closes the connections to those that are missing. So it is told nothing where a filter hides what its
-        own robot has on the topic; nor where nobody publishes here.
+        own robot has on the topic; nor where nobody publishes here. A robot of the fleet may say any publisher, since
+        only its own nodes hear of it; the subscriber of a stranger that says a refused one is told nothing.
         """
         remote = self.remotes.get(master_uri)
         state = remote.state if remote else None
@@ -475,8 +476,11 @@ class Sync:
         if not remote.rules.topic(item.node, item.name, state.types.get(item.name, ""), True):
             return []
         nodes = (state.nodes.get(node) for node in state.publishers.get(item.name, ()))
-        uris = (node.uri for node in nodes if node is not None and node.uri)
-        return list(dict.fromkeys([*here, *(uri for uri in uris if uri not in remote.misplaced)]))
+        uris = [node.uri for node in nodes if node is not None and node.uri]
+        known = self.members.master(master_uri) is not None
+        if not known and any(uri in remote.misplaced and uri not in here for uri in uris):
+            return []
+        return list(dict.fromkeys([*here, *uris]))
 
     def next_gone(self, now: float) -> Optional[float]:
         """The time at which the registrations of an offline master are to go."""
