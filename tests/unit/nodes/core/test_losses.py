@@ -166,6 +166,12 @@ def test_the_claims_of_a_stranger_that_is_lost_end_nothing_of_others():
         assert lost(members, "http://rogue:11311/", claims) == ({("192.168.1.66", 40000)}, {"192.168.1.66"})
 
 
+def test_a_stranger_whose_master_has_another_robots_host_ends_nothing_there():
+    claims = {"http://robot2:40000/": {ADDRESS}}
+    for uri in ("http://robot2:11999/", f"http://{ADDRESS}:11999/"):
+        assert lost([ROBOT2], uri, claims) == (set(), frozenset())
+
+
 def test_a_member_that_is_lost_is_believed_for_its_own_computers_alone():
     claims = {
         "http://robot2:40000/": {ADDRESS},

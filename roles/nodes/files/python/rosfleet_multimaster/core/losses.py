@@ -146,9 +146,12 @@ class Losses:
         return found
 
     def _of_robot(self, uri: str) -> FrozenSet[str]:
-        """The addresses of a master's robot: the planned ones, and of a stranger's the master's own."""
+        """The addresses of a master's robot: the planned ones, and of a stranger's the master's own.
+
+        A stranger chooses the host of its URI, so it may not be one of the fleet.
+        """
         member = self._members.master(uri)
-        return self._at(_host(("", uri))) if member is None else member.hosts
+        return self._at(_host(("", uri))) - self._members.hosts if member is None else member.hosts
 
     def _at(self, host: str) -> FrozenSet[str]:
         return self._addresses.get(host, (0.0, frozenset()))[1]
