@@ -13,7 +13,13 @@ from rosfleet_multimaster.core.places import MAX_NAMES, Here, Places, names_to_r
 OWN = "192.168.1.202"
 HERE = Here(frozenset([OWN, "127.0.0.1"]), Networks([f"{OWN}/24"]))
 MEMBERS = {"members": [TIBI, ROUTER], "strangers": "ignore", "allow": ["192.168.7.0/24", "192.168.1.77/32"]}
-RESOLVED = {"laptop": "192.168.1.77", "evil": "8.8.8.8", "own": OWN, "loop": "127.0.1.1"}
+RESOLVED = {
+    "laptop": "192.168.1.77",
+    "evil": "8.8.8.8",
+    "own": OWN,
+    "loop": "127.0.1.1",
+    "tibi-laser.local": "192.168.11.102",
+}
 
 
 def objection(uri, master=URI, sender="192.168.1.201", members=MEMBERS):
@@ -25,6 +31,7 @@ def objection(uri, master=URI, sender="192.168.1.201", members=MEMBERS):
     [
         "http://tibi-visio:34567/",
         "http://Tibi-Laser:34567",
+        "http://tibi-laser.local:34567/",
         "http://192.168.11.102:34567/",
         "rosrpc://192.168.1.201:34567",
         "http://192.168.1.77:40000/",

@@ -4,8 +4,8 @@
 
 A URI of a node goes to the own roscore and to own nodes, which then connect there. So it names a computer of the robot
 whose master says it, and nothing else. A robot of the fleet has planned computers; their names lead to them by
-/etc/hosts. A stranger that is allowed has its own address, and who else is in the networks of this computer or allowed. Only a second master on this
-computer has nodes here.
+/etc/hosts, and so may another name that they have. A stranger that is allowed has its own address, and who else is in
+the networks of this computer or allowed. Only a second master on this computer has nodes here.
 """
 
 from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Set, Tuple
@@ -69,7 +69,7 @@ class Places:
         if address and address in self._members.allow:
             return ""
         if self._member is not None:
-            return f"{host} is no computer of {self._member.robot}"
+            return "" if address in self._member.hosts else f"{host} is no computer of {self._member.robot}"
         return self._no_place_of_a_stranger(host, address)
 
     def _no_place_of_a_stranger(self, host: str, address: str) -> str:
