@@ -38,6 +38,7 @@ class Fleet:
     def __init__(self, members, answer):
         self.core, self.answer = running(members), answer
         self.alive, self.now, self.asked, self.events, self.said = True, 0.0, [], [], []
+        self.closed = False  # where nobody answers, a closed port does
 
     def go(self, seconds, hostile=()):
         """Pass some time. `hostile`: (time, address, UDP port, datagram)."""
@@ -59,7 +60,8 @@ class Fleet:
                 self.asked.append((action.key[0], action.monitor_uri))
                 there = self.alive and action.monitor_uri == f"http://{ADDRESS}:11611"
                 answer = KNOWN if there else None if action.key[0] == ADDRESS else self.answer
-                self.core.contacted(action.key, answer, "timed out", self.now)
+                gone = answer is None and self.closed
+                self.core.contacted(action.key, answer, "timed out", self.now, gone=gone)
             elif isinstance(action, Event):
                 self.events.append((self.now, action.change, action.master))
             elif isinstance(action, Say):
@@ -133,9 +135,25 @@ def test_a_rogue_is_named_once():
     assert [outsider.name for outsider in fleet.core.outsiders.shown()] == ["rogue"]
 
 
-@pytest.mark.parametrize("members", [{}, {**MEMBERS, "strangers": "allow"}])
-def test_an_address_that_somebody_invents_is_asked_twice(members):
+def test_a_member_with_another_port_than_the_planned_one_is_named_with_the_reason():
+    fleet = Fleet(MEMBERS, None)
+    fleet.core.datagram(beat(port=11999), (ADDRESS, 11511), True, 0.0)
+    fleet.core.tick(0.1)
+    (key,) = [action.key for action in fleet.core.actions if isinstance(action, Ask)]
+    fleet.core.contacted(key, KNOWN, "", 0.2)
+    (outsider,) = fleet.core.outsiders.shown()
+    assert outsider.why == "its discovery answers at port 11999, which is not the planned one"
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize(
+    "members",
+    [{}, {**MEMBERS, "strangers": "allow"}, {**MEMBERS, "allow": ["192.168.1.64/28"]}],
+    ids=["none", "all", "some"],
+)
+def test_an_address_that_somebody_invents_is_asked_twice(members, closed):
     fleet = Fleet(members, None)
+    fleet.closed = closed
     fleet.go(60.0, [(2.0, ROGUE, 11511 + port, beat(port=11611 + port)) for port in range(20)])
     assert len([address for address, _uri in fleet.asked if address == ROGUE]) == 2
 

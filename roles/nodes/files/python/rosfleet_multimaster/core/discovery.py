@@ -326,11 +326,14 @@ class Discovery:
         self._asked.discard(key)
         entry = self._entries.get(key) or self._strangers.get(key)
         if entry is None:
-            self.outsiders.answered(key, contact, self._objection(key, contact), now)
+            why = (
+                self._objection(key, contact) or f"its discovery answers at port {key[2]}, which is not the planned one"
+            )
+            self.outsiders.answered(key, contact, why, now)
             self._meet(now)
             return False
         asked, entry.asked, entry.contacted, entry.contact_due = entry.asked, None, now, None
-        if contact is not None or gone:
+        if contact is not None or fault:  # a port that is closed is nobody's answer
             self._budget.answered(key[0])
         if contact is None and not fault:
             entry.failed = now
