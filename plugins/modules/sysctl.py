@@ -54,6 +54,13 @@ options:
             The drop-in has its line nevertheless, and the key gets its value when it is there at a boot or at a later run.
         type: bool
         default: false
+      enough:
+        description:
+          - Further values that serve as well, for example V(["1", "2"]). Where somebody else's file sets one of them at boot, that
+            one is taken in place of O(settings[].value), so the file decides, and is no conflict.
+        type: list
+        elements: raw
+        default: []
   drop_in:
     description:
       - The file that sets the values at boot, for example V(/etc/sysctl.d/90-rosfleet-multimaster.conf).
@@ -314,6 +321,7 @@ def main() -> None:
                     "name": {"type": "str", "required": True},
                     "value": {"type": "raw", "required": True},
                     "ignore_missing": {"type": "bool", "default": False},
+                    "enough": {"type": "list", "elements": "raw", "default": []},
                 },
             },
             drop_in={"type": "path", "default": "/etc/sysctl.d/90-rosfleet-multimaster.conf"},

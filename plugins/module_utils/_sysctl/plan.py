@@ -91,6 +91,15 @@ def optional_of(items: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typi
     return frozenset(key_of(item["name"].lstrip("-").strip()) for item in items if item.get("ignore_missing"))
 
 
+def enough_of(items: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typing.Dict[str, typing.Set[str]]:
+    """The values that serve as well, by key, for the keys that have such."""
+    return {
+        key_of(item["name"].lstrip("-").strip()): {normal(_text(item["name"], value)) for value in item["enough"]}
+        for item in items
+        if item.get("enough")
+    }
+
+
 def _text(name: str, value: typing.Any) -> str:
     """A value as the kernel says it: 1 and 0 for a boolean, also for one that a template has made a text."""
     if isinstance(value, bool) or value in ("True", "False"):

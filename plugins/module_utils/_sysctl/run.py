@@ -41,6 +41,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kerne
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan import (
     HEADER,
     check_drop_in,
+    enough_of,
     optional_of,
     plan,
     settings_of,
@@ -71,7 +72,6 @@ class Run(ModuleRun):
         for option in ("root", "proc", "records"):
             if not os.path.isabs(options[option]):
                 raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
-        self.settings = settings_of(options["settings"])
         self.optional = optional_of(options["settings"])
         self.drop_in = options["drop_in"]
         check_drop_in(self.drop_in)
@@ -81,6 +81,7 @@ class Run(ModuleRun):
         self.stored = self.record.load()
         self.recorded = self.record.parse(record.read, self.stored if memory is None else memory)
         self.tree = Tree(options["root"])
+        self.settings = self._with_enough(settings_of(options["settings"]), enough_of(options["settings"]))
         self.file = self._place(self.drop_in)
         self.before = self._own_text()
         self.stale = self._stale()
@@ -100,6 +101,22 @@ class Run(ModuleRun):
         self.changed = bool(
             self.plan.writes or self.stale or self.before != text or self._wrong_mode() or self.stored != final
         )
+
+    def _with_enough(
+        self, settings: typing.List[Setting], enough: typing.Mapping[str, typing.Container[str]]
+    ) -> typing.List[Setting]:
+        """The settings, with the value of somebody else's file where that one is enough: so it stays."""
+        if not enough:
+            return settings
+        ours = [self.drop_in, *self.stored.get("drop_ins", [])]
+        decides = at_boot(Tree(self.tree.root, dict.fromkeys(ours)), enough)
+        values = {key: normal(one.value) for key, one in decides.items() if one and one.value is not None}
+        return [
+            setting._replace(value=values[setting.key])
+            if setting.key in values and values[setting.key] in enough.get(setting.key, ())
+            else setting
+            for setting in settings
+        ]
 
     # The drop-in
 

@@ -133,6 +133,8 @@ class Setting:
 
     name: str
     value: str
+    # Values of a file of somebody else that serve as well, and that stay.
+    enough: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))
 
 
 @dataclass(frozen=True)

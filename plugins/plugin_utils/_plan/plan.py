@@ -296,8 +296,9 @@ NO_REDIRECTS = (
 )
 
 # A computer answers for the addresses of its interfaces alone, and not for its planned address in a foreign network, where
-# somebody else may have it (the unit multimaster-address; kernel: Documentation/networking/ip-sysctl, arp_ignore).
-NO_FOREIGN_ARP = Setting("net.ipv4.conf.all.arp_ignore", "3")
+# somebody else may have it (the unit multimaster-address; kernel: Documentation/networking/ip-sysctl, arp_ignore). With 1, 2
+# and 8 it answers for even less.
+NO_FOREIGN_ARP = Setting("net.ipv4.conf.all.arp_ignore", "3", enough=("1", "2", "8"))
 
 
 def _sysctl(fleet: Fleet) -> tuple[Setting, ...]:

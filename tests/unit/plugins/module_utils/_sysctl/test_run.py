@@ -203,6 +203,33 @@ def test_a_conflict_can_be_reported_instead(machine):
     assert not machine.run(REPORT, on_conflict="report")["changed"]
 
 
+ARP = "net.ipv4.conf.all.arp_ignore"
+
+
+@pytest.mark.parametrize("file", ["/etc/sysctl.d/10-own.conf", "/etc/sysctl.d/99-own.conf"])
+def test_a_value_of_somebody_else_that_is_enough_stays(machine, file):
+    machine.hold(conf__all__arp_ignore="1").write(file, f"{ARP} = 1\n")
+    wanted = [{"name": ARP, "value": "3", "enough": ["1", 2, "8"]}]
+    untouched = machine.state()
+    result = machine.run(wanted)
+    assert result["settings"][0]["value"] == result["settings"][0]["boot_value"] == "1"
+    assert machine.value("conf/all/arp_ignore") == "1" and not result["conflicts"]
+    assert not machine.run(wanted)["changed"]
+    machine.write(file, f"{ARP} = 8\n")
+    assert machine.run(wanted)["settings"][0]["value"] == machine.value("conf/all/arp_ignore") == "8"
+    machine.write(file, f"{ARP} = 1\n")
+    machine.run([])
+    assert machine.state() == untouched
+
+
+def test_a_value_of_somebody_else_that_is_not_enough_is_a_conflict_as_ever(machine):
+    machine.hold(conf__all__arp_ignore="0").write("/etc/sysctl.d/99-own.conf", f"{ARP} = 0\n")
+    assert "expected 3" in machine.run([{"name": ARP, "value": "3", "enough": ["1"]}])["msg"]
+    machine.write("/etc/sysctl.d/99-own.conf", "")
+    assert machine.run([{"name": ARP, "value": "3", "enough": ["1"]}])["settings"][0]["value"] == "3"
+    assert machine.drop_in.read_text().endswith(f"{ARP} = 3\n")
+
+
 def test_a_masked_service_is_a_conflict(machine):
     (machine.root / "etc/systemd/system").mkdir(parents=True)
     (machine.root / "etc/systemd/system/systemd-sysctl.service").symlink_to("/dev/null")

@@ -71,7 +71,7 @@ def test_plan_of_figure_5():
     }
     assert first["sysctl"] == [
         {"name": "net.ipv4.icmp_echo_ignore_broadcasts", "value": "0"},
-        {"name": "net.ipv4.conf.all.arp_ignore", "value": "3"},
+        {"name": "net.ipv4.conf.all.arp_ignore", "value": "3", "enough": ["1", "2", "8"]},
     ]
     assert first["services"] == ["address", "roscore", "discovery", "connections", "sync"]
     assert first["discovery"] == {
