@@ -12,8 +12,8 @@ description:
   - Where C(ufw) or C(firewalld) is active, it speaks to that one. Otherwise it has a table of its own in C(nftables), which is
     replaced in one transaction, and a small unit that loads it at boot before the network is there. Rules of others stay.
   - Ports below 1024, ICMP and IGMP are not touched, and neither are connections that are there already.
-    Ports of ssh stay open to everybody. These are the ports on which a server of ssh of root listens, the port of this connection
-    and O(ssh_ports).
+    Ports of ssh are not touched either, so rules of others decide about them. These are the ports on which a server of ssh of
+    root listens, the port of this connection and O(ssh_ports).
   - Rules of ours that somebody has removed come back. With empty O(members) everything of ours is removed.
   - Where the controller comes by something else than ssh, on a port that would be closed, the module fails before anything changes.
   - With O(confirm_within), a change that cuts the controller off is taken back by the machine itself.
@@ -47,7 +47,7 @@ options:
     default: []
   ssh_ports:
     description:
-      - Further TCP ports of ssh that stay open to everybody, for example V([2222]).
+      - Further TCP ports of ssh that are not touched, for example V([2222]).
         The controller adds those that the inventory names (C(ansible_port)).
     type: list
     elements: int
@@ -137,7 +137,7 @@ networks:
       returned: always
       sample: changed
 open_ports:
-  description: The protected ports that stay open to everybody, those of ssh among them.
+  description: The ports from 1024 up that this module closes to nobody, those of ssh among them.
   returned: always, unless an option is wrong
   type: list
   elements: str

@@ -3,7 +3,7 @@
 
 """The ways by which the controller and other people come in, that a packet filter must not close.
 
-Ports of ssh stay open to everybody: those on which an ssh server of root listens, and that of this connection. Where the
+Ports of ssh are not touched: those on which an ssh server of root listens, and that of this connection. Where the
 connection comes by another program, on a port that the filter closes, the module refuses.
 """
 

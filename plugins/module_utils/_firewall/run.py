@@ -124,7 +124,9 @@ class Run(ModuleRun):
             "backend": self.chosen.name if self.chosen else None,
             "members": [self._item(member) for member in members],
             "networks": [self._item(network) for network in networks],
-            "open_ports": [f"{port.number}/{port.protocol}" for port in self.wanted.open_ports] if self.wanted else [],
+            "open_ports": [f"{port}/{name}" for name in ("tcp", "udp") for port in self.wanted.open(name)]
+            if self.wanted
+            else [],
             "removed": [end.back_end.name for end in self.ends if end.before and end.wanted is None],
             "notes": self._notes(),
         }

@@ -28,14 +28,22 @@ class Wanted(typing.NamedTuple):
     members: typing.Tuple[str, ...]  # addresses and networks, of IPv4 and of IPv6
     networks: typing.Tuple[str, ...]  # of IPv4
     open_ports: typing.Tuple[Port, ...]
+    ssh: typing.Tuple[int, ...] = ()  # TCP ports that the filter does not touch: rules of others decide about them
 
     def of_version(self, version: int) -> typing.List[str]:
         """The members of IPv4 or of IPv6."""
         return [member for member in self.members if (":" in member) == (version == 6)]
 
     def open(self, protocol: str) -> typing.List[int]:
-        """The ports of one protocol that stay open to everybody."""
-        return [port.number for port in self.open_ports if port.protocol == protocol]
+        """The ports of one protocol that the filter closes to nobody."""
+        opened = [port.number for port in self.open_ports if port.protocol == protocol]
+        return sorted({*opened, *(self.ssh if protocol == "tcp" else ())})
+
+    def closed(self, protocol: str) -> typing.List[typing.Tuple[int, int]]:
+        """The protected ports of one protocol as ranges, without those of ssh."""
+        apart = [*(sorted(self.ssh) if protocol == "tcp" else ()), LAST + 1]
+        ranges = [(before + 1, port - 1) for before, port in zip([FIRST - 1, *apart], apart)]
+        return [(first, last) for first, last in ranges if first <= last]
 
 
 def read(options: typing.Mapping[str, typing.Any], ssh: typing.Iterable[int]) -> typing.Optional[Wanted]:
@@ -43,11 +51,10 @@ def read(options: typing.Mapping[str, typing.Any], ssh: typing.Iterable[int]) ->
     also = _networks("also", options["also"])
     members = _networks("members", options["members"] and [*options["members"], *also])
     networks = _networks("networks", options["networks"])
-    ports = {_port(text) for text in options["open_ports"]} | {Port("tcp", number) for number in ssh}
+    ports = {_port(text) for text in options["open_ports"]}
     for number in options["ssh_ports"]:
         if not 0 < number <= LAST:
             raise Problem(f"ssh_ports has {number}, expected ports such as 2222: correct it.")
-    ports |= {Port("tcp", number) for number in options["ssh_ports"]}
     if not members:
         if networks:
             raise Problem(
@@ -59,7 +66,9 @@ def read(options: typing.Mapping[str, typing.Any], ssh: typing.Iterable[int]) ->
             "networks has a network of IPv6, expected networks of robots, which are of IPv4: leave it out, for the packet filter "
             "of each computer closes IPv6 by itself."
         )
-    return Wanted(tuple(members), tuple(networks), tuple(sorted(port for port in ports if port.number >= FIRST)))
+    open_ports = tuple(sorted(port for port in ports if port.number >= FIRST))
+    untouched = tuple(sorted({number for number in [*ssh, *options["ssh_ports"]] if number >= FIRST}))
+    return Wanted(tuple(members), tuple(networks), open_ports, untouched)
 
 
 def _networks(option: str, texts: typing.Iterable[str]) -> typing.List[str]:

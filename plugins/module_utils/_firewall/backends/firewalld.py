@@ -154,7 +154,9 @@ def policies(wanted: Wanted) -> typing.Dict[str, typing.List[Rule]]:
     let_in = [Rule("accept", member, "", name, _RANGE) for member in wanted.members for name in both]
     # A switch asks from any address who listens to which group; zones may refuse that.
     igmp = [Rule("accept", protocol="igmp")]
-    found = {INPUT: let_in + igmp + open_ports + [Rule("drop", protocol=name, ports=_RANGE) for name in both]}
+    # Ports of ssh are neither opened nor closed: the zones decide about them.
+    closed = [(name, _ports(*ports)) for name in both for ports in wanted.closed(name)]
+    found = {INPUT: let_in + igmp + open_ports + [Rule("drop", "", "", *what) for what in closed]}
     if wanted.networks:
         passing = [
             Rule("accept", *way)
@@ -163,9 +165,13 @@ def policies(wanted: Wanted) -> typing.Dict[str, typing.List[Rule]]:
             for way in ((member, network), (network, member))
             if member != network
         ]
-        drops = [Rule("drop", "", network, name, _RANGE) for network in wanted.networks for name in both]
+        drops = [Rule("drop", "", network, *what) for network in wanted.networks for what in closed]
         found[FORWARD] = passing + open_ports + drops
     return found
+
+
+def _ports(first: int, last: int) -> str:
+    return str(first) if first == last else f"{first}-{last}"
 
 
 def _file(policy: str, rules: typing.Iterable[Rule]) -> str:

@@ -178,8 +178,8 @@ def rules(wanted: Wanted, versions: typing.Iterable[int]) -> typing.List[Rule]:
         anybody = ANYBODY[version]
         for protocol in ("tcp", "udp"):
             lets += [Rule("allow", protocol, _RANGE, anybody, member) for member in wanted.of_version(version)]
-            lets += [Rule("allow", protocol, str(port), anybody, anybody) for port in wanted.open(protocol)]
-            keeps.append(Rule("deny", protocol, _RANGE, anybody, anybody))
+            lets += [Rule("allow", protocol, port, anybody, anybody) for port in _opened(wanted, protocol)]
+            keeps += [Rule("deny", protocol, ports, anybody, anybody) for ports in _closed(wanted, protocol)]
     # A switch asks from any address who listens to which group; ufw's default refuses that.
     lets.append(Rule("allow", "igmp", "any", ANYBODY[4], ANYBODY[4]))
     for network in wanted.networks:
@@ -188,9 +188,18 @@ def rules(wanted: Wanted, versions: typing.Iterable[int]) -> typing.List[Rule]:
                 ways = ((network, member), (member, network))
                 lets += [Rule("route:allow", destination=there, source=here) for there, here in ways]
         for protocol in ("tcp", "udp"):
-            lets += [Rule("route:allow", protocol, str(port), network, ANYBODY[4]) for port in wanted.open(protocol)]
-            keeps.append(Rule("route:deny", protocol, _RANGE, network, ANYBODY[4]))
+            lets += [Rule("route:allow", protocol, port, network, ANYBODY[4]) for port in _opened(wanted, protocol)]
+            keeps += [Rule("route:deny", protocol, ports, network, ANYBODY[4]) for ports in _closed(wanted, protocol)]
     return [*dict.fromkeys(lets), *dict.fromkeys(keeps)]
+
+
+def _opened(wanted: Wanted, protocol: str) -> typing.List[str]:
+    """The ports that are opened. Those of ssh are not: the rules of others about them have the last word."""
+    return [str(port.number) for port in wanted.open_ports if port.protocol == protocol]
+
+
+def _closed(wanted: Wanted, protocol: str) -> typing.List[str]:
+    return [str(first) if first == last else f"{first}:{last}" for first, last in wanted.closed(protocol)]
 
 
 def _put_back(path: str, content: typing.Optional[bytes]) -> None:

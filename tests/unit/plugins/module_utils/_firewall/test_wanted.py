@@ -30,6 +30,12 @@ def test_ports_of_ssh_stay_open_where_they_are_protected_at_all():
     found = read(members=["192.168.1.229"], ssh_ports=[22, 2200], open_ports=["51820/udp", "80/tcp"], ssh=[2222])
     assert found.open("tcp") == [2200, 2222]
     assert found.open("udp") == [51820]
+    assert found.closed("tcp") == [(1024, 2199), (2201, 2221), (2223, 65535)]
+    assert found.closed("udp") == [(1024, 65535)]
+
+
+def test_ports_of_ssh_at_the_ends_and_side_by_side():
+    assert read(members=["10.0.0.1"], ssh=[1024, 2222, 2223, 65535]).closed("tcp") == [(1025, 2221), (2224, 65534)]
 
 
 @pytest.mark.parametrize(

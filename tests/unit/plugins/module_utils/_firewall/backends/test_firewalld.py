@@ -41,6 +41,14 @@ def test_rules_in_the_words_of_firewall_cmd():
         assert rule in rules
 
 
+def test_ports_of_ssh_are_neither_opened_nor_closed():
+    rules = firewalld.BackEnd(False).rules(WANTED._replace(open_ports=(), ssh=(2222,)))
+    assert not any('"2222"' in rule for rule in rules)
+    for ports in ("1024-2221", "2223-65535"):
+        assert f'rosfleet-input: rule priority="-1" port port="{ports}" protocol="tcp" drop' in rules
+    assert 'rosfleet-input: rule priority="-1" port port="1024-65535" protocol="udp" drop' in rules
+
+
 def test_files_hold_the_same_rules():
     files = {file["path"]: ET.fromstring(file["content"]) for file in firewalld.BackEnd(False).files(WANTED)}
     assert sorted(files) == [

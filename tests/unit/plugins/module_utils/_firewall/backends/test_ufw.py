@@ -50,6 +50,15 @@ def test_rules_let_in_first_and_keep_out_last():
     assert "allow tcp 2222 ::/0 any ::/0 in" in texts
 
 
+def test_ports_of_ssh_are_neither_opened_nor_closed():
+    texts = [rule.text for rule in ufw.rules(WANTED._replace(open_ports=(), ssh=(2222,)), [4])]
+    assert DENY not in texts and not any(" tcp 2222 " in text for text in texts)
+    for ports in ("1024:2221", "2223:65535"):
+        assert f"deny tcp {ports} 0.0.0.0/0 any 0.0.0.0/0 in" in texts
+        assert f"route:deny tcp {ports} 10.6.0.0/24 any 0.0.0.0/0 in" in texts
+    assert "deny udp 1024:65535 0.0.0.0/0 any 0.0.0.0/0 in" in texts
+
+
 def test_the_words_of_ufw():
     rule = ufw.Rule("route:deny", "udp", "1024:65535", "10.6.0.0/24", "0.0.0.0/0")
     words = "from 0.0.0.0/0 to 10.6.0.0/24 port 1024:65535"
