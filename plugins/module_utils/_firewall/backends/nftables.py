@@ -25,7 +25,8 @@ _GONE = f"table inet {TABLE}\ndelete table inet {TABLE}\n"
 # A table without a name in use, to learn how nft writes rules on this computer, and whether its kernel takes them.
 _SCRATCH = f'nft "$1" && nft -s list table inet {TABLE}'
 
-# nftables.service flushes everything when it starts, reloads or stops, so this unit follows it.
+# nftables.service flushes everything when it starts, reloads or stops, so this unit follows it: PartOf= for a stop, and the
+# second WantedBy= for the start after that.
 _UNIT = """\
 # {header}
 [Unit]
@@ -45,7 +46,7 @@ ExecReload={nft} -f {file}
 ExecStop={nft} delete table inet {table}
 
 [Install]
-WantedBy=sysinit.target
+WantedBy=sysinit.target nftables.service
 """
 
 
