@@ -199,6 +199,7 @@ def through_diagnostics(text):
         ros.diagnostics.KeyValue = lambda *pair: said.append(pair)
         ros.SyncNode(dict).diagnose([Diagnosis(text, text, [(text, text)])], 1.0)
         sys.modules.pop("rosfleet_multimaster.edge.ros", None)
+        del sys.modules["rosfleet_multimaster.edge"].ros  # made of what is no ROS, and of no use to other tests
     return list(texts(said))
 
 

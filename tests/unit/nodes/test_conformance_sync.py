@@ -166,7 +166,7 @@ class Lab:
         ros.SyncNode = lambda held: self.nodes.append(SyncNode(self.roscore, held)) or self.nodes[-1]
         ros.list_masters = lambda service: self.asked_list.append(service) or list(self.listed)
         monkeypatch.setitem(sys.modules, "rosfleet_multimaster.edge.ros", ros)
-        monkeypatch.setattr(rosfleet_multimaster, "ros", ros, raising=False)
+        monkeypatch.setattr(rosfleet_multimaster.edge, "ros", ros, raising=False)
         monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_sync", raising=False)
         monkeypatch.setattr(program, "on_signals", lambda loop, end: None)
         monkeypatch.setattr(program, "leave_process", lambda status: None)
