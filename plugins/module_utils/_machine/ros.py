@@ -269,7 +269,10 @@ def closed(paths: typing.Iterable[str]) -> str:
     if not part:
         return ""
     kind, right = ("folder", "x") if os.path.isdir(part) else ("file", "r")
-    mode = os.stat(part).st_mode & 0o7777
+    try:
+        mode = os.stat(part).st_mode & 0o7777
+    except (OSError, ValueError):  # it is gone meanwhile
+        return ""
     return (
         f"The {kind} {part} (mode {mode:04o}) is closed to other users, but the services run as an unprivileged one: "
         f"open it (chmod o+{right} {part}), or use a ROS that is installed for everybody."

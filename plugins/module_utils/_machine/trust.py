@@ -6,7 +6,6 @@
 And the names of variables that a set-up file of ROS may give to root, to others, and to nobody.
 """
 
-import errno
 import grp
 import os
 import pwd
@@ -48,9 +47,12 @@ def doubts(path: str, root: int = 0) -> typing.List[Doubt]:
             break
         if os.path.islink(here):
             links += 1
+            try:
+                target = os.readlink(here)
+            except OSError:  # it is another thing by now; who may do that is in the list already
+                break
             if links > _LINKS:
-                raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), path)
-            target = os.readlink(here)
+                break  # it leads nowhere, also for the kernel
             here = "/" if target.startswith("/") else above
             waiting += [part for part in reversed(target.split("/")) if part]
     return list(found)
@@ -109,6 +111,10 @@ _LISTS = re.compile(
     r"PATH|PYTHONPATH|LD_LIBRARY_PATH|PKG_CONFIG_PATH|ROS_PACKAGE_PATH|ROSLISP_PACKAGE_DIRECTORIES"
     r"|(?:CMAKE|AMENT|COLCON)_PREFIX_PATH|(?:GAZEBO|IGN|GZ|SDF)_(?:[A-Z0-9_]+_)?PATH"
 )
+# What others read otherwise than the kernel, so that an entry would be one folder here and another one there: for the dynamic
+# linker `;` ends an entry, and $ORIGIN is a folder (ld.so(8)); OpenSSH before 8.7 ends a quotation at each `"`.
+_QUOTING = frozenset('"\\')
+_AMBIGUOUS = _QUOTING | frozenset(";$")
 # What root may have of a set-up file that is root's: ROS, and where it finds its parts.
 _OF_ROOT = re.compile(
     r"(?:ROS|ROSCONSOLE|CATKIN|GAZEBO|IGN|GZ|SDF)_[A-Z0-9_]+|ROSLISP_PACKAGE_DIRECTORIES|PKG_CONFIG_PATH"
@@ -133,7 +139,7 @@ class Variables(typing.NamedTuple):
 
 
 def sort(variables: typing.Dict[str, str]) -> Variables:
-    """Sort the variables of a set-up file by their names, and drop the relative entries of lists of folders."""
+    """Sort the variables of a set-up file by their names, and drop entries of lists that name no one certain folder."""
     sorted_ones = Variables({}, {}, [])
     for name, value in sorted(variables.items()):
         if _OF_NOBODY.fullmatch(name):
@@ -141,7 +147,7 @@ def sort(variables: typing.Dict[str, str]) -> Variables:
             continue
         if _LISTS.fullmatch(name):
             entries = [entry for entry in value.split(":") if entry]
-            kept = [entry for entry in entries if entry.startswith("/")]
+            kept = [entry for entry in entries if entry.startswith("/") and not _AMBIGUOUS & set(entry)]
             sorted_ones.left_out.extend(f"{name} ({entry})" for entry in entries if entry not in kept)
             value = ":".join(kept)
         if value:
@@ -151,10 +157,13 @@ def sort(variables: typing.Dict[str, str]) -> Variables:
     return sorted_ones
 
 
+_HOST = re.compile(r"\A[A-Za-z][A-Za-z0-9+.-]*://[^/:]+")
+
+
 def paths(variables: typing.Dict[str, str]) -> typing.List[str]:
-    """List the absolute paths that values name, alone or in a list of folders; `//host` of a URI is none."""
-    found = [entry for value in variables.values() for entry in value.split(":")]
-    return sorted({entry for entry in found if entry.startswith("/") and not re.match("//[^/]", entry)})
+    """List the absolute paths that values name, alone or in a list of folders; the host of a URI is none, `//home` is one."""
+    found = [entry for value in variables.values() for entry in _HOST.sub("", value).split(":")]
+    return sorted({entry for entry in found if entry.startswith("/")})
 
 
 class Reach(typing.NamedTuple):
@@ -189,4 +198,13 @@ def _owner(found: typing.Iterable[Doubt]) -> str:
 
 
 def _certain(variables: typing.Dict[str, str]) -> typing.Dict[str, str]:
-    return {name: value for name, value in variables.items() if not any(doubts(path) for path in paths({name: value}))}
+    return {name: value for name, value in variables.items() if _is_certain(name, value)}
+
+
+def _is_certain(name: str, value: str) -> bool:
+    """Return True for a value that names nothing but what root alone can change, wherever root stands when it is read."""
+    if _QUOTING & set(value):
+        return False
+    named = "/" in value or name.endswith(("_FILE", "_DIR", "_HOME"))
+    relative = not _HOST.match(value) and any(entry and not entry.startswith("/") for entry in value.split(":"))
+    return not (named and relative) and not any(doubts(path) for path in paths({name: value}))

@@ -33,6 +33,6 @@ def warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
     if chosen.get("left_out"):
         found.append(
             f"{host}: the set-up file {setup} sets {', '.join(chosen['left_out'])}, which nobody gets; expected variables of ROS, and "
-            "absolute folders in lists: set what makes programs run other code than their own where it is needed, and there alone."
+            'absolute folders without ; $ " and \\ in lists: set what makes programs run other code than their own where it is needed, and there alone.'
         )
     return found

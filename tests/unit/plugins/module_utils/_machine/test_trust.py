@@ -69,8 +69,7 @@ def test_links_are_followed(tree):
     (tree / "around").symlink_to("around")
     assert words(tree / "link/setup.sh") == [f"{tree}/theirs belongs to nobody"]
     assert words(tree / "ws/../theirs") == [f"{tree}/theirs belongs to nobody"]
-    with pytest.raises(OSError, match="links"):
-        trust.doubts(str(tree / "around"))
+    assert words(tree / "around/x") == []  # root's own loop leads nowhere
 
 
 def test_names_of_variables():
@@ -105,6 +104,16 @@ def test_names_of_variables():
 def test_the_paths_in_values():
     values = {"A": "http://localhost:11311", "B": "/x:/y/z:w", "C": "file:///etc/x", "D": "no/path"}
     assert trust.paths(values) == ["///etc/x", "/x", "/y/z"]
+    assert trust.paths({"A": "//home/x", "B": "/a://home/y"}) == ["//home/x", "//home/y", "/a"]
+
+
+@pytest.mark.parametrize(
+    "entry", ["/opt/x;/home/y", "/$ORIGIN/../../home/y", '/opt/x" LD_PRELOAD=/home/y.so "', "/opt/x\\"]
+)
+def test_entries_that_others_read_as_another_folder_are_left_out(entry):
+    found = trust.sort({"LD_LIBRARY_PATH": f"/opt/lib:{entry}"})
+    assert found.usable == found.of_root == {"LD_LIBRARY_PATH": "/opt/lib"}
+    assert found.left_out == [f"LD_LIBRARY_PATH ({entry})"]
 
 
 def reach(tree, **variables):
@@ -115,6 +124,23 @@ def reach(tree, **variables):
 def test_roots_own_set_up_reaches_root(tree):
     found = reach(tree, PATH=f"{tree}/ws/bin", ROS_DISTRO="noetic", MODEL="burger", ROS_HOME="/tmp")
     assert found == ({"PATH": f"{tree}/ws/bin", "ROS_DISTRO": "noetic"}, "*", "", "")
+
+
+@as_root
+@pytest.mark.parametrize(
+    "value", ["../home/x.conf", "x.conf", "//tmp/x.conf", "/usr/x:y/z", 'a" LD_PRELOAD=/tmp/x.so "', "a\\"]
+)
+def test_root_gets_no_value_that_means_what_others_can_change(tree, value):
+    found = reach(tree, ROS_PYTHON_LOG_CONFIG_FILE=value, ROS_DISTRO="noetic", ROS_MASTER_URI="http://a-b:11311/")
+    assert found.for_root == {"ROS_DISTRO": "noetic", "ROS_MASTER_URI": "http://a-b:11311/"}
+    assert found.person == "*"
+
+
+@as_root
+def test_two_slashes_lead_to_a_persons_folder_too(tree):
+    (tree / "theirs").mkdir()
+    os.chown(tree / "theirs", NOBODY.pw_uid, NOBODY.pw_gid)
+    assert reach(tree, PYTHONPATH=f"/{tree}/theirs")[:2] == ({}, "nobody")
 
 
 @as_root
