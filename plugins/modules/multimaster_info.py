@@ -336,7 +336,7 @@ ros:
           type: str
           sample: /home/robot belongs to robot
         left_out:
-          description: Variables that nobody gets, and entries of lists that are not absolute.
+          description: Variables that nobody gets, and entries of lists that are not absolute, or have C(;), C($), a quote or a backslash.
           returned: always
           type: list
           elements: str

@@ -74,14 +74,17 @@ def _node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
 def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]]:
     """Read the nodes that master_sync has registered: {URI of a master: {node: URI}}. Raises OSError if nobody tells."""
     try:
-        return json.loads(ros.ask("getParam", IMPORTS))["imports"]
-    except (OSError, ValueError, KeyError, TypeError):
+        # Anybody may set a parameter. A number of some millions of digits would keep a processor for minutes as an int.
+        told = json.loads(ros.ask("getParam", IMPORTS), parse_int=float)["imports"]
+        if _of_masters(told):
+            return told
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass  # another implementation
     service = next((name for name in sorted(services) if name.endswith(SYNC_INFO)), None)
     if service is None:
         raise OSError(f"{ros.uri}: no master_sync tells what it has registered")
     answers, error = _ask(ros, {"types": [], "service": service})
-    if "service" not in answers:
+    if not _of_masters(answers.get("service")):
         raise OSError(f"{service} does not tell what is registered: {error or 'no answer'}")
     return answers["service"]
 
@@ -104,6 +107,11 @@ def _ask(ros: Ros, questions: typing.Dict[str, typing.Any]) -> typing.Tuple[typi
         if isinstance(told, dict):
             answers.update({name: told[name] for name in ("types", "service") if _texts(told.get(name))})
     return answers, error
+
+
+def _of_masters(told: typing.Any) -> bool:
+    """Return True for {URI of a master: {node: URI}}."""
+    return _texts(told) and all(isinstance(nodes, dict) for nodes in told.values())
 
 
 def _texts(told: typing.Any) -> bool:

@@ -192,6 +192,22 @@ def test_another_implementation_is_asked_by_its_service(ros):
     assert [entry["master"] for entry in found["imports"]] == [THERE]
 
 
+@pytest.mark.parametrize(
+    "said",
+    [
+        "[" * 100000,
+        '{"imports": ["x"]}',
+        '{"imports": {"http://there:11311/": "x"}}',
+        '{"imports": {"http://there:11311/": {"/planner": 1}}}',
+        '{"imports": {}, "x": ' + "9" * 1000000 + "0" * 20,
+    ],
+)
+def test_a_parameter_that_anybody_has_set_is_no_answer(ros, said):
+    made, master = ros
+    master.getParam = lambda caller, name: (1, "", said)
+    assert [part["master"] for part in looked_at(made)["imports"]] == [THERE]
+
+
 def test_without_an_answer_of_it_there_is_a_sentence(ros):
     made, master = ros
     master.imports = None
