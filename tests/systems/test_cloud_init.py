@@ -34,7 +34,7 @@ def boot(lab):
         lab.run(HOST, ": > /var/log/cloud-init.log")
         lab.podman("restart", "--time", "2", HOST)
         lab.wait_until_up(HOST)
-        status = lab.run(HOST, "timeout 60 cloud-init status --wait", check=False)
+        status = lab.run(HOST, "timeout 150 cloud-init status --wait", check=False)
         log = lab.run(HOST, "cat /var/log/cloud-init.log", check=False)
         assert "status: done" in status and "config-update_etc_hosts ran successfully" in log, log[-3000:]
         assert instance in lab.run(HOST, "cat /var/lib/cloud/data/instance-id")
