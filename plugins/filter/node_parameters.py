@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
-"""The filter node_parameters: the file of a node's parameters."""
+"""The filter node_parameters: the parameters of a node with the robots of the fleet."""
 
 from __future__ import annotations
 
 DOCUMENTATION = r"""
 name: node_parameters
-short_description: The text of the file with the parameters of a node
+short_description: The parameters of a node with the robots of the fleet
 version_added: "0.1.0"
 description:
-  - Adds the robots of the fleet to the parameters of a bundled node, and writes them as JSON. The nodes of multimaster_fkie
-    know no members, so their parameters stay as they are.
+  - Adds the robots of the fleet to the parameters of a bundled node. The nodes of multimaster_fkie know no members, so their
+    parameters stay as they are.
 author:
   - rosfleet contributors (@rosfleet)
 positional: _input, members
@@ -35,16 +35,15 @@ EXAMPLES = r"""
     bundle: parameters
     files:
       - path: /etc/rosfleet-multimaster/master_sync.json
-        content: "{{ multimaster_plan.sync | rosfleet.multimaster.node_parameters(multimaster_fleet.belonging.robots) }}"
+        content: "{{ multimaster_plan.sync | rosfleet.multimaster.node_parameters(multimaster_fleet.belonging.robots) | to_nice_json }}"
 """
 
 RETURN = r"""
 _value:
-  description: The content of the file, JSON with a line for each value.
-  type: str
+  description: The parameters, which the node reads as JSON, for example V({"name":"kobuki1computer","members":[]}).
+  type: dict
 """
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -52,14 +51,14 @@ from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import parameters as parameters_module
 
 
-def node_parameters(parameters: Any, members: Any) -> str:
-    """Return the text of the file; see DOCUMENTATION."""
+def node_parameters(parameters: Any, members: Any) -> dict[str, Any]:
+    """Return the parameters; see DOCUMENTATION."""
     if not isinstance(parameters, Mapping) or not isinstance(members, (list, tuple)):
         raise AnsibleFilterError(
             f"The parameters of a node are {parameters!r}, of the members {members!r}; expected a mapping and a list: let the role "
             "preflight make the plan first."
         )
-    return json.dumps(parameters_module.with_members(parameters, members), indent=4, sort_keys=True) + "\n"
+    return dict(parameters_module.with_members(parameters, members))
 
 
 class FilterModule:
