@@ -237,7 +237,7 @@ SUITES = [
         "long",
         "pytest",
         "tests/long",
-        labs=("long-links", "long-fuzz", "long-firewall", "long-alone", "long-hostile"),
+        labs=("long-links", "long-fuzz", "long-firewall", "long-alone", "long-hostile", "long-strangers"),
         limit=LONG_LIMIT,
     ),
     demonstration("bullseye", 90, "--suite=bullseye", layout="single_computer", group="long"),

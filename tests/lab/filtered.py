@@ -7,7 +7,7 @@ import contextlib
 import json
 
 import containers
-from layout import Extra, hosts_of, read_inventory
+from layout import Extra
 from podman import ROOT
 from subject import Lab
 
@@ -48,11 +48,6 @@ SHOWN = {
 class Filtered(Lab):
     """The lab, and what a stranger finds in it."""
 
-    def become(self, inventory):
-        hosts = hosts_of(read_inventory(inventory), EXTRAS)
-        containers.up(self.name, hosts)
-        self.inventory, self.connection = inventory, containers.write_inventory(self.name, hosts)
-
     def look(self, host, *addresses, first=1024, last=65535):
         """What a computer finds on others: address -> {"tcp": ports, "udp": ports}."""
         text = (ROOT / "tests/lab/nodes/stranger.py").read_text()
@@ -73,7 +68,7 @@ def filtered_lab(name):
     """The lab with the owners' own packet filters, until the end of the block."""
     containers.down(name)
     try:
-        lab = Filtered(name, INVENTORY)
+        lab = Filtered(name, INVENTORY, EXTRAS)
         for host, command in BEFORE.items():
             lab.run(host, command)
         for host in ROBOTS:

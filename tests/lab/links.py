@@ -59,12 +59,12 @@ def until(look: Callable[[], object], seconds: float, what: str) -> object:
 
 
 class Watch:
-    """What the roscore of a computer has held, from now on."""
+    """What the roscore of a computer has held, from now on; by another script, what that one looks at."""
 
-    def __init__(self, lab, host: str, looks: int = 20) -> None:
-        self.lab, self.host, self.unit = lab, host, f"watch-{looks}"
-        lab.start(host, self.unit, f"python3 {{script}} {looks}", "watch.py")
-        until(self.events, 60, f"a look at the roscore of {host}")
+    def __init__(self, lab, host: str, looks: int = 20, script: str = "watch.py") -> None:
+        self.lab, self.host, self.unit = lab, host, f"{script.removesuffix('.py')}-{looks}"
+        lab.start(host, self.unit, f"python3 {{script}} {looks}", script)
+        until(self.events, 60, f"the first look of {script} on {host}")
 
     def events(self, since: float = 0.0) -> list[tuple[float, str]]:
         """(time, what happened)."""

@@ -21,13 +21,14 @@ THREE_ROBOTS = ROOT / "tests" / "systems" / "three_robots"
 class Lab:
     """The computers of the lab, and the playbooks against them."""
 
-    def __init__(self, name, inventory):
-        self.name = name
+    def __init__(self, name, inventory, extras=None):
+        """`extras`: computers beside those of the inventory, and more for those of it; see layout.Extra."""
+        self.name, self.extras = name, extras
         self.become(inventory)
 
     def become(self, inventory):
         """Bring the lab to the computers of an inventory: those that it has already stay as they are."""
-        hosts = hosts_of(read_inventory(inventory))
+        hosts = hosts_of(read_inventory(inventory), self.extras)
         containers.up(self.name, hosts)
         self.inventory, self.connection = inventory, containers.write_inventory(self.name, hosts)
 
@@ -109,11 +110,11 @@ class Lab:
 
 
 @contextlib.contextmanager
-def lab_of(name, inventory):
-    """The computers of an inventory, until the end of the block."""
+def lab_of(name, inventory, extras=None):
+    """The computers of an inventory, and what is extra, until the end of the block."""
     containers.down(name)
     try:
-        yield Lab(name, inventory)
+        yield Lab(name, inventory, extras)
     finally:
         containers.down(name)
 

@@ -1,7 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A master that nobody asked for: rogue.py OWN_ADDRESS VICTIM URI NAME SECONDS. Prints what it was asked, as JSON."""
+"""A master that nobody asked for: rogue.py OWN_ADDRESS VICTIM URI NAME SECONDS. Prints what it was asked, as JSON.
+
+VICTIM is an address, or the group. It offers what would steer a robot: publishers of /cmd_vel and /tf, and a service.
+"""
 
 import json
 import socket
@@ -13,6 +16,7 @@ from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 own, victim, uri, name, seconds = sys.argv[1:]
 PORT, RPC = 11511, 11711
+TOPICS = {"/cmd_vel": "geometry_msgs/Twist", "/tf": "tf2_msgs/TFMessage", "/rogue/cmd_vel": "geometry_msgs/Twist"}
 seen = {"connections": 0, "methods": [], "answers": 0}
 
 
@@ -26,9 +30,10 @@ class Server(SimpleXMLRPCServer):
         if method == "masterContacts":
             return ["5.000000000", uri, name, "/master_discovery", f"http://{own}:{RPC}/"]
         nodes = [["/rogue", f"http://{own}:40000/", uri, 1, "local"]]
-        topics = [["/rogue/cmd_vel", ["/rogue"]]]
-        kinds = [["/rogue/cmd_vel", "geometry_msgs/Twist"]]
-        return ["5.000000000", "5.000000000", uri, name, topics, [], [], kinds, nodes, []]
+        topics = [[topic, ["/rogue"]] for topic in TOPICS]
+        services = [["/rogue/stop", ["/rogue"]]]
+        providers = [["/rogue/stop", f"rosrpc://{own}:40001", uri, "std_srvs/Empty", "local"]]
+        return ["5.000000000", "5.000000000", uri, name, topics, [], services, list(TOPICS.items()), nodes, providers]
 
 
 server = Server((own, RPC), SimpleXMLRPCRequestHandler, logRequests=False)
