@@ -119,13 +119,15 @@ class Fleet:
         return self.run(host, f"journalctl --quiet --output cat --unit {unit} --since @{since:.0f}")
 
     def diagnosed(self, host, text):
-        """Wait until a node of a robot has said so on /diagnostics."""
+        """Wait until a node of a robot says so on /diagnostics. The last message of each stays for who comes later."""
 
         def said():
             entries = self.run(host, "cat /run/diagnostics.out").split("level:")
             return any(text in entry and f'hardware_id: "{host}"' in entry for entry in entries)
 
-        until(said, 10, f"{text} on /diagnostics of {host}")
+        self.lab.start(host, "diagnostics", "rostopic echo /diagnostics")
+        until(said, 15, f"{text} on /diagnostics of {host}")
+        self.lab.stop(host, "diagnostics")
 
     def outsiders(self):
         """Whom the first robot ignores: address -> name, URI, why."""
@@ -196,8 +198,6 @@ def fleet():
         assert status == 0, output
         lab.start(PEER, "data", "rostopic pub -r 5 /real/data std_msgs/Int32 1")
         lab.start(VICTIM, "hears", "rostopic echo /real/data")
-        for host in ROBOTS:
-            lab.start(host, "diagnostics", "rostopic echo /diagnostics")
         found = Fleet(lab)
         for host in ROBOTS:
             until(lambda host=host: len(found.lists[host].held()) == 2, 30, f"both masters on {host}")
