@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Masters and datagrams of strangers, and a member that lies about its nodes, against a running fleet. Takes four minutes.
+"""Masters and datagrams of strangers, and a member that lies about its nodes, against a running fleet. Takes three minutes.
 
 The strangers are on a computer of the common network that is in no inventory. What the first robot connects to is counted
 by its kernel. All of it stays in the lab's internal network, and is bounded in number.
