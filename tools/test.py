@@ -172,6 +172,9 @@ WAITING = {"clock", "exchanges"}
 #: Tests that assert times of tenths of a second: nothing runs beside them.
 TIMED = {"links", "data_flow", "alone"}
 
+#: Files of tests/systems that are part of 'make test-long', since they take minutes.
+COSTLY = {"firewall"}
+
 
 def scenarios() -> list[Suite]:
     """The Molecule scenarios."""
@@ -196,7 +199,8 @@ def systems() -> list[Suite]:
     def suite(name: str, lab: str, *stems: str) -> Suite:
         files = [f"tests/systems/test_{stem}.py" for stem in stems]
         cores = CORES if name in TIMED else 0.5 if name in WAITING else 1.0
-        return cases("systems", name, *files, cores=cores, seconds=SECONDS.get(name, 60), labs=(lab,))
+        group = "long" if name in COSTLY else "systems"
+        return cases(group, name, *files, cores=cores, seconds=SECONDS.get(name, 60), labs=(lab,))
 
     own = [suite(name, f"systems-{name.replace('_', '-')}", name) for name in names if name not in IN_COMMON]
     return [suite("robots", "systems", *IN_COMMON), *own]
