@@ -172,8 +172,9 @@ WAITING = {"clock", "exchanges"}
 #: Tests that assert times of tenths of a second: nothing runs beside them.
 TIMED = {"links", "data_flow", "alone"}
 
-#: Files of tests/systems that are part of 'make test-long', since they take minutes.
-COSTLY = {"firewall"}
+#: Files of tests/systems and Molecule scenarios that are part of 'make test-long', since they take minutes. The demonstration
+#: of the multi-computer layout shows the same fleet in every run, but for its restart and its teardown.
+COSTLY = {"firewall", "multi_computer"}
 
 
 def scenarios() -> list[Suite]:
@@ -181,7 +182,7 @@ def scenarios() -> list[Suite]:
     names = sorted(path.parent.name for path in (ROOT / "extensions" / "molecule").glob("*/molecule.yml"))
     return [
         Suite(
-            "molecule",
+            "long" if name in COSTLY else "molecule",
             name,
             ("molecule", "test", "--scenario-name", name),
             one_test,
