@@ -174,7 +174,7 @@ TIMED = {"links", "data_flow", "alone"}
 
 #: Files of tests/systems and Molecule scenarios that are part of 'make test-long', since they take minutes. The demonstration
 #: of the multi-computer layout shows the same fleet in every run, but for its restart and its teardown.
-COSTLY = {"firewall", "multi_computer"}
+COSTLY = {"alone", "firewall", "links", "multi_computer"}
 
 
 def scenarios() -> list[Suite]:
