@@ -281,7 +281,7 @@ def test_a_spoofed_rate_of_zero_delays_no_loss(fleet, slack):
 
 
 def test_senders_that_are_invented_are_asked_twice_and_only_near_ones(fleet):
-    until(lambda: fleet.data(), 20, "data again")
+    until(fleet.data, 20, "data again")
     time.sleep(3)
     near, far = {LIAR, NOBODY, ROBOTS[PEER]}, {"8.8.8.8", "10.1.2.3", "192.168.99.5"}
     odd = {"127.0.0.1", ROBOTS[VICTIM], "255.255.255.255", GROUP}

@@ -18,7 +18,9 @@ import yaml
 HERE = Path(__file__).parent
 FILES = sorted((HERE / "exchanges").glob("*.yml"))
 PLAYER = HERE.parent / "lab" / "nodes" / "scripted_peer.py"
-SETTING = {"address": "192.168.1.32", "real": "192.168.1.31", "group": "226.0.0.0", "port": 11511}
+# Each exchange has an address of its own: one that did not say who it is is asked twice in 30 s, and not again.
+ADDRESSES = [f"192.168.1.{40 + number}" for number in range(len(FILES))]
+SETTING = {"real": "192.168.1.31", "group": "226.0.0.0", "port": 11511}
 # Upstream's rate, a heartbeat each 50 s, so that those do not look like answers.
 RARELY = 's/"heartbeat_hz": [0-9.]*/"heartbeat_hz": 0.02/'
 
@@ -30,14 +32,16 @@ def exchanges(new_lab):
         status, output = lab.play("site.yml", "--limit", "bundled")
         assert status == 0, output
         lab.run("peer", "echo 192.168.1.31 real >> /etc/hosts; cat > /run/player.py", stdin=PLAYER.read_text())
+        lab.run("peer", "".join(f"ip address add {address}/24 dev eth0; " for address in ADDRESSES))
         lab.run("real", f"sed -i '{RARELY}' /etc/rosfleet-multimaster/master_discovery.json")
         lab.run("real", "systemctl restart multimaster-discovery; sleep 6")  # it asks all for its first 5 s
         yield lab
 
 
-@pytest.mark.parametrize("number", range(11621, 11621 + len(FILES)), ids=[path.stem for path in FILES])
-def test_the_real_nodes_answer_as_upstream_expects(exchanges, number):
+@pytest.mark.parametrize("file, address", [*zip(FILES, ADDRESSES)], ids=[path.stem for path in FILES])
+def test_the_real_nodes_answer_as_upstream_expects(exchanges, file, address):
+    number = 11621 + FILES.index(file)
     known = {"number": str(number), "port": struct.pack("<H", number).hex(), "name": f"peer{number}"}
-    script = {**SETTING, "known": known, "steps": yaml.safe_load(FILES[number - 11621].read_text())}
+    script = {**SETTING, "address": address, "known": known, "steps": yaml.safe_load(file.read_text())}
     said = exchanges.run("peer", "python3 /run/player.py 2>&1", check=False, stdin=json.dumps(script))
     assert said == "ok\n", said + exchanges.run("real", "journalctl --unit 'multimaster-*' --output cat --lines 40")

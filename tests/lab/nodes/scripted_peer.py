@@ -154,7 +154,7 @@ class Peer:
         self.calls.clear()
         for port, answers in servers.items():
             if port not in self.servers:
-                self.servers[port] = Server((self.address, int(port)), self.calls)
+                self.servers[port] = Server(("", int(port)), self.calls)
             self.servers[port].answers = answers
 
     def close(self, port):

@@ -22,8 +22,10 @@ RESOLVED = {
 }
 
 
-def objection(uri, master=URI, sender="192.168.1.201", members=MEMBERS):
-    return Places(Members.of(members), master, f"http://{sender}:11611", HERE, RESOLVED).objection(uri)
+def objection(uri, master=URI, sender="192.168.1.201", members=None):
+    return Places(
+        Members.of(MEMBERS if members is None else members), master, f"http://{sender}:11611", HERE, RESOLVED
+    ).objection(uri)
 
 
 @pytest.mark.parametrize(

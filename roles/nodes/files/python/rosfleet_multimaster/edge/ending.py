@@ -107,8 +107,8 @@ def _pair(item: Any) -> Pair:
         (here, port), (there, other) = item
     except TypeError:
         raise ValueError("no pair of endpoints") from None
-    if not all(isinstance(address, str) for address in (here, there)) or not all(
-        type(at) is int for at in (port, other)
-    ):
-        raise ValueError("no endpoints")
+    if not all(isinstance(address, str) for address in (here, there)):
+        raise ValueError("no addresses")
+    if not all(isinstance(at, int) and not isinstance(at, bool) for at in (port, other)):
+        raise ValueError("no ports")
     return (here, port), (there, other)
