@@ -321,12 +321,20 @@ ros:
           type: dict
           sample: {ROS_DISTRO: noetic, PATH: /opt/ros/noetic/bin}
         for_root:
-          description: Those of them that root may have. None, unless the set-up file and all its folders are root's alone.
+          description:
+            - The variables that root may have.
+            - Where the set-up file or a folder of its lists is not root's alone, they are those of the set-up file below C(/opt/ros) on which
+              the workspace is built, and none where it is built on none, or that one is not root's alone either.
           returned: always
           type: dict
           sample: {ROS_DISTRO: noetic, PATH: /opt/ros/noetic/bin}
+        below:
+          description: The set-up file of RV(ros.found[].for_root) where that is another one than RV(ros.found[].setup), or empty.
+          returned: always
+          type: str
+          sample: ""
         person:
-          description: The user who gets all of them, V(*) for every user but root, empty for no user. Services get them in any case.
+          description: The user who gets all of RV(ros.found[].environment), V(*) for every user but root, empty for no user. Services get them in any case.
           returned: always
           type: str
           sample: "*"
@@ -359,10 +367,15 @@ ros:
           type: dict
           sample: {roscore: /opt/ros/noetic/bin/roscore, rostopic: /opt/ros/noetic/bin/rostopic, rosservice: ""}
         hooks:
-          description: The folder of shell files that the set-up file sources at its end, or empty.
+          description: The folder of shell files that the set-up file sources at its end, where root alone can change it, or empty.
           returned: always
           type: str
           sample: /opt/ros/noetic/etc/catkin/profile.d
+        hooks_doubt:
+          description: Which such folder was passed over and why, in a few words, or empty.
+          returned: always
+          type: str
+          sample: below /home/robot/ws/devel, since /home/robot belongs to robot
         nodes:
           description: The executables of O(nodes), looked for in the chosen installation only.
           returned: always

@@ -16,6 +16,14 @@ FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 PERSON, UID = "operator", 1000
 WORKSPACE = f"/home/{PERSON}/ws"
 SETUP = f"{WORKSPACE}/devel/setup.bash"
+BELOW = "/opt/ros/noetic"  # root's, and the workspace is built on it
+OF_ROOT = f"""
+mkdir -p {BELOW}/python/below_msgs
+echo MODEL = 1 > {BELOW}/python/below_msgs/__init__.py
+cat > {BELOW}/setup.sh <<'END'
+export ROS_DISTRO=noetic ROS_VERSION=1 ROS_ETC_DIR={BELOW}/etc CMAKE_PREFIX_PATH={BELOW} PYTHONPATH={BELOW}/python
+END
+"""
 SECRET = "the secret of root"
 ROBBING = (Path(__file__).with_name("workspaces") / "robbing.sh").read_text()
 MEMBERS = [
@@ -27,12 +35,13 @@ MEMBERS = [
 @pytest.fixture(scope="module")
 def robbed(lab):
     """The lab, whose first robot has the workspace; and what site.yml said about it."""
-    lab.run(FIRST, f"su {PERSON} -c 'bash -s {WORKSPACE}'", stdin=ROBBING)
+    lab.run(FIRST, OF_ROOT)
+    lab.run(FIRST, f"su {PERSON} -c 'bash -s {WORKSPACE} {BELOW}'", stdin=ROBBING)
     lab.run(FIRST, "umask 077; cat > /root/secret", stdin=SECRET)
     status, output = lab.play("site.yml", "--limit", "kobuki1", variables={"multimaster_ros_setup": SETUP})
     assert status == 0, output
     yield lab, output
-    lab.run(FIRST, f"systemctl stop user@{UID} user@0; rm -rf {WORKSPACE} /root/secret /tmp/ran-as-*")
+    lab.run(FIRST, f"systemctl stop user@{UID} user@0; rm -rf {WORKSPACE} /opt/ros /root/secret /tmp/ran-as-*")
     status, output = lab.play("site.yml", "--limit", "kobuki1")
     assert status == 0, output
 
@@ -41,8 +50,9 @@ def test_it_is_said_what_root_does_not_get(robbed):
     _lab, output = robbed
     assert (
         f"{FIRST}: root gets no variables of the set-up file {SETUP}, since /home/{PERSON} belongs to {PERSON}; expected files and "
-        f"folders that root alone can change: the services and the user {PERSON} get them"
+        f"folders that root alone can change: the services and the user {PERSON} get them; root and other users get those of {BELOW}/setup.sh."
     ) in output
+    assert f"{FIRST}: no hook of catkin is written below {WORKSPACE}" in output
     assert "sets BASH_ENV, LD_PRELOAD, PATH (./bin), PYTHONPATH (lib), PYTHONSTARTUP, which nobody gets" in output
 
 
@@ -63,17 +73,35 @@ def test_nothing_of_it_reaches_root(robbed):
     assert not re.search(r"LD_PRELOAD|BASH_ENV|PYTHONSTARTUP|\./bin|[:=]lib\b", written)
 
 
+BOTH = "echo etc=$ROS_ETC_DIR; python3 -c 'import below_msgs; print(below_msgs.__name__)'; true"
+
+
+def test_root_and_others_keep_the_ros_of_root_that_is_below(robbed):
+    lab, _output = robbed
+    lab.run(FIRST, "useradd -m guest")
+    seen = [lab.ssh(FIRST, BOTH), lab.run(FIRST, BOTH), lab.run(FIRST, "su - guest", stdin=BOTH)]
+    assert all(f"etc={BELOW}/etc" in text and "below_msgs" in text for text in seen), seen
+    lab.run(FIRST, "systemctl restart user@0")
+    desktop = lab.run(FIRST, DESKTOP)
+    assert f"ROS_ETC_DIR={BELOW}/etc" in desktop and "ROS_DISTRO=noetic" in desktop
+    for text in (lab.ssh(FIRST, BOTH, user=PERSON), lab.run(FIRST, f"su - {PERSON}", stdin=BOTH)):
+        assert f"etc={WORKSPACE}/etc" in text and "below_msgs" in text
+    lab.run(FIRST, "userdel -r guest 2>/dev/null")
+
+
 def test_the_workspace_goes_on_working_for_its_person_and_the_services(robbed):
     lab, _output = robbed
     lab.run(FIRST, f"systemctl restart user@{UID}")
     for seen in (lab.ssh(FIRST, SESSION, user=PERSON), lab.run(FIRST, f'su - {PERSON} -c "{SESSION}"')):
         assert f"http://{FIRST}:11311" in seen and "burger" in seen and "ws_msgs/Note" in seen
     desktop = lab.run(FIRST, f"su {PERSON} -c '{DESKTOP}'")
-    assert "MODEL=burger" in desktop and re.search(rf"^PYTHONPATH=\S*:{WORKSPACE}/python$", desktop, re.MULTILINE)
+    assert "MODEL=burger" in desktop and re.search(
+        rf"^PYTHONPATH=\S*:{WORKSPACE}/python:{BELOW}/python$", desktop, re.MULTILINE
+    )
     for name in ("roscore", "discovery", "sync"):
         unit = f"multimaster-{name}.service"
         environ = lab.run(FIRST, f"tr '\\0' '\\n' < /proc/$(systemctl show -P MainPID {unit})/environ")
-        assert re.search(rf"^PYTHONPATH=\S*:{WORKSPACE}/python$", environ, re.MULTILINE)
+        assert re.search(rf"^PYTHONPATH=\S*:{WORKSPACE}/python:{BELOW}/python$", environ, re.MULTILINE)
 
 
 def test_the_verification_is_no_way_to_root_either(robbed):

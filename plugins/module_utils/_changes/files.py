@@ -7,6 +7,9 @@ A bundle's record holds for each path the fingerprint of what was written (`writ
 what it is about to write (`writing`). It is saved before the first change, so a run that is killed leaves nothing on
 the machine that the next run does not know of. A path that was only intended is owned only if it holds what was
 intended.
+
+Root acts in no folder that somebody else can change, also not to remove what is its own there: a link in the place of a
+folder would lead it elsewhere.
 """
 
 import glob
@@ -20,6 +23,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import trust
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 _FILE = "a file"
@@ -63,12 +67,13 @@ class Found(typing.NamedTuple):
 class Machine(typing.NamedTuple):
     """All on the machine that a plan depends on."""
 
-    found: typing.Dict[str, typing.Optional[Found]]  # every path of the plan and of the record
+    found: typing.Dict[str, typing.Optional[Found]]  # every path of the plan and of the record, unless it is unsafe
     folders: typing.Dict[str, str]  # every folder above a planned path: its kind, "" where it is missing
     entries: Entries  # the names in every folder of this bundle and in its byte-code cache
     leftovers: typing.List[str]  # half-written neighbours of an interrupted run
     claimed: typing.Set[str]  # folders that other bundles made
     owner: typing.Tuple[int, int]  # the (uid, gid) that the module runs as, which owns a planned file by default
+    unsafe: typing.Dict[str, str] = {}  # paths and folders where somebody else could lead root elsewhere: why
 
 
 class Item(typing.NamedTuple):
@@ -154,20 +159,44 @@ def digest(wanted: typing.Iterable[Wanted]) -> str:
 def read(wanted: typing.List[Wanted], remembered: Data, record: Record) -> Machine:
     """Read everything on the machine that a plan of these files and this record depends on. Raises OSError, Problem."""
     paths = {file.path for file in wanted} | set(remembered.get("files", {}))
-    own = [path for folder in remembered.get("folders", []) for path in (folder, os.path.join(folder, _CACHE))]
+    owned_folders = remembered.get("folders", [])
+    unsafe = _unsafe(paths, owned_folders)
     return Machine(
-        found={path: look(path) for path in paths},
+        found={path: look(path) for path in paths if path not in unsafe},
         folders={folder: _kind(folder) for file in wanted for folder in _above(file.path)},
-        entries={path: set(os.listdir(path)) for path in own if os.path.isdir(path) and not os.path.islink(path)},
-        leftovers=sorted(
-            leftover
-            for path, entry in remembered.get("files", {}).items()
-            if "writing" in entry
-            for leftover in atomic.leftovers(path)
+        entries=_entries([folder for folder in owned_folders if folder not in unsafe]),
+        leftovers=_leftovers(
+            path for path, entry in remembered.get("files", {}).items() if path not in unsafe and "writing" in entry
         ),
         claimed=_claimed(record),
         owner=(os.geteuid(), os.getegid()),
+        unsafe=unsafe,
     )
+
+
+def _entries(folders: typing.Iterable[str]) -> Entries:
+    """The names in these folders and in their byte-code caches."""
+    both = [path for folder in folders for path in (folder, os.path.join(folder, _CACHE))]
+    return {path: set(os.listdir(path)) for path in both if os.path.isdir(path) and not os.path.islink(path)}
+
+
+def _leftovers(paths: typing.Iterable[str]) -> typing.List[str]:
+    return sorted(leftover for path in paths for leftover in atomic.leftovers(path))
+
+
+def _unsafe(paths: typing.Iterable[str], folders: typing.Iterable[str]) -> typing.Dict[str, str]:
+    """The paths whose folder, and the folders that, somebody else than root can replace; why, in a few words.
+
+    A group that may write is trusted: root has given it the right, as Debian gives /usr/local to the group staff.
+    """
+    if os.geteuid() != 0:
+        return {}  # whoever leads an ordinary user elsewhere gains nothing
+    sight = trust.Look()
+    places = [(path, os.path.dirname(path)) for path in sorted(paths)] + [(folder, folder) for folder in folders]
+    why = {
+        place: [doubt.words for doubt in sight.doubts(folder) if doubt.who != trust.A_GROUP] for place, folder in places
+    }
+    return {place: words[0] for place, words in why.items() if words}
 
 
 def _claimed(record: Record) -> typing.Set[str]:
@@ -246,6 +275,8 @@ def owned_files(remembered: Data, machine: Machine) -> typing.Dict[str, str]:
     """The owned paths, with the fingerprint of what was written last, also after a run that was killed; pure."""
     owned = {}
     for path, entry in remembered.get("files", {}).items():
+        if path in machine.unsafe:
+            continue
         if "writing" in entry and _matches(machine.found[path], entry["writing"]):
             owned[path] = entry["writing"]
         elif "written" in entry:
@@ -255,13 +286,14 @@ def owned_files(remembered: Data, machine: Machine) -> typing.Dict[str, str]:
 
 def plan(wanted: typing.List[Wanted], remembered: Data, machine: Machine) -> Plan:
     """Plan the changes; pure. Raises Problem, with a sentence per path, where something not owned is in the way."""
+    _refuse_unsafe(wanted, machine)
     owned = owned_files(remembered, machine)
     items = [_listed(file, machine, owned.get(file.path)) for file in wanted]
     kept = {file.path: file for file, item in zip(wanted, items) if item.state != "foreign"}
     removals = [path for path in sorted(owned) if path not in kept and machine.found[path] is not None]
     _refuse(wanted, items, machine, removals)
 
-    before = set(remembered.get("folders", []))
+    before = set(remembered.get("folders", [])) - set(machine.unsafe)
     folders = _plan_folders(kept, removals, before, machine)
     writes = [kept[item.path] for item in items if item.state in ("written", "edited")]
     return Plan(
@@ -271,7 +303,7 @@ def plan(wanted: typing.List[Wanted], remembered: Data, machine: Machine) -> Pla
         rubbish=folders.rubbish,
         folders_made=folders.made,
         folders_removed=folders.removed,
-        notes=_notes(items, removals, folders, owned, machine),
+        notes=[*_notes(items, removals, folders, owned, machine), *_left(remembered, machine)],
         intent={"files": _intended(owned, writes), "folders": sorted(before | set(folders.owned))},
         after={"files": {path: {"written": _fingerprint(kept[path])} for path in kept}, "folders": folders.owned},
     )
@@ -304,6 +336,16 @@ def _notes(
     return notes + [f"{folder} stays, because it holds files that are not ours." for folder in folders.kept]
 
 
+def _left(remembered: Data, machine: Machine) -> typing.List[str]:
+    """The notes on what was ours, and is left where it is."""
+    ours = [*remembered.get("files", {}), *remembered.get("folders", [])]
+    return [
+        f"{path} was ours and stays, since {machine.unsafe[path]}; expected folders that root alone can change: remove it by hand."
+        for path in ours
+        if path in machine.unsafe
+    ]
+
+
 def _state(
     file: Wanted, found: typing.Optional[Found], owned: typing.Optional[str], owner: typing.Tuple[int, int]
 ) -> str:
@@ -319,6 +361,18 @@ def _state(
         return "unchanged"
     has_owner = len(owned.split()) > 2
     return "written" if _matches(found, owned) and (has_owner or found.owner == owner) else "edited"
+
+
+def _refuse_unsafe(wanted: typing.Iterable[Wanted], machine: Machine) -> None:
+    """Raise Problem with a sentence for every planned path where somebody else could lead root elsewhere."""
+    problems = [
+        f"{file.path} is not written, since {machine.unsafe[file.path]}; expected folders that root alone can change: choose "
+        "another path, or give its folders to root (chown, chmod)."
+        for file in wanted
+        if file.path in machine.unsafe
+    ]
+    if problems:
+        raise Problem(" ".join(problems))
 
 
 def _refuse(

@@ -81,7 +81,7 @@ def find(
     that are looked for in the chosen one.
     """
     try:
-        found = [examine(kind, setup) for kind, setup in candidates(choice, root, debian)]
+        found = [examine(kind, setup, root) for kind, setup in candidates(choice, root, debian)]
     except NotFound as problem:
         return {"found": [], "chosen": None, "problem": str(problem)}
     chosen, wrong = choose(found, root)
@@ -137,7 +137,7 @@ def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[t
     return ros1[0], ros1[0]["problem"]
 
 
-def examine(kind: str, setup: str) -> Record:
+def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
     """Look at one installation: its environment, its commands, and if an unprivileged user can import rospy."""
     environment, problem = source(setup) if setup else ({}, "")
     variables = trust.sort(environment)
@@ -148,6 +148,8 @@ def examine(kind: str, setup: str) -> Record:
             f"The set-up file {setup} is no code for the services, since {reach.refusal}; expected files and folders that "
             "one user alone can change: take the right to write away from others (chmod o-w)."
         )
+    below, for_root = ("", reach.for_root) if not reach.doubt else of_root_below(setup, environment, root)
+    folder, closed_hooks = hooks(environment)
     fallback = {"prefix": os.path.basename(os.path.dirname(setup)), "workspace": "", "debian": "debian"}
     version = "2" if environment.get("ROS_VERSION") == "2" else "1"
     record = {
@@ -158,20 +160,40 @@ def examine(kind: str, setup: str) -> Record:
         "python": PYTHON,
         "python_version": "",
         "environment": environment,
-        "for_root": reach.for_root,
+        "for_root": for_root,
+        "below": below,
         "person": reach.person,
         "doubt": reach.doubt,
         "left_out": [plain(name) for name in variables.left_out],
         "rospy": False,
         "missing": list(MODULES),
         "commands": {name: shutil.which(name, path=full(environment)["PATH"]) or "" for name in COMMANDS},
-        "hooks": hooks(environment),
+        "hooks": folder,
+        "hooks_doubt": closed_hooks,
         "nodes": [],
         "problem": problem,
     }
     if not problem and version == "1":
         record.update(_import(setup, environment))
     return record
+
+
+def of_root_below(
+    setup: str, environment: typing.Dict[str, str], root: str
+) -> typing.Tuple[str, typing.Dict[str, str]]:
+    """Return the set-up file in `root` that a person's workspace is built on, and its variables for root; nothing where there is none.
+
+    Of what the workspace says, only the name of the installation counts: that one is sourced and judged on its own.
+    """
+    installed = {os.path.dirname(path) for path in glob.glob(root + "/*/setup.sh")} - {os.path.dirname(setup)}
+    for prefix in environment.get("CMAKE_PREFIX_PATH", "").split(":"):
+        if prefix in installed:
+            below = setup_file(prefix)
+            variables = trust.sort(source(below)[0])
+            for_root = trust.reach(below, variables).for_root
+            if for_root and for_root.get("ROS_VERSION") != "2":
+                return below, for_root
+    return "", {}
 
 
 def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
@@ -214,16 +236,20 @@ def full(environment: typing.Dict[str, str]) -> typing.Dict[str, str]:
     return dict(environment, **dict(CLEAN, PATH=path))
 
 
-def hooks(environment: typing.Dict[str, str]) -> str:
-    """Find the folder of shell files that the prefix's set-up file sources at its end; empty where there is none.
+def hooks(environment: typing.Dict[str, str]) -> typing.Tuple[str, str]:
+    """Return the folder of shell files that the prefix's set-up file sources at its end, and else why there is none to write to.
 
     Root writes there. So a folder that somebody else can replace, by a link for example, is passed over.
     """
+    passed_over = ""
     for prefix in reversed(environment.get("CMAKE_PREFIX_PATH", "").split(":")):
         folder = os.path.join(prefix, HOOKS)
-        if prefix.startswith("/") and os.path.isdir(folder) and not trust.doubts(folder):
-            return folder
-    return ""
+        if prefix.startswith("/") and os.path.isdir(folder):
+            doubts = trust.doubts(folder)
+            if not doubts:
+                return folder, ""
+            passed_over = passed_over or f"below {prefix}, since {doubts[0].words}"
+    return "", passed_over
 
 
 def _import(setup: str, environment: typing.Dict[str, str]) -> Record:

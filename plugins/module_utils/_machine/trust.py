@@ -11,6 +11,7 @@ import os
 import pwd
 import re
 import stat
+import time
 import typing
 
 _LINKS = 40  # as many as the kernel follows (path_resolution(7))
@@ -18,6 +19,10 @@ _ACL = "system.posix_acl_access"
 _ACCOUNT = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,31}")
 EVERYBODY = -1  # stands for a user id: whoever has an account
 A_GROUP = -2  # the members of a group, or of an access control list
+# A workspace of a hundred packages has some hundred folders. Others choose the paths, and every link may have 2,000 parts.
+MOST = 10000  # parts of paths
+LIMIT = 5.0  # seconds
+_UNKNOWN = ", so it is not known who can change them"
 
 
 class Doubt(typing.NamedTuple):
@@ -32,52 +37,89 @@ def doubts(path: str, root: int = 0) -> typing.List[Doubt]:
 
     A part that is not there yet is in the hands of those who can change the folder above it.
     """
-    found: typing.Dict[Doubt, None] = {}
-    here, links = "/", 0
-    waiting = [part for part in reversed(path.split("/")) if part]
-    _look(here, not waiting, root, found)
-    while waiting:
-        part = waiting.pop()
-        if part in (".", ".."):
-            here = os.path.dirname(here) if part == ".." else here
-            continue
-        above, here = here, os.path.join(here, part)
-        if not _look(here, not waiting, root, found):
-            _look(above, True, root, found)
-            break
-        if os.path.islink(here):
-            links += 1
-            try:
-                target = os.readlink(here)
-            except OSError:  # it is another thing by now; who may do that is in the list already
+    return Look(root).doubts(path)
+
+
+class Look:
+    """A look at many paths of one subject. Each part is looked at once, and there are limits, since others choose the paths."""
+
+    def __init__(self, root: int = 0, most: int = MOST, limit: float = LIMIT) -> None:
+        """`most` parts, in `limit` seconds."""
+        self._root, self._most, self._limit = root, most, limit
+        self._end = time.monotonic() + limit
+        self._seen: typing.Dict[typing.Tuple[str, bool], typing.Tuple[bool, typing.Optional[Doubt]]] = {}
+
+    def doubts(self, path: str) -> typing.List[Doubt]:
+        """Find the doubts about one path, as the function `doubts` does; beyond a limit, that is the doubt."""
+        found: typing.Dict[Doubt, None] = {}
+        try:
+            self._follow(path, found)
+        except _TooMuchError as problem:
+            found[Doubt(EVERYBODY, str(problem))] = None
+        return list(found)
+
+    def _follow(self, path: str, found: typing.Dict[Doubt, None]) -> None:
+        here, links = "/", 0
+        waiting = [part for part in reversed(path.split("/")) if part]
+        self._look(here, not waiting, found)
+        while waiting:
+            if time.monotonic() > self._end:
+                raise _TooMuchError(f"a look at its paths takes more than {self._limit:g} s{_UNKNOWN}")
+            part = waiting.pop()
+            if part in (".", ".."):
+                here = os.path.dirname(here) if part == ".." else here
+                continue
+            above, here = here, os.path.join(here, part)
+            if not self._look(here, not waiting, found):
+                self._look(above, True, found)
                 break
-            if links > _LINKS:
-                break  # it leads nowhere, also for the kernel
-            here = "/" if target.startswith("/") else above
-            waiting += [part for part in reversed(target.split("/")) if part]
-    return list(found)
+            if os.path.islink(here):
+                links += 1
+                try:
+                    target = os.readlink(here)
+                except OSError:  # it is another thing by now; who may do that is in the list already
+                    break
+                if links > _LINKS:
+                    break  # it leads nowhere, also for the kernel
+                here = "/" if target.startswith("/") else above
+                waiting += [part for part in reversed(target.split("/")) if part]
+
+    def _look(self, path: str, last: bool, found: typing.Dict[Doubt, None]) -> bool:
+        """Note who can change this one part; False where it is not there."""
+        if (path, last) not in self._seen:
+            if len(self._seen) >= self._most:
+                raise _TooMuchError(f"its paths have more than {self._most} parts{_UNKNOWN}")
+            self._seen[path, last] = _look(path, last, self._root)
+        there, doubt = self._seen[path, last]
+        if doubt:
+            found[doubt] = None
+        return there
 
 
-def _look(path: str, last: bool, root: int, found: typing.Dict[Doubt, None]) -> bool:
-    """Note who can change this one part; False where it is not there."""
+class _TooMuchError(Exception):
+    """A limit of a look is reached; its text says which."""
+
+
+def _look(path: str, last: bool, root: int) -> typing.Tuple[bool, typing.Optional[Doubt]]:
+    """Return whether this one part of a path is there, and who can change it."""
     try:
         status = os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
-        return False
+        return False, None
     except OSError as problem:
-        found[Doubt(EVERYBODY, f"{path} cannot be looked at: {problem.strerror}")] = None
-        return False
+        return False, Doubt(EVERYBODY, f"{path} cannot be looked at: {problem.strerror}")
+    doubt = None
     if status.st_uid not in (0, root):
-        found[Doubt(status.st_uid, f"{path} belongs to {account(status.st_uid) or status.st_uid}")] = None
+        doubt = Doubt(status.st_uid, f"{path} belongs to {account(status.st_uid) or status.st_uid}")
     if stat.S_ISLNK(status.st_mode):
-        return True  # who may replace it is decided by its folder
+        return True, doubt  # who may replace it is decided by its folder
     # In a folder as /tmp nobody replaces what belongs to others, but everybody adds.
     sticky = stat.S_ISDIR(status.st_mode) and status.st_mode & stat.S_ISVTX and not last
     if status.st_mode & stat.S_IWOTH and not sticky:
-        found[Doubt(EVERYBODY, f"{path} can be written by everybody")] = None
-    elif status.st_mode & stat.S_IWGRP and not sticky and _shared(path, status, root):
-        found[Doubt(A_GROUP, f"{path} can be written by a group")] = None
-    return True
+        return True, Doubt(EVERYBODY, f"{path} can be written by everybody")
+    if doubt is None and status.st_mode & stat.S_IWGRP and not sticky and _shared(path, status, root):
+        return True, Doubt(A_GROUP, f"{path} can be written by a group")
+    return True, doubt
 
 
 def _shared(path: str, status: os.stat_result, root: int) -> bool:
@@ -181,10 +223,11 @@ def reach(setup: str, variables: Variables) -> Reach:
     Of other variables, root gets no path that others can change.
     """
     lists = {name: value for name, value in variables.usable.items() if _LISTS.fullmatch(name)}
-    own = doubts(setup) if setup else []
-    found = own + [doubt for path in paths(lists) for doubt in doubts(path)]
+    look = Look()
+    own = look.doubts(setup) if setup else []
+    found = own + [doubt for path in paths(lists) for doubt in look.doubts(path)]
     if not found:
-        return Reach(_certain(variables.of_root), "*", "", "")
+        return Reach(_certain(variables.of_root, look), "*", "", "")
     open_to_all = [doubt.words for doubt in found if doubt.who == EVERYBODY]
     # A person's own file is the person's choice, together with all that it names.
     person = "" if open_to_all else _owner(own or found)
@@ -197,14 +240,14 @@ def _owner(found: typing.Iterable[Doubt]) -> str:
     return account(owners.pop()) if len(owners) == 1 else ""
 
 
-def _certain(variables: typing.Dict[str, str]) -> typing.Dict[str, str]:
-    return {name: value for name, value in variables.items() if _is_certain(name, value)}
+def _certain(variables: typing.Dict[str, str], look: Look) -> typing.Dict[str, str]:
+    return {name: value for name, value in variables.items() if _is_certain(name, value, look)}
 
 
-def _is_certain(name: str, value: str) -> bool:
+def _is_certain(name: str, value: str, look: Look) -> bool:
     """Return True for a value that names nothing but what root alone can change, wherever root stands when it is read."""
     if _QUOTING & set(value):
         return False
     named = "/" in value or name.endswith(("_FILE", "_DIR", "_HOME"))
     relative = not _HOST.match(value) and any(entry and not entry.startswith("/") for entry in value.split(":"))
-    return not (named and relative) and not any(doubts(path) for path in paths({name: value}))
+    return not (named and relative) and not any(look.doubts(path) for path in paths({name: value}))

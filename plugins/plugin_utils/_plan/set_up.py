@@ -16,10 +16,12 @@ def warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
     given = chosen.get("environment", {})
     for_root = chosen.get("for_root", given)
     if doubt:
+        below = chosen.get("below", "")
+        rest = f"those of {below}" if below else "the collection's own only, such as ROS_MASTER_URI"
         others = (
-            f"the services and the user {person} get them; root and other users get the collection's own only, such as ROS_MASTER_URI"
+            f"the services and the user {person} get them; root and other users get {rest}"
             if person
-            else "the services get them, and no user; users source the file themselves"
+            else f"the services get them; root and all users get {rest}, and source the file themselves where they need it"
         )
         found.append(
             f"{host}: root gets no variables of the set-up file {setup}, since {doubt}; expected files and folders that root alone can "
@@ -29,6 +31,11 @@ def warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
         found.append(
             f"{host}: the set-up file {setup} sets {', '.join(sorted(set(given) - set(for_root)))}, which root does not get; expected "
             "variables of ROS, with paths that root alone can change: set others in root's own profile, if root needs them."
+        )
+    if chosen.get("hooks_doubt"):
+        found.append(
+            f"{host}: no hook of catkin is written {chosen['hooks_doubt']}; expected a folder that root alone can change: a shell that "
+            "reads no profile (zsh, cron) and sources this set-up file has no ROS_MASTER_URI of the fleet: set it there."
         )
     if chosen.get("left_out"):
         found.append(

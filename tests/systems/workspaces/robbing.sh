@@ -3,10 +3,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
 # A person's workspace with a message package of its own, which also tries to become root. Read by the shell of that person.
-# Usage: bash -s FOLDER < robbing.sh
+# It is built on the ROS of the folder BELOW, as catkin does it.
+# Usage: bash -s FOLDER BELOW < robbing.sh
 
 set -eu
-ws=$1
+ws=$1 below=$2
 mkdir -p "$ws/devel" "$ws/bin" "$ws/python/ws_msgs/msg" "$ws/etc/catkin"
 
 # A message that no other package has.
@@ -57,8 +58,9 @@ END
 ln -sfn /etc/profile.d "$ws/etc/catkin/profile.d"
 
 cat > "$ws/devel/setup.bash" <<END
-export ROS_DISTRO=debian ROS_VERSION=1 CMAKE_PREFIX_PATH=$ws MODEL=burger LIE='a line of a unit'
-export PATH=./bin:$ws/bin:\$PATH PYTHONPATH=$ws/python:lib
+. $below/setup.sh
+export CMAKE_PREFIX_PATH=$ws:\$CMAKE_PREFIX_PATH MODEL=burger LIE='a line of a unit' ROS_ETC_DIR=$ws/etc
+export PATH=./bin:$ws/bin:\$PATH PYTHONPATH=$ws/python:lib:\$PYTHONPATH
 export LD_PRELOAD=$ws/evil.so BASH_ENV=$ws/bin/evil PYTHONSTARTUP=$ws/bin/evil
 setsid -f sleep 73416
 END

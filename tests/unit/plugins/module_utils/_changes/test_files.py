@@ -109,6 +109,59 @@ def test_only_empty_folders_that_we_made_go(place):
     assert not files_module.changes(place.run())
 
 
+as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder to somebody else")
+
+
+def snapshot(folder):
+    """Everything below a folder, with its time of change."""
+    return {path: (path.lstat().st_mtime_ns, path.lstat().st_ino) for path in [folder, *folder.rglob("*")]}
+
+
+@as_root
+@pytest.mark.parametrize("theirs", ["home/prefix/etc", "home"])
+@pytest.mark.parametrize("wanted", [{}, {"etc__other": "B"}])
+def test_nothing_is_removed_by_a_way_that_somebody_else_can_change(place, theirs, wanted):
+    """The owner of the folder above puts a link in the place of ours, which leads to a file of root's with the same name."""
+    place.run(home__prefix__etc__hook="A", etc__other="B")
+    (place.root / "secret").mkdir()
+    (place.root / "secret/hook").write_text("root's")
+    os.chown(place.path(theirs), 65534, 65534)
+    os.rename(place.path("home/prefix/etc"), place.path("home/prefix/away"))
+    os.symlink(place.path("secret"), place.path("home/prefix/etc"))
+    os.chown(place.path("home"), 65534, 65534)
+    before = snapshot(place.root / "home"), snapshot(place.root / "secret")
+    planned, machine, _steps = place.steps({"etc/other": ("B", "0644")} if wanted else {})
+    assert "root's" not in json.dumps(files_module.differences(planned, machine))
+    planned = place.run(**wanted)
+    assert (snapshot(place.root / "home"), snapshot(place.root / "secret")) == before
+    said = f"home/prefix/etc/hook was ours and stays, since {place.path('home')} belongs to nobody; expected"
+    assert said in " ".join(planned.notes)
+    again = place.run(**wanted)
+    assert again.notes == [] and place.path("etc/other") in again.after["files"] or not wanted
+
+
+@as_root
+def test_nothing_is_written_where_somebody_else_can_lead_it_elsewhere(place):
+    os.mkdir(place.path("home"))
+    os.chown(place.path("home"), 65534, 65534)
+    with pytest.raises(
+        Problem, match="home/prefix/hook is not written, since .*home belongs to nobody; expected folders"
+    ):
+        place.run(home__prefix__hook="A", etc__a="A")
+    assert sorted(place.tree()) == ["home"] and not place.records.exists()
+
+
+@as_root
+def test_a_group_to_which_root_gave_the_right_is_trusted(place):
+    """Debian gives /usr/local to the group staff."""
+    os.mkdir(place.path("local"))
+    os.chmod(place.path("local"), 0o2775)
+    os.chown(place.path("local"), 0, 65534)
+    place.run(local__lib__a="A")
+    place.run()
+    assert sorted(place.tree()) == ["local"]
+
+
 def test_byte_code_goes_with_its_source(place):
     place.run_modes({"lib/p/a.py": ("a", "0644"), "lib/p/b.py": ("b", "0644")})
     cache = place.root / "lib" / "p" / "__pycache__"

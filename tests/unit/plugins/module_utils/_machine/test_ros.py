@@ -64,6 +64,7 @@ def test_the_only_prefix_is_chosen_and_examined(opt):
             "ROS_VERSION": "1",
         },
         "for_root": found["chosen"]["environment"],
+        "below": "",
         "person": "*",
         "doubt": "",
         "left_out": [],
@@ -71,6 +72,7 @@ def test_the_only_prefix_is_chosen_and_examined(opt):
         "missing": [],
         "commands": {"roscore": f"{here}/bin/roscore", "rostopic": "", "rosservice": ""},
         "hooks": f"{here}/etc/catkin/profile.d",
+        "hooks_doubt": "",
         "nodes": [],
         "problem": "",
     }
@@ -88,6 +90,63 @@ def test_bash_where_there_is_a_file_for_it(opt):
 def test_a_set_up_file_is_no_code_for_root(opt):
     prefix(opt, more="export WHO=$(id -un)")
     assert find(opt)["chosen"]["environment"]["WHO"] == "nobody"
+
+
+def workspace(opt, below, more=""):
+    """A workspace of nobody's, built on a prefix."""
+    here = opt / "ws"
+    (here / "devel/etc/catkin/profile.d").mkdir(parents=True)
+    (here / "devel/setup.sh").write_text(
+        f". {below}/setup.sh\nexport CMAKE_PREFIX_PATH={here}/devel:$CMAKE_PREFIX_PATH PYTHONPATH={here}/python:$PYTHONPATH\n{more}\n"
+    )
+    for path in (here, *here.rglob("*")):
+        shutil.chown(path, "nobody")
+    return here / "devel"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file to somebody else")
+def test_below_a_persons_workspace_is_roots_own_ros(opt):
+    below = prefix(opt, more="export MODEL=burger ROS_ETC_DIR=$CMAKE_PREFIX_PATH/etc")
+    chosen = find(opt, str(workspace(opt, below, more="export ROS_ETC_DIR=/etc")))["chosen"]
+    assert (chosen["person"], chosen["below"]) == ("nobody", f"{below}/setup.sh")
+    assert chosen["environment"]["PYTHONPATH"] == f"{opt}/ws/python:{below}/python"
+    assert chosen["for_root"] == {
+        "CMAKE_PREFIX_PATH": str(below),
+        "PATH": f"{below}/bin",
+        "PYTHONPATH": f"{below}/python",
+        "ROS_DISTRO": "noetic",
+        "ROS_ETC_DIR": f"{below}/etc",
+        "ROS_VERSION": "1",
+    }
+    assert (chosen["hooks"], chosen["hooks_doubt"]) == (f"{below}/etc/catkin/profile.d", "")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file to somebody else")
+@pytest.mark.parametrize("lie", ["not there", "not root's", "names a person's folder", "ROS 2"])
+def test_a_workspace_cannot_name_anything_else_as_roots(opt, lie):
+    below = prefix(
+        opt,
+        more={"names a person's folder": f"export PATH={opt}/ws/bin:$PATH", "ROS 2": "export ROS_VERSION=2"}.get(
+            lie, ""
+        ),
+    )
+    away = shutil.move(below, opt / "deeper/away") if lie == "not there" else below
+    if lie == "not root's":
+        shutil.chown(below, "nobody")
+    chosen = find(opt, str(workspace(opt, away, more=f"export ROS_VERSION=1 CMAKE_PREFIX_PATH={opt}/ws/devel:{away}")))[
+        "chosen"
+    ]
+    assert (chosen["for_root"], chosen["below"], chosen["person"]) == ({}, "", "nobody")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file to somebody else")
+def test_a_folder_for_hooks_that_is_not_roots_is_named(opt):
+    here = workspace(opt, opt / "nothing", more="true")
+    assert ros.hooks({"CMAKE_PREFIX_PATH": f"relative:{here}"}) == (
+        "",
+        f"below {here}, since {opt}/ws belongs to nobody",
+    )
+    assert ros.hooks({}) == ("", "")
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="root only can be stopped by nobody's rights")

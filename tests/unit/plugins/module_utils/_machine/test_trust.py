@@ -8,6 +8,7 @@ import pathlib
 import pwd
 import shutil
 import tempfile
+import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ros, trust
@@ -70,6 +71,37 @@ def test_links_are_followed(tree):
     assert words(tree / "link/setup.sh") == [f"{tree}/theirs belongs to nobody"]
     assert words(tree / "ws/../theirs") == [f"{tree}/theirs belongs to nobody"]
     assert words(tree / "around/x") == []  # root's own loop leads nowhere
+
+
+@as_root
+def test_a_look_has_a_limit_of_parts(tree):
+    look = trust.Look(most=100)
+    found = [doubt for number in range(200) for doubt in look.doubts(f"{tree}/{number}/x")]
+    assert {doubt.who for doubt in found} == {trust.EVERYBODY}
+    assert found[0].words == "its paths have more than 100 parts, so it is not known who can change them"
+
+
+@as_root
+def test_a_look_has_a_limit_of_time(tree):
+    """A chain of links, each with 2,000 parts, again and again."""
+    for number in range(40):
+        (tree / f"l{number}").symlink_to("./" * 1900 + f"l{number + 1}")
+    look = trust.Look(limit=0.5)
+    began = time.monotonic()
+    found = [doubt for _time in range(1000) for doubt in look.doubts(f"{tree}/l0/x")]
+    assert time.monotonic() - began < 5
+    assert set(found) == {
+        trust.Doubt(
+            trust.EVERYBODY, "a look at its paths takes more than 0.5 s, so it is not known who can change them"
+        )
+    }
+
+
+@as_root
+def test_a_set_up_with_ten_thousand_folders_is_no_code_for_the_services(tree):
+    found = reach(tree, PATH=":".join(f"/{number}" for number in range(trust.MOST + 1)))
+    assert (found.for_root, found.person) == ({}, "")
+    assert found.refusal == "its paths have more than 10000 parts, so it is not known who can change them"
 
 
 def test_names_of_variables():

@@ -25,8 +25,19 @@ def test_a_persons_workspace():
     (text,) = said(for_root={}, person="robot", doubt="/home/robot belongs to robot")
     assert f"root gets no variables of the set-up file {SETUP}, since /home/robot belongs to robot; expected" in text
     assert "the services and the user robot get them" in text
+    assert "root and other users get the collection's own only" in text
+    below = "/opt/ros/noetic/setup.bash"
+    (text,) = said(for_root={"PATH": "/opt/bin"}, person="robot", doubt="/home/robot belongs to robot", below=below)
+    assert f"root and other users get those of {below}." in text
     (text,) = said(for_root={}, person="", doubt="/home can be written by a group")
-    assert "the services get them, and no user" in text
+    assert "the services get them; root and all users get the collection's own only" in text
+
+
+def test_no_hook():
+    (text,) = said(hooks_doubt="below /home/robot/ws/devel, since /home/robot belongs to robot")
+    assert (
+        "no hook of catkin is written below /home/robot/ws/devel, since /home/robot belongs to robot; expected" in text
+    )
 
 
 def test_names():
