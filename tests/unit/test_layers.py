@@ -146,7 +146,7 @@ OUTSIDE = {
     "select": "",
     "selectors": "loop",
     "http": "rpc_client rpc_server",
-    "threading": "loop patience rpc_client rpc_server parts/served",
+    "threading": "loop patience rpc_client rpc_server parts/served parts/told",
     "queue": "loop",
     "time": "clock wait_for_master",
     "signal": "parts/program",

@@ -359,7 +359,7 @@ def test_idle_connections_of_many_addresses_leave_room_for_members():
     with fleet_server(strangers="allow") as made:
         idle = [made.connect(f"127.0.2.{number}") for number in range(8) for _count in range(8)]
         time.sleep(0.3)
-        assert len(made.server._open) == rpc_server._FOR_STRANGERS
+        assert len(made.server._open) == rpc_server._MAX_CONNECTIONS // 2
         assert b"200 OK" not in asked(made, "127.0.2.9")
         for source in ("127.0.0.10", "127.0.5.7", "127.0.0.1"):
             assert b"200 OK" in asked(made, source), source

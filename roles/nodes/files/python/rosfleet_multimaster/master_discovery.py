@@ -26,6 +26,7 @@ from .parts.contacts import Contacts
 from .parts.datagrams import Datagrams
 from .parts.poller import Poller, poll_in_thread
 from .parts.served import OwnMaster, Served, callers, serve
+from .parts.told import Told
 
 LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however much changes
 
@@ -48,6 +49,7 @@ class MasterDiscovery:
         self.network_problem = ""
         self.malformed_requests = 0
         self.ended = Ended()
+        self.changes = Told(lambda: self.own.current())
 
     def main(self) -> int:
         """Start, run, end."""
@@ -72,7 +74,7 @@ class MasterDiscovery:
             poller,
             1.0 / values["rosmaster_hz"],
             self.ended,
-            lambda state: self.loop.post(self._polled, state),
+            lambda state: self.loop.post(self._polled, state, poller.do_not_sync),
             lambda why, since: self.loop.post(self._no_roscore, why, since),
             lambda why: self.loop.post(self._give_up, why),
         )
@@ -110,6 +112,7 @@ class MasterDiscovery:
             lambda: poller.do_not_sync,
             ros.md5sum,
             lambda: self.outsiders,
+            self.changes if values["differences"] else None,
         )
         who = callers(self.members, self.own.uri, lambda: self.datagrams.own_addresses)
         self.server = serve(values["rpc_addr"], self.own.rpc_port, served.methods(), self._malformed, who)
@@ -224,10 +227,11 @@ class MasterDiscovery:
             self._look_at_addresses()
         return self.core.contacted(key, contact, problem, monotonic(), gone=gone, fault=fault)
 
-    def _polled(self, state: State) -> None:
+    def _polled(self, state: State, do_not_sync: Any = None) -> None:
         if self.own.away and self.own.state is not None:
             program.LOG.info("the roscore answers again")
         self.own.state, self.own.away = state, ""
+        self.changes.news(state, do_not_sync)
         self._show_own(monotonic())
         if self.node is None:
             self.node = ros.DiscoveryNode(lambda: self.masters, lambda: self.loop.post(self._refresh))

@@ -92,7 +92,7 @@ class MasterSync:
             self._subscribe,
             self._listed,
         )
-        self.fetcher = Fetcher(loop, self.core, limited, self._fetched)
+        self.fetcher = Fetcher(loop, self.core, limited, self._fetched, values["differences"])
         self.rounds.connect(questions, self.lost, lambda: self.finder.listed_once, self._report, self._round_over)
 
     # The loop

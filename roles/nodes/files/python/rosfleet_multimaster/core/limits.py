@@ -30,9 +30,9 @@ def limited(
 
     `own_uri`: of the master here, `sync_remote_nodes`: as in `sync.select`. They say which nodes are the master's own.
     """
-    rows = list(_rows(state))
-    if len(rows) <= most:
+    if size(state) <= most:
         return state
+    rows = list(_rows(state))
     mine = own_nodes(state, own_uri, sync_remote_nodes)
     own = [row for row in rows if row[2] in mine]
     held = set(_rows(before)) if before is not None else set()
@@ -64,6 +64,13 @@ def _beside(rows: List[Row], mine: AbstractSet[str], taken: Set[Row]) -> Iterato
     """The publishers of others on the topics of subscribers that are taken."""
     heard = {name for kind, name, _node in taken if kind == "subscriber"}
     return (row for row in rows if row[0] == "publisher" and row[1] in heard and row[2] not in mine)
+
+
+def size(state: State) -> int:
+    """The number of registrations in a state."""
+    return sum(
+        len(nodes) for table in (state.publishers, state.services, state.subscribers) for nodes in table.values()
+    )
 
 
 def _rows(state: State) -> Iterator[Row]:

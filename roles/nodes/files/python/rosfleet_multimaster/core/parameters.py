@@ -89,6 +89,7 @@ DISCOVERY: Mapping[str, Parameter] = {
     **{name: Parameter([], "names") for name in HIDDEN},
     "exports": Parameter(None, "exports"),
     "do_not_sync": Parameter([], "names"),
+    "differences": Parameter(True, "flag"),
     **_BELONGING,
     "log_level": Parameter("INFO", "level"),
 }
@@ -100,6 +101,7 @@ SYNC: Mapping[str, Parameter] = {
     "resync_on_reconnect": Parameter(True, "flag"),
     "resync_on_reconnect_timeout": Parameter(0.0, "seconds"),
     "end_lost_connections": Parameter(True, "flag"),
+    "differences": Parameter(True, "flag"),
     **_BELONGING,
     "log_level": Parameter("INFO", "level"),
 }

@@ -20,6 +20,7 @@ from .places import Places, host_of
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
 PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anybody can announce a change
 RETRY = (0.2, 1.0, 3.0, 10.0, 30.0)  # seconds after failed fetches
+PATIENCE = 1.0  # seconds that a change may be announced before a master that is followed tells it
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
 
 LONG_AGO = float("-inf")
@@ -280,6 +281,7 @@ class Fetch(NamedTuple):
     uri: str
     monitor_uri: str
     rules: Rules
+    quick: bool = True  # it may tell its changes
 
 
 @dataclass
@@ -300,6 +302,9 @@ class Remote:
     problem: str = ""
     began: float = LONG_AGO  # when the last fetch began
     vain: bool = False  # it brought nothing new
+    following: bool = False  # it tells its changes,
+    lapsed: bool = False  # and does so no more: it is fetched again
+    quick: bool = True  # False where it was found that it does not tell its changes
     misplaced: Mapping[str, str] = field(default_factory=dict)  # URI of a node or service -> why it is refused
 
 
@@ -350,20 +355,22 @@ class Sync:
             remote = self.remotes[master.uri] = Remote(master, *self._rules(master))
         elif master.name != remote.announced.name or master.discoverer != remote.announced.discoverer:
             remote.rules, remote.given = self._rules(master)
-            remote.state = None
+            remote.state, remote.quick = None, True
         before, remote.announced = remote.announced, master
         remote.missing_since = None
         if not master.online:
             remote.offline_since = now if remote.offline_since is None else remote.offline_since
             return
         if self._gone(remote, now):
-            remote.state = None
+            remote.state, remote.quick = None, True
         remote.offline_since = None
-        if not self._outdated(remote) or remote.fetching:
-            return
+        if self._outdated(remote) and not remote.fetching:
+            self._fetch_soon(remote, master != before, now)
+
+    def _fetch_soon(self, remote: Remote, news: bool, now: float) -> None:
         if remote.due is None:
-            remote.due, remote.failures = _soon(remote, now), 0
-        elif remote.failures and master != before:
+            remote.due, remote.failures = now + PATIENCE if remote.following else _soon(remote, now), 0
+        elif remote.failures and news:
             remote.due = min(remote.due, _soon(remote, now))
 
     def _rules(self, master: Announced) -> Tuple[Rules, Rules]:
@@ -377,8 +384,8 @@ class Sync:
         for uri, remote in self.remotes.items():
             if remote.due is not None and remote.due <= now and not remote.fetching:
                 remote.fetching, remote.due, remote.asking_for = True, None, remote.announced.local_stamp
-                remote.began = now
-                found.append(Fetch(uri, remote.announced.monitor_uri, remote.rules))
+                remote.began, remote.following = now, False
+                found.append(Fetch(uri, remote.announced.monitor_uri, remote.rules, remote.quick))
         return found
 
     def next_due(self) -> Optional[float]:
@@ -389,11 +396,19 @@ class Sync:
         )
 
     def fetched(
-        self, fetch: Fetch, state: Optional[State], problem: str, now: float, places: Optional[Places] = None
+        self,
+        fetch: Fetch,
+        state: Optional[State],
+        problem: str,
+        now: float,
+        places: Optional[Places] = None,
+        *,
+        quick: bool = True,
+        following: bool = False,
     ) -> bool:
         """Take the result of a fetch: a state, or None and why. True for a new state; without one the old is kept.
 
-        `places`: where nodes of this master may be; None for anywhere.
+        `places`: where nodes of this master may be; None for anywhere. `quick`: it tells its changes, `following`: to us.
         """
         remote = self.remotes.get(fetch.uri)
         if remote is None:
@@ -410,12 +425,36 @@ class Sync:
         if state is not None:
             remote.state, remote.answered_for, remote.failures = state, remote.asking_for, 0
             remote.misplaced = {} if places is None else places.refused(state)
+            remote.quick, remote.following, remote.lapsed = quick, following, False
             if self._outdated(remote):  # changed again meanwhile
-                remote.due = _soon(remote, now)
+                remote.due = now + PATIENCE if following else _soon(remote, now)
         elif remote.announced.online:
             remote.due = now + RETRY[min(remote.failures, len(RETRY) - 1)]
             remote.failures += 1
         return state is not None
+
+    def follows(self, fetch: Fetch) -> bool:
+        """True while the changes of a master are followed as they were when this fetch began."""
+        remote = self.remotes.get(fetch.uri)
+        if remote is None or not remote.following or not remote.announced.online:
+            return False
+        return remote.announced.monitor_uri == fetch.monitor_uri and remote.rules == fetch.rules
+
+    def followed(self, uri: str, state: State, misplaced: Mapping[str, str]) -> None:
+        """Take a state that a master told."""
+        remote = self.remotes[uri]
+        remote.state, remote.misplaced = state, misplaced
+        if not self._outdated(remote):
+            remote.due = None
+
+    def lapsed(self, uri: str, now: float) -> None:
+        """Note that the changes of a master are followed no more. It is fetched again, where it is online."""
+        remote = self.remotes.get(uri)
+        if remote is None or remote.fetching:
+            return
+        remote.following, remote.lapsed = False, True
+        if remote.announced.online:
+            remote.due, remote.failures = now + RETRY[0], 0
 
     def settled(self) -> bool:
         """True where every master that is online has been asked for its state."""
@@ -502,9 +541,14 @@ class Sync:
 
     def _outdated(self, remote: Remote) -> bool:
         """True where a newer state was announced. A state fetched after an announcement has what was announced, whatever its stamp."""
-        return remote.state is None or remote.announced.local_stamp not in (
-            remote.state.local_stamp,
-            remote.answered_for,
+        return (
+            remote.state is None
+            or remote.lapsed
+            or remote.announced.local_stamp
+            not in (
+                remote.state.local_stamp,
+                remote.answered_for,
+            )
         )
 
 

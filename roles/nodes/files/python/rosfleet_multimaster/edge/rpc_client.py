@@ -41,6 +41,20 @@ class Rpc:
         self.uri, self._timeout, self._most, self._own = uri, timeout, most, own
         self._host, self._port, self._path = host, port, parsed.path or "/"
         self._connection: Optional[http.client.HTTPConnection] = None
+        self._over = False
+
+    def limit(self, seconds: float) -> None:
+        """Have so much time for each answer from now on."""
+        self._timeout = seconds
+        if self._connection is not None and self._connection.sock is not None:
+            self._connection.sock.settimeout(seconds)
+
+    def cut(self) -> None:
+        """End the call that is under way, from another thread. There will be no more calls."""
+        self._over = True
+        connection = self._connection
+        if connection is not None and connection.sock is not None:
+            _cut(connection.sock)
 
     def call(self, method: str, *arguments: Any, read: Callable[[Any], Any] = lambda value: value) -> Any:
         """The result of a method. Raises OSError (no answer), xmlrpc.client.Fault, or ValueError (no XML-RPC).
@@ -88,7 +102,7 @@ class Rpc:
             return self._timed(body)
         except Exception as problem:
             self.close()
-            if kept and isinstance(problem, (http.client.HTTPException, ConnectionError)):
+            if kept and not self._over and isinstance(problem, (http.client.HTTPException, ConnectionError)):
                 return self._post(body)  # the other side had closed the kept connection
             if isinstance(problem, http.client.HTTPException) and not isinstance(problem, OSError):
                 raise OSError(f"{self.uri} does not answer as an XML-RPC server") from None

@@ -9,7 +9,7 @@ import socketserver
 import threading
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
-from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
 
 from ..core.plain_text import LINE, plain
 from .clock import monotonic
@@ -17,10 +17,12 @@ from .xml_rpc import MAX_REQUEST, loads
 
 _log = logging.getLogger("rosfleet.rpc_server")
 
+# Half of all connections are for members of the fleet, where it is known who these are.
 _MAX_CONNECTIONS, _MAX_PER_ADDRESS = 64, 8
-_FOR_STRANGERS = _MAX_CONNECTIONS // 2  # the others are for members of the fleet, where it is known who these are
 _MAX_SECONDS = 15.0
-_COMPRESS = 1400  # bytes
+_KEPT, _KEPT_PER_ADDRESS = 256, 4  # connections that are kept for who waits for changes; not among the above
+_KEPT_SECONDS = 60.0 + _MAX_SECONDS  # for a question on one of them
+_COMPRESS = 700  # bytes
 
 
 class Refused(Exception):
@@ -35,6 +37,10 @@ class PerCaller:
 
     def __call__(self, caller: str, *arguments: Any) -> Any:
         return self.method(caller, *arguments)
+
+
+class Waiting(PerCaller):
+    """A method that may take its time, where its second argument says so. Then the connection is kept for the next call."""
 
 
 class Callers(NamedTuple):
@@ -71,6 +77,8 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self.methods["system.methodSignature"] = lambda name: "signatures not supported"
         self.malformed, self._callers = malformed, callers
         self._open: Dict[socket.socket, Tuple[str, float]] = {}  # whose, and since when
+        self._kept: Dict[socket.socket, str] = {}  # those of them that are kept
+        self._keeping = threading.Lock()
         super().__init__((address, port), _Handler)
         threading.Thread(target=self.serve_forever, name="xml-rpc", kwargs={"poll_interval": 1.0}, daemon=True).start()
 
@@ -85,18 +93,31 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         return True
 
     def _too_many(self, address: str) -> str:
-        there = [other for other, _since in list(self._open.values())]
-        most = _MAX_CONNECTIONS
+        there = [other for request, (other, _since) in list(self._open.items()) if request not in self._kept]
+        full = self._is_full(address, there, _MAX_CONNECTIONS, _MAX_PER_ADDRESS)
+        return "too many connections at once" if full else ""
+
+    def _is_full(self, address: str, there: List[str], most: int, per_address: int) -> bool:
+        """True where so many are there that there is no room for one more. Half of the room is for members."""
         if self._callers.reserved and not self._callers.is_member(address):
             there = [other for other in there if other == address or not self._callers.is_member(other)]
-            most = _FOR_STRANGERS
-        full = len(there) >= most or there.count(address) >= _MAX_PER_ADDRESS
-        return "too many connections at once" if full else ""
+            most //= 2
+        return len(there) >= most or there.count(address) >= per_address
+
+    def keep(self, request: Any, address: str) -> bool:
+        """Keep a connection for who waits for changes, beside the other ones. False where there are too many."""
+        with self._keeping:
+            if request not in self._kept:
+                if self._is_full(address, list(self._kept.values()), _KEPT, _KEPT_PER_ADDRESS):
+                    return False
+                self._kept[request] = address
+            self._open[request] = (address, monotonic())
+            return True
 
     def service_actions(self) -> None:
         """End the connections that take too long."""
         for request, (_address, since) in list(self._open.items()):
-            if monotonic() - since > _MAX_SECONDS:
+            if monotonic() - since > (_KEPT_SECONDS if request in self._kept else _MAX_SECONDS):
                 try:
                     request.shutdown(socket.SHUT_RDWR)
                 except OSError:
@@ -105,6 +126,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
     def shutdown_request(self, request: Any) -> None:
         """A connection has ended."""
         self._open.pop(request, None)
+        self._kept.pop(request, None)
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -119,12 +141,14 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
 
 
 def _help(method: Any) -> str:
-    return (getattr(getattr(method, "method", method), "__doc__", "") or "").strip()
+    function = getattr(method, "method", method)
+    return (getattr(getattr(function, "func", function), "__doc__", "") or "").strip()
 
 
 class _Handler(BaseHTTPRequestHandler):
     server: RpcServer
     timeout = 5.0
+    _kept = False  # whether another request may follow on this connection
     wbufsize = -1
     disable_nagle_algorithm = True
 
@@ -132,6 +156,7 @@ class _Handler(BaseHTTPRequestHandler):
         if self.path not in ("/", "/RPC2"):
             self.send_error(404)
             return
+        self._kept = False
         try:
             name, arguments = self._request()
         except Exception as problem:  # expat, xmlrpc, gzip and int have a dozen
@@ -164,6 +189,9 @@ class _Handler(BaseHTTPRequestHandler):
         method = self.server.methods.get(name)
         if method is None:
             raise Refused(f"there is no method {name[:100]}")
+        if isinstance(method, Waiting):
+            self._kept = self.request_version == "HTTP/1.1" and self.server.keep(self.request, self.client_address[0])
+            arguments = (self._kept, *arguments)
         if isinstance(method, PerCaller):
             arguments = (self.client_address[0], *arguments)
         try:
@@ -172,6 +200,8 @@ class _Handler(BaseHTTPRequestHandler):
             raise Refused(plain(f"{name}: {problem}")) from None
 
     def _answer(self, body: bytes) -> None:
+        self.protocol_version = "HTTP/1.1" if self._kept else "HTTP/1.0"
+        self.close_connection = not self._kept
         self.send_response(200)
         self.send_header("Content-Type", "text/xml")
         if len(body) > _COMPRESS and "gzip" in self.headers.get("Accept-Encoding", ""):

@@ -3,48 +3,76 @@
 """The states of other masters, fetched from their discovery nodes when the core wants them."""
 
 from functools import partial
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, NamedTuple, Optional
 from xmlrpc.client import Fault
 
 from ..core.graph import Malformed, State, parse
-from ..core.limits import limited
-from ..core.members import Members, Networks
-from ..core.places import Here, Places, names_to_resolve
+from ..core.limits import size
+from ..core.places import Places
 from ..core.sync import Fetch, Sync
-from ..edge.addresses import address_of, network, networks
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
 from ..edge.xml_rpc import STATE
 from . import program
+from .followed import MOST, TIMEOUT, Answer, Follower, Misplaced, View
+from .served import DIFFERENCES
 
-TIMEOUT = 10.0  # seconds
+MOST_FOLLOWED = 128  # masters: more are fetched when they announce a change
 
 
-LOOKUPS = 3.0  # seconds for the names in a state that the plan does not have
+class Fetched(NamedTuple):
+    """A state, where its nodes may be, and who can follow its changes."""
 
-Fetched = Tuple[State, Places]  # a state, and where its nodes may be
+    state: State
+    places: Places
+    quick: bool  # this master tells its changes
+    follower: Optional[Follower]
 
 
 class Fetcher:
-    """Carries out what the core wants to fetch."""
+    """Carries out what the core wants to fetch, and follows the masters that tell their changes."""
 
-    def __init__(self, loop: Loop, core: Sync, limited: program.Limited, fetched: Callable[[str], None]) -> None:
-        """`fetched(uri)`: there is a new state of this master."""
-        self._workers = Workers(loop, 8)
+    def __init__(
+        self,
+        loop: Loop,
+        core: Sync,
+        limited: program.Limited,
+        fetched: Callable[[str], None],
+        differences: bool = True,
+    ) -> None:
+        """`fetched(uri)`: there is a new state of this master. `differences`: masters are followed."""
+        self._workers, self._loop = Workers(loop, 8), loop
         self._core, self._limited, self._on_state = core, limited, fetched
+        self._differences = differences
+        self._followers: Dict[str, Follower] = {}
 
     def tick(self, now: float) -> Optional[float]:
         """Fetch what is due; the time of the next fetch."""
+        for uri in [uri for uri, follower in self._followers.items() if not self._core.follows(follower.fetch)]:
+            self._stop(uri)
         for fetch in self._core.due(now):
+            self._stop(fetch.uri)
             before = self._core.remotes[fetch.uri].state
-            job = partial(_fetch, fetch, self._core.sync_remote_nodes, before, self._core.own_uri, self._core.members)
+            view = View(fetch, self._core.own_uri, self._core.sync_remote_nodes, self._core.members)
+            quick = self._differences and len(self._followers) < MOST_FOLLOWED
+            job = partial(_fetch, fetch, before, view, quick)
             self._workers.submit(job, partial(self._fetched, fetch))
         return self._core.next_due()
 
     def _fetched(self, fetch: Fetch, found: Optional[Fetched], problem: Optional[Exception]) -> None:
-        state, places = found or (None, None)
-        if self._core.fetched(fetch, state, str(problem or ""), monotonic(), places):
+        state, places, quick, follower = found or Fetched(None, None, False, None)  # type: ignore[arg-type]
+        taken = self._core.fetched(
+            fetch, state, str(problem or ""), monotonic(), places, quick=quick, following=follower is not None
+        )
+        if follower is not None and taken:
+            self._followers[fetch.uri] = follower
+            follower.start(
+                lambda *news: self._loop.post(self._told, *news), lambda *why: self._loop.post(self._over, *why)
+            )
+        elif follower is not None:
+            follower.stop()
+        if taken:
             self._on_state(fetch.uri)
         elif problem is not None:
             self._limited.say(
@@ -53,44 +81,68 @@ class Fetcher:
                 f"the state of {fetch.uri} cannot be had from {fetch.monitor_uri}: {problem}",
             )
 
+    # Who is followed
 
-def _fetch(fetch: Fetch, sync_remote_nodes: bool, before: Optional[State], own_uri: str, members: Members) -> Fetched:
-    """The state of a master, and where its nodes may be."""
-    state = _state(fetch, sync_remote_nodes, before, own_uri)
-    here = Here(frozenset(network().own), Networks(networks()))
-    resolved = _resolved(names_to_resolve(state, members))
-    return state, Places(members, fetch.uri, fetch.monitor_uri, here, resolved)
+    def _told(self, follower: Follower, state: State, misplaced: Misplaced) -> None:
+        if self._followers.get(follower.fetch.uri) is follower and self._core.follows(follower.fetch):
+            self._core.followed(follower.fetch.uri, state, misplaced)
+            self._on_state(follower.fetch.uri)
 
+    def _over(self, follower: Follower, problem: Exception) -> None:
+        uri = follower.fetch.uri
+        if self._followers.get(uri) is follower:
+            program.LOG.debug("the changes of %s are not followed any more: %s", uri, problem)
+            self._stop(uri)
 
-def _resolved(names: List[str]) -> Dict[str, str]:
-    """The addresses of names, of as many as can be looked up in a short time."""
-    until, found = monotonic() + LOOKUPS, {}
-    for name in names:
-        if monotonic() > until:
-            break
-        try:
-            found[name] = address_of(name)
-        except (OSError, UnicodeError):  # one that is no host name
-            pass
-    return found
+    def _stop(self, uri: str) -> None:
+        follower = self._followers.pop(uri, None)
+        if follower is not None:
+            follower.stop()
+            self._core.lapsed(uri, monotonic())
 
 
-def _state(fetch: Fetch, sync_remote_nodes: bool, before: Optional[State], own_uri: str) -> State:
+def _fetch(fetch: Fetch, before: Optional[State], view: View, quick: bool) -> Fetched:
     """The state of a master, filtered there where it can be, and as much of it as is taken."""
-
-    def read(value: Any) -> State:
-        return limited(parse(value), before, own_uri=own_uri, sync_remote_nodes=sync_remote_nodes)
-
     rpc = Rpc(fetch.monitor_uri, TIMEOUT, STATE)
+    follower: Optional[Follower] = None
     try:
-        try:
-            state: State = rpc.call("masterInfoFiltered", fetch.rules.to_wire(sync_remote_nodes), read=read)
-        except Fault:
-            if "masterInfoFiltered" in rpc.call("system.listMethods"):
-                raise
-            state = rpc.call("masterInfo", read=read)
-        return state
+        quick = quick and fetch.quick and _tells_changes(rpc)
+        if quick:
+            answer, state = rpc.call(DIFFERENCES, view.wanted, "", 0, 0, read=_whole)
+            taken = view.taken(state, before)
+            if size(state) <= MOST:
+                follower = Follower(rpc, fetch, view, answer, state, taken)
+        else:
+            taken = _without_changes(rpc, view.wanted, lambda value: view.taken(parse(value), before))
+        return Fetched(taken, view.places(taken), quick, follower)
     except Malformed as problem:
         raise ValueError(f"it sends no state of a master: {problem}") from None
     finally:
-        rpc.close()
+        if follower is None:
+            rpc.close()
+
+
+def _whole(value: Any) -> Any:
+    answer = Answer(value)
+    state = answer.state(None)
+    answer.document = None  # it is large
+    return answer, state
+
+
+def _tells_changes(rpc: Rpc) -> bool:
+    try:
+        methods = rpc.call("system.listMethods")
+    except Fault:
+        return False
+    return isinstance(methods, list) and DIFFERENCES in methods
+
+
+def _without_changes(rpc: Rpc, wanted: Any, read: Callable[[Any], State]) -> State:
+    """The state of a master that does not tell its changes: of upstream, or where this is switched off."""
+    try:
+        state: State = rpc.call("masterInfoFiltered", wanted, read=read)
+    except Fault:
+        if "masterInfoFiltered" in rpc.call("system.listMethods"):
+            raise
+        state = rpc.call("masterInfo", read=read)
+    return state

@@ -6,6 +6,7 @@ import getpass
 import os
 import threading
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Callable, Dict, Iterable, List, Optional, Set, Tuple
 
 from ..core.filters import InvalidPattern, Pattern, Rules
@@ -15,9 +16,15 @@ from ..core.outsiders import Outsider
 from ..core.peer import Master
 from ..core.plain_text import LINE, plain
 from ..edge.clock import sleep, wall_clock
-from ..edge.rpc_server import Callers, PerCaller, Refused, RpcServer
+from ..edge.rpc_server import Callers, PerCaller, Refused, RpcServer, Waiting
 from ..edge.systemd import notify
 from . import program
+from .told import LONGEST_WAIT, Look, Told
+
+DIFFERENCES = "rosfleetDifferences"
+NO_STATE = State("", "")
+
+Viewer = Callable[[State], Tuple[State, List[Rules]]]
 
 
 @dataclass
@@ -59,19 +66,23 @@ class Served:
         do_not_sync: Callable[[], Any],
         md5sum: Callable[[str], Optional[str]],
         outsiders: Callable[[], Iterable[Outsider]],
+        told: Optional[Told] = None,
     ) -> None:
         """`do_not_sync()`: the parameter of the roscore with this name; `md5sum(type)`: of a message type, None for none.
 
-        `outsiders()`: who is ignored.
+        `outsiders()`: who is ignored; `told`: has the changes, where others may ask for them alone.
         """
         self._own, self._policy, self._errors, self._own_addresses = own, policy, errors, own_addresses
         self._do_not_sync, self._md5sum = do_not_sync, md5sum
         self._outsiders = outsiders
+        self._told = told
         self._filtering = threading.Lock()  # patterns of others take time, of which one may have some at once
 
     def methods(self) -> Dict[str, Callable[..., Any]]:
         """The methods by their names."""
+        quick = {} if self._told is None else {DIFFERENCES: Waiting(partial(self._differences, self._told))}
         return {
+            **quick,
             "masterContacts": self._master_contacts,
             "masterInfo": PerCaller(self._master_info),
             "masterInfoFiltered": PerCaller(self._master_info_filtered),
@@ -100,12 +111,29 @@ class Served:
     def _master_info_filtered(self, caller: str, filters: Any) -> List[Any]:
         """The same without what the caller does not want."""
         state, rules = self._view(caller)
-        try:
-            wanted = Rules.from_wire(filters)
-            with self._filtering:
-                return document(state, [*rules, wanted])
-        except InvalidPattern as problem:
-            raise Refused(f"the filter is not usable: {problem}") from None
+        wanted = _wanted(filters)
+        with self._filtering:
+            return document(state, [*rules, wanted])
+
+    def _differences(
+        self, told: Told, caller: str, may_wait: bool, filters: Any, epoch: Any, revision: Any, wait: Any
+    ) -> List[Any]:
+        """What is new since a revision: [epoch, revision, whole, document, gone, digest]. Waits for it, so many seconds at most."""
+        if not isinstance(epoch, str) or not isinstance(revision, int) or not isinstance(wait, (int, float)):
+            raise Refused(f"{DIFFERENCES} takes a filter, an epoch (text), a revision (number) and a wait (seconds)")
+        wanted = told.filter_of(caller, epoch) if filters == [] else _wanted(filters)
+
+        def look() -> Look:
+            viewer = self._viewer(caller)
+
+            def seen(state: State) -> List[Any]:
+                shown, rules = viewer(state)
+                with self._filtering:
+                    return document(shown, [*rules, wanted])
+
+            return Look((self._is_here(caller), *viewer(NO_STATE)[1], wanted), seen)
+
+        return told.answer(caller, wanted, look, epoch, revision, min(max(wait, 0.0), LONGEST_WAIT) * may_wait)
 
     def _md5sums(self, caller: str, types: Any) -> List[List[str]]:
         """The md5 sums of message types of topics that this master's own nodes have, and the caller may see."""
@@ -120,13 +148,24 @@ class Served:
 
     def _view(self, caller: str) -> Tuple[State, List[Rules]]:
         """The state, and the rules by which a caller is told of it."""
+        return self._viewer(caller)(self._own.current())
+
+    def _viewer(self, caller: str) -> Viewer:
+        """What a caller may see of a state, and the rules by which it is told of that."""
         if self._is_here(caller):
-            return self._policy.view(self._own.current(), None, [])
+            return lambda state: self._policy.view(state, None)
         try:
             secret = Rules(do_not_sync=Pattern.of(_listed(self._do_not_sync()), "/do_not_sync"))
         except InvalidPattern as problem:  # what is secret is not known, so everything is
             raise Refused(str(problem)) from None
-        return self._policy.view(self._own.current(), caller, [secret])
+        return lambda state: self._policy.view(state, caller, [secret])
+
+
+def _wanted(filters: Any) -> Rules:
+    try:
+        return Rules.from_wire(filters)
+    except InvalidPattern as problem:
+        raise Refused(f"the filter is not usable: {problem}") from None
 
 
 def callers(members: Members, own_uri: str, own_addresses: Callable[[], Set[str]]) -> Callers:

@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A master whose changes are followed: discovery's server and the follower, with sockets on 127.0.0.1."""
+
+import queue
+import threading
+import time
+from dataclasses import replace
+from xmlrpc.client import Fault
+
+import pytest
+from rosfleet_multimaster.core.filters import Filters, Pattern, Rules
+from rosfleet_multimaster.core.graph import Malformed, Node, Policy, State, document
+from rosfleet_multimaster.core.members import Members
+from rosfleet_multimaster.core.sync import Fetch
+from rosfleet_multimaster.edge import rpc_server
+from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_server import RpcServer
+from rosfleet_multimaster.parts import fetcher, followed
+from rosfleet_multimaster.parts.followed import Answer, View
+from rosfleet_multimaster.parts.served import DIFFERENCES, OwnMaster, Served
+from rosfleet_multimaster.parts.told import Told
+
+URI = "http://robot2:11311/"
+ASK = Filters({}).rules("robot2").to_wire(False)
+
+
+class Discovery:
+    """A discovery that serves its state; callers are strangers to it."""
+
+    def __init__(self, told=True, policy=None, monkeypatch=None):
+        self.own = OwnMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, away="")
+        self.told, self.secret = Told(self.own.current), []
+        served = Served(
+            self.own, policy or Policy(), {}, set, lambda: self.secret, str, list, self.told if told else None
+        )
+        if monkeypatch is not None:
+            monkeypatch.setattr(served, "_is_here", lambda caller: False)
+        self.server = RpcServer("127.0.0.1", 0, served.methods(), lambda *_why: None)
+        self.uri = f"http://127.0.0.1:{self.server.server_address[1]}"
+        self.asked = []
+        self.has({})
+
+    def has(self, publishers):
+        """Have these publishers from now on: topic -> node."""
+        nodes = {node: Node(f"http://robot2{node}:5000/", URI, "local") for node in publishers.values()}
+        stamp = 1.0 if self.own.state is None else self.own.state.stamp + 1.0
+        types = dict.fromkeys(publishers, "std_msgs/Int32")
+        tables = {topic: (node,) for topic, node in publishers.items()}
+        self.own.state = State(URI, "robot2", stamp, stamp, tables, {}, {}, types, nodes)
+        self.told.news(self.own.state, self.secret)
+
+
+@pytest.fixture(name="there")
+def _there(monkeypatch):
+    made = Discovery(monkeypatch=monkeypatch)
+    yield made
+    made.server.stop()
+
+
+class Here:
+    """Who follows it."""
+
+    def __init__(self, there, rules=None):
+        self.fetch = Fetch(URI, there.uri, rules or Filters({}).rules("robot2"))
+        self.view = View(self.fetch, "http://own:11311/", False, Members())
+        self.found = fetcher._fetch(self.fetch, None, self.view, True)
+        self.states, self.over = queue.Queue(), queue.Queue()
+        if self.found.follower is not None:
+            self.found.follower.start(lambda *news: self.states.put(news[1]), lambda *why: self.over.put(why[1]))
+
+    def topics(self):
+        return sorted(self.states.get(timeout=5).publishers)
+
+
+def test_a_change_is_told_at_once_and_alone(there):
+    there.has({"/a": "/one"})
+    here = Here(there)
+    assert sorted(here.found.state.publishers) == ["/a"] and here.found.quick
+    time.sleep(0.05)
+    began = time.monotonic()
+    there.has({"/a": "/one", "/b": "/two"})
+    assert here.topics() == ["/a", "/b"]
+    assert time.monotonic() - began < 0.2
+    there.has({"/b": "/two"})
+    assert here.topics() == ["/b"]
+    here.found.follower.stop()
+
+
+def test_a_filter_hides_on_the_quick_way_too_and_stamps_move(there):
+    there.has({"/a": "/one"})
+    here = Here(there, Filters({"ignore_topics": ["/hidden*"]}).rules("robot2"))
+    there.has({"/a": "/one", "/hidden": "/two"})
+    state = here.states.get(timeout=5)
+    assert sorted(state.publishers) == ["/a"] and state.local_stamp == there.own.state.local_stamp
+    here.found.follower.stop()
+
+
+def test_what_becomes_secret_is_gone_at_once(there):
+    there.has({"/a": "/one", "/b": "/two"})
+    here = Here(there)
+    there.secret = ["/b"]
+    there.told.news(there.own.state, there.secret)
+    assert here.topics() == ["/a"]
+    here.found.follower.stop()
+
+
+def test_where_the_quick_way_is_off_the_whole_is_fetched(monkeypatch):
+    there = Discovery(told=False, monkeypatch=monkeypatch)
+    there.has({"/a": "/one"})
+    here = Here(there)
+    assert sorted(here.found.state.publishers) == ["/a"] and not here.found.quick and here.found.follower is None
+    there.server.stop()
+
+
+def test_a_discovery_that_goes_ends_it_and_one_that_stops_following_is_quiet(there):
+    here, other = Here(there), Here(there)
+    other.found.follower.stop()
+    time.sleep(0.1)
+    there.own.away = "its roscore does not answer"
+    there.told.news(there.own.state, ["wake"])
+    assert isinstance(here.over.get(timeout=5), Fault)
+    assert other.over.empty()
+
+
+def test_a_filter_that_was_forgotten_is_asked_for(there):
+    with pytest.raises(Fault, match="not known any more"):
+        Rpc(there.uri, 5.0).call(DIFFERENCES, [], "another start", 1, 0)
+
+
+@pytest.mark.parametrize("asked", [([], 1, 1, 0), (ASK, "", "1", 0), (ASK, "", 1, None), ("", "", 1, 0), (ASK,)])
+def test_a_question_that_is_none_is_refused(there, asked):
+    with pytest.raises(Fault):
+        Rpc(there.uri, 5.0).call(DIFFERENCES, *asked)
+
+
+def test_one_address_keeps_few_connections_and_the_others_are_answered_at_once(there):
+    rpcs = [Rpc(there.uri, 5.0) for _count in range(rpc_server._KEPT_PER_ADDRESS + 2)]
+    known = rpcs[0].call(DIFFERENCES, ASK, "", 0, 0)[:2]
+    answers = []
+    threads = [
+        threading.Thread(target=lambda rpc=rpc: answers.append(rpc.call(DIFFERENCES, ASK, *known, 2.0))) for rpc in rpcs
+    ]
+    began = time.monotonic()
+    for thread in threads:
+        thread.start()
+    for thread in threads[-2:] + threads[:-2]:
+        thread.join(5)
+    assert len(answers) == len(rpcs) and 1.9 < time.monotonic() - began < 4.0
+    assert len(there.server._kept) <= rpc_server._KEPT_PER_ADDRESS
+    assert all(answer[2] is False and answer[5] for answer in answers), "nothing new, and a digest"
+    Rpc(there.uri, 5.0).call("masterContacts")  # there is still room for the other methods
+
+
+def test_a_digest_that_differs_takes_the_whole(there, monkeypatch):
+    monkeypatch.setattr(followed, "WAIT", (0.05, 0.06))
+    there.has({"/a": "/one"})
+    here = Here(there)
+    here.found.follower._state = replace(here.found.state, publishers={"/other": ("/one",)})
+    assert here.topics() == ["/a"]
+    here.found.follower.stop()
+
+
+# A hostile one
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        [],
+        ["e", 1, True, [], []],
+        ["", 1, True, [], [], ""],
+        ["e" * 100, 1, True, [], [], ""],
+        ["e", "1", 1, 1, 1, 1],
+    ],
+)
+def test_what_is_no_answer_is_refused(value):
+    with pytest.raises(Malformed):
+        Answer(value)
+
+
+def test_a_state_that_grows_and_grows_is_not_followed(there, monkeypatch):
+    monkeypatch.setattr(followed, "MOST", 3)
+    here = Here(there)
+    there.has({f"/topic{number}": "/one" for number in range(5)})
+    assert isinstance(here.over.get(timeout=5), followed.TooMuch)
+
+
+def test_a_difference_of_another_master_ends_it(there):
+    here = Here(there)
+    there.own.state = replace(there.own.state, uri="http://robot3:11311/", stamp=99.0, local_stamp=99.0)
+    there.told.news(there.own.state, [])
+    assert isinstance(here.over.get(timeout=5), Malformed)
+
+
+def test_the_document_of_a_whole_answer_is_that_of_the_old_way(there):
+    there.has({"/a": "/one", "/b": "/two"})
+    rpc = Rpc(there.uri, 5.0)
+    quick, old = rpc.call(DIFFERENCES, ASK, "", 0, 0), rpc.call("masterInfoFiltered", ASK)
+    assert quick[2] is True and quick[3] == old == document(there.own.state, [Rules(), Rules(do_not_sync=Pattern())])
