@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup lab demo lab-down check lint sanity unit molecule systems bench-site test test-long test-interop checkout format house readme lock copies shipped
+.PHONY: help setup lab demo lab-down check lint sanity unit molecule systems bench bench-site test test-long test-interop checkout format house readme lock copies shipped
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -55,6 +55,9 @@ test-interop: checkout lab ## the bundled nodes with those of multimaster_fkie 1
 checkout:
 	@test -e "$(FKIE)/fkie_master_discovery/nodes/master_discovery" -a -e "$(FKIE)/fkie_master_sync/nodes/master_sync" \
 		|| { echo "make test-interop needs FKIE=<folder of a checkout of multimaster_fkie 1.3.2>, but FKIE is '$(FKIE)'." >&2; exit 1; }
+
+bench: lab ## how fast topics cross, beside multimaster_fkie where FKIE=<checkout> is given (half an hour; KEEP=yes: into docs)
+	@$(PYTHON) tests/bench/network/network.py $(if $(FKIE),--fkie "$(abspath $(FKIE))") $(if $(KEEP),--keep)
 
 bench-site: lab ## the second run of site.yml beside a playbook of the usual tasks, on 13 systems (ten minutes)
 	@$(PYTHON) tests/bench/site/site.py
