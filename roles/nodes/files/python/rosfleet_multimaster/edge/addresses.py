@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The addresses of this computer, and those of names (IPv4 only, as ROS 1 is by default)."""
 
+import os
 import socket
 import struct
 from typing import Dict, Iterable, List, NamedTuple, Set, Tuple
+from urllib.parse import urlsplit
 
 # linux/rtnetlink.h, linux/if_link.h, linux/if_addr.h and net/if.h
 _RTM_NEWLINK, _RTM_GETLINK, _RTM_NEWADDR, _RTM_GETADDR, _RTM_NEWROUTE, _RTM_GETROUTE = 16, 18, 20, 22, 24, 26
@@ -131,3 +133,18 @@ def source_address(group: str, port: int, own: Set[str]) -> str:
         return next(
             (address for address in sorted(own) if address[0].isdigit() and not address.startswith("127.")), "127.0.0.1"
         )
+
+
+def own_hosts() -> Set[str]:
+    """Names and addresses of this computer."""
+    names = {socket.gethostname(), "localhost", os.environ.get("ROS_IP", ""), os.environ.get("ROS_HOSTNAME", "")}
+    try:
+        return (names | network().own) - {""}
+    except OSError:
+        return names - {""}
+
+
+def leads_to(uri: str, hosts: Set[str]) -> bool:
+    """Whether a URI leads to one of these hosts."""
+    host = urlsplit(uri).hostname or ""
+    return host in hosts or host.startswith("127.") or addresses_of_all([host]).get(host, host) in hosts

@@ -149,6 +149,11 @@ def on_signals(loop: Loop, end: Callable[[], None]) -> None:
         signal.signal(number, lambda _number, _frame: loop.post(end))
 
 
+def on_request(loop: Loop, job: Callable[[], None]) -> None:
+    """Have `job` called in the loop on SIGUSR1."""
+    signal.signal(signal.SIGUSR1, lambda _number, _frame: loop.post(job))
+
+
 def leave_process(status: int) -> None:
     """End the process now, whatever threads of ROS are still waiting for."""
     sys.stderr.flush()

@@ -1,0 +1,145 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which node is told what next: the calls that wait for a worker.
+
+- What is newer replaces what waits: a topic has one call at most that waits for a node.
+- A node has one call at a time, in the order in which things changed last.
+- A first change is told at once. Further ones of the same topic wait a little, and each time longer: a burst is a few calls.
+- A node that does not answer in time is asked again later, and such nodes have few workers together. So has each host:
+  a lost robot keeps no own node waiting.
+"""
+
+from collections import OrderedDict
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
+
+WORKERS = 32  # calls at once,
+PER_HOST = 8  # to nodes of one host,
+SLOW = 4  # to nodes that did not answer in time
+PAUSE, LONGEST, QUIET = 0.01, 0.64, 1.0  # seconds between two calls of one topic: at first, at most; after them anew
+RETRY, LATEST = 1.0, 16.0  # seconds until a node is asked again that did not answer, doubled up to
+PATIENCE = 60.0  # seconds after which what waits for such a node is dropped
+
+Key = Tuple[str, str]  # method, and the topic or parameter
+
+
+class Call(NamedTuple):
+    """One call of a node."""
+
+    uri: str
+    method: str
+    arguments: Tuple[Any, ...]
+    key: Key
+
+
+class _Node:
+    """A node that is to be told something, or was a moment ago."""
+
+    def __init__(self, host: str) -> None:
+        self.host, self.busy = host, False
+        self.waiting: OrderedDict[Key, Tuple[str, Tuple[Any, ...]]] = OrderedDict()
+        self.told: Dict[Key, Tuple[float, float]] = {}  # key -> when it was told, and the pause after that
+        self.silent_since: Optional[float] = None
+        self.again, self.pause = 0.0, RETRY
+
+
+class Notifications:
+    """The calls that wait. Times are given; nothing here waits."""
+
+    def __init__(self) -> None:
+        self._nodes: Dict[str, _Node] = {}
+        self._ready: OrderedDict[str, None] = OrderedDict()  # URIs with something that waits, and no call under way
+        self._busy: Dict[str, int] = {}  # host -> calls under way
+        self._slow: Set[str] = set()  # URIs of silent nodes with a call under way
+        self.dropped = 0  # calls that were given up
+
+    def add(self, uri: str, host: str, method: str, name: str, arguments: Tuple[Any, ...]) -> None:
+        """A node is to be called; what waits with the same method and name is replaced."""
+        node = self._nodes.get(uri)
+        if node is None:
+            node = self._nodes[uri] = _Node(host)
+        node.waiting.pop((method, name), None)
+        node.waiting[method, name] = (method, arguments)
+        if not node.busy:
+            self._ready.setdefault(uri)
+
+    def next(self, now: float) -> Tuple[Optional[Call], Optional[float]]:
+        """The call to make now, or the time at which there may be one; (None, None) where only `add` or `done` can bring one."""
+        earliest: Optional[float] = None
+        for uri in self._candidates():
+            node = self._nodes[uri]
+            key, due = self._first(node, now)
+            if due <= now:
+                method, arguments = node.waiting.pop(key)
+                self._begin(uri, node)
+                return Call(uri, method, arguments, key), None
+            earliest = due if earliest is None else min(due, earliest)
+        return None, earliest
+
+    def done(self, call: Call, now: float, answered: bool, gone: bool = False) -> None:
+        """A call has ended. `answered`: in time; `gone`: nobody listens there any more."""
+        node = self._nodes[call.uri]
+        node.busy = False
+        self._slow.discard(call.uri)
+        self._busy[node.host] -= 1
+        if not self._busy[node.host]:
+            del self._busy[node.host]
+        if gone:
+            self.dropped += len(node.waiting) + 1
+            del self._nodes[call.uri]
+            return
+        if answered:
+            node.silent_since, node.pause = None, RETRY
+            last, pause = node.told.get(call.key, (now - QUIET, PAUSE))
+            node.told[call.key] = (now, min(2 * pause, LONGEST) if now - last < QUIET else PAUSE)
+        else:
+            self._was_silent(node, call, now)
+        if node.waiting:
+            self._ready[call.uri] = None
+        elif node.silent_since is None and len(node.told) > 64:
+            node.told = {key: (at, pause) for key, (at, pause) in node.told.items() if now - at < QUIET}
+        if not node.waiting and not node.told:
+            del self._nodes[call.uri]
+
+    def tidy(self, now: float) -> None:
+        """Forget nodes that were told all a while ago."""
+        for uri, node in list(self._nodes.items()):
+            if not node.busy and not node.waiting and all(now - at > QUIET for at, _pause in node.told.values()):
+                del self._nodes[uri]
+
+    def _candidates(self) -> Iterator[str]:
+        full = {host for host, count in self._busy.items() if count >= PER_HOST}
+        for uri in self._ready:
+            node = self._nodes[uri]
+            if node.host not in full and (node.silent_since is None or len(self._slow) < SLOW):
+                yield uri
+
+    def _first(self, node: _Node, now: float) -> Tuple[Key, float]:
+        """The thing that may be told first, and when."""
+        best: List[Any] = []
+        for key in node.waiting:
+            at, pause = node.told.get(key, (0.0, 0.0))
+            due = max(at + pause, node.again if node.silent_since is not None else 0.0)
+            if due <= now:
+                return key, due
+            if not best or due < best[1]:
+                best = [key, due]
+        return best[0], best[1]
+
+    def _begin(self, uri: str, node: _Node) -> None:
+        node.busy = True
+        del self._ready[uri]
+        self._busy[node.host] = self._busy.get(node.host, 0) + 1
+        if node.silent_since is not None:
+            self._slow.add(uri)
+
+    def _was_silent(self, node: _Node, call: Call, now: float) -> None:
+        if node.silent_since is None:
+            node.silent_since = now
+        node.again, node.pause = now + node.pause, min(2 * node.pause, LATEST)
+        if now - node.silent_since > PATIENCE:
+            self.dropped += len(node.waiting) + 1
+            node.waiting.clear()
+            node.silent_since, node.pause = None, RETRY
+        elif call.key not in node.waiting:  # else something newer waits already
+            node.waiting[call.key] = (call.method, call.arguments)
+            node.waiting.move_to_end(call.key, last=False)

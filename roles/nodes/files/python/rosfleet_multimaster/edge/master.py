@@ -1,0 +1,495 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""rosmaster, in this process: the only file that imports it. Its XML-RPC interface is as it was.
+
+What it calls at its places is ours here: the lock, the tables of registrations, the pool of workers. So each change is
+seen where it is made, and all changes of one call are handed on together before the caller has its answer.
+"""
+
+import socket
+import threading
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+
+import rosgraph.names
+import rosgraph.network
+import rosgraph.xmlrpc
+from rosmaster import master_api, paramserver, registrations
+
+from ..core.name_guard import NameGuard
+from ..core.registry import Record, Registry, Service, touches
+from .clock import monotonic
+from .notifier import Notifier
+
+#: what changes something -> where the URI of the calling node stands in its arguments
+CHANGES = {
+    "registerPublisher": 3,
+    "registerSubscriber": 3,
+    "registerService": 3,
+    "subscribeParam": 1,
+    "unregisterPublisher": 0,
+    "unregisterSubscriber": 0,
+    "unregisterService": 0,
+    "unsubscribeParam": 0,
+    "setParam": 0,
+    "deleteParam": 0,
+}
+_READ_TREES = ("getParam",)  # their answers have parts of the tree, which changes while they are written
+_KINDS = {
+    registrations.Registrations.TOPIC_PUBLICATIONS: "publisher",
+    registrations.Registrations.TOPIC_SUBSCRIPTIONS: "subscriber",
+    registrations.Registrations.PARAM_SUBSCRIPTIONS: "listener",
+    registrations.Registrations.SERVICE: "service",
+}
+_TELLING = {"publisher_update_task": "publisherUpdate", "shutdown_node_task": "shutdown"}
+
+Note = Callable[[Record], None]
+
+
+class Caller(NamedTuple):
+    """Who makes the call of this thread."""
+
+    address: str = ""
+    here: str = ""  # the address at which it reached us
+    gone: Callable[[], bool] = lambda: False
+
+    @property
+    def own(self) -> bool:
+        """Whether it is on this computer."""
+        return self.address.startswith("127.") or self.address in ("::1", self.here)
+
+
+class Lock:
+    """The lock of the registrations. Who holds it may take it again; what changed is handed on before it is free."""
+
+    def __init__(self) -> None:
+        self._lock, self._depth = threading.RLock(), 0
+        self.changed: Callable[[], None] = lambda: None
+
+    def acquire(self) -> bool:
+        """Take it."""
+        self._lock.acquire()
+        self._depth += 1
+        return True
+
+    def release(self) -> None:
+        """Give it back."""
+        try:
+            if self._depth == 1:
+                self.changed()
+        finally:
+            self._depth -= 1
+            self._lock.release()
+
+    def __enter__(self) -> "Lock":
+        self.acquire()
+        return self
+
+    def __exit__(self, *_problem: Any) -> None:
+        self.release()
+
+
+class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster has no types
+    """Registrations of one kind that tell what changes."""
+
+    def __init__(self, kind: int, note: Note, seen: Note) -> None:
+        super().__init__(kind)
+        self._note, self._seen, self._kind = note, seen, _KINDS[kind]
+
+    def register(self, key: str, node: str, node_uri: str, service_uri: Optional[str] = None) -> None:
+        """As rosmaster's."""
+        known = (node, node_uri) in self.map.get(key, ())
+        if service_uri is not None:
+            known = known and (self.service_api_map or {}).get(key) == (node, service_uri)
+        super().register(key, node, node_uri, service_uri)
+        record = self._record(key, node, node_uri, service_uri, True)
+        self._seen(record)
+        if not known:
+            self._note(record)
+
+    def unregister(self, key: str, node: str, node_uri: str, service_uri: Optional[str] = None) -> Any:
+        """As rosmaster's."""
+        result = super().unregister(key, node, node_uri, service_uri)
+        if result[2] == 1:
+            self._note(self._record(key, node, node_uri, service_uri, False))
+        return result
+
+    def unregister_all(self, node: str) -> None:
+        """As rosmaster's."""
+        held = dict(self.service_api_map or {})
+        gone = [(key, of) for key, users in self.map.items() for of in users if of[0] == node]
+        super().unregister_all(node)
+        for key, (_node, node_uri) in gone:
+            self._note(self._record(key, node, node_uri, held.get(key, ("", ""))[1], False))
+
+    def _record(self, key: str, node: str, node_uri: str, service_uri: Optional[str], there: bool) -> Record:
+        if self._kind == "service":
+            return ["service", key, node, service_uri or "", node_uri or "", there]
+        return [self._kind, key, node, node_uri, there]
+
+
+class _Nodes(Dict[str, Any]):
+    """The nodes, which tell what changes."""
+
+    def __init__(self, note: Note) -> None:
+        super().__init__()
+        self._note = note
+
+    def __setitem__(self, name: str, node: Any) -> None:
+        super().__setitem__(name, node)
+        self._note(["node", name, node.api])
+
+    def __delitem__(self, name: str) -> None:
+        super().__delitem__(name)
+        self._note(["node", name, ""])
+
+
+class _Types(Dict[str, str]):
+    """The types of topics, which tell what changes."""
+
+    def __init__(self, note: Note) -> None:
+        super().__init__()
+        self._note = note
+
+    def __setitem__(self, topic: str, kind: str) -> None:
+        known = self.get(topic) == kind
+        super().__setitem__(topic, kind)
+        if not known:
+            self._note(["type", topic, kind])
+
+
+class _Manager(registrations.RegistrationManager):  # type: ignore[misc]
+    """rosmaster's registrations. Who loses its name loses it in the eyes of its subscribers, too."""
+
+    def __init__(self, pool: Any, note: Note, seen: Note, lost: Callable[[List[str]], None]) -> None:
+        super().__init__(pool)
+        self.nodes = _Nodes(note)
+        kinds = registrations.Registrations
+        self.publishers = _Table(kinds.TOPIC_PUBLICATIONS, note, seen)
+        self.subscribers = _Table(kinds.TOPIC_SUBSCRIPTIONS, note, seen)
+        self.services = _Table(kinds.SERVICE, note, seen)
+        self.param_subscribers = _Table(kinds.PARAM_SUBSCRIPTIONS, note, seen)
+        self._lost = lost
+
+    def _register(self, table: Any, key: str, node: str, node_uri: str, service_uri: Optional[str] = None) -> None:
+        before = self.nodes.get(node)
+        topics = list(before.topic_publications) if before is not None and before.api != node_uri else []
+        super()._register(table, key, node, node_uri, service_uri)
+        self._lost(topics)
+
+
+class _Pool:
+    """In the place of rosmaster's pool of threads."""
+
+    def __init__(self, notifier: Notifier, spared: Callable[[str, str], bool]) -> None:
+        self._notifier, self._spared = notifier, spared
+
+    def queue_task(self, _marker: str, task: Any, arguments: Tuple[Any, ...]) -> bool:
+        """Have a node told. rosmaster holds the lock of the registrations."""
+        name = getattr(task, "__name__", "")
+        if name == "param_update_task":
+            _node, uri, key, value = arguments
+            self._notifier.tell(uri, "paramUpdate", key, (key, copied(value)))
+        elif name == "publisher_update_task":
+            uri, topic, uris = arguments
+            self._notifier.tell(uri, _TELLING[name], topic, (topic, list(uris)))
+        elif name == "shutdown_node_task":
+            uri, node, reason = arguments
+            if not self._spared(node, uri):
+                self._notifier.tell(uri, _TELLING[name], node, (f"[{node}] Reason: {reason}",))
+        return True
+
+    def join_all(self, **_options: bool) -> None:
+        """The workers end with the process."""
+
+
+class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
+    """The methods of rosmaster, and more of them. Others can call no other names."""
+
+    def __init__(self, watched: Tuple[str, ...], imports: str, imported: Callable[[Any], Any]) -> None:
+        """`watched`: parameters whose changes are told. `imported(value)`: the nodes in the parameter `imports`."""
+        super().__init__(0)
+        self.guard = NameGuard()
+        self._spare = False
+        self._records: List[Record] = []
+        self._last: Dict[str, Any] = dict.fromkeys(watched)
+        self._imports, self._imported = imports, imported
+        self.calls = threading.local()
+        self._restored: Dict[Tuple[Any, ...], None] = {}  # registrations that nobody has confirmed yet
+        self._notifier = Notifier()
+        self.handed_on: Callable[[List[Record]], None] = lambda _records: None
+        self.more: Dict[str, Callable[..., Any]] = {"system.listMethods": self._methods}
+
+        note = self._records.append
+        self.thread_pool = _Pool(self._notifier, lambda _node, _uri: self._spare)
+        self.ps_lock = self._lock = Lock()
+        self._lock.changed = self._commit
+        self.reg_manager = _Manager(self.thread_pool, note, self._seen, self._tell_topics)
+        self.publishers, self.subscribers = self.reg_manager.publishers, self.reg_manager.subscribers
+        self.services, self.param_subscribers = self.reg_manager.services, self.reg_manager.param_subscribers
+        self.topics_types = _Types(note)
+        self.param_server = paramserver.ParamDictionary(self.reg_manager)
+        self._known = {
+            name
+            for name in dir(master_api.ROSMasterHandler)
+            if not name.startswith("_") and name != "param_update_task"
+            if callable(getattr(master_api.ROSMasterHandler, name))
+        }
+
+    # Calls
+
+    def _dispatch(self, name: str, arguments: Tuple[Any, ...]) -> Any:
+        """Each call comes here, also those of a multicall."""
+        if name in self.more:
+            return self.more[name](*arguments)
+        if name not in self._known:
+            raise Exception(f'method "{name}" is not supported')  # in the words of the standard library
+        if name in CHANGES:
+            with self._lock:
+                return self._change(name, arguments)
+        if name in _READ_TREES:
+            with self._lock:
+                code, text, value = getattr(self, name)(*arguments)
+                return code, text, copied(value)
+        return getattr(self, name)(*arguments)
+
+    def call(self, name: str, *arguments: Any) -> Any:
+        """A call of this process itself."""
+        return self._dispatch(name, arguments)
+
+    def _methods(self) -> List[str]:
+        return sorted([*self._known, *self.more, "system.multicall"])
+
+    def caller(self) -> Caller:
+        return getattr(self.calls, "caller", Caller())
+
+    def _change(self, name: str, arguments: Tuple[Any, ...]) -> Any:
+        at = CHANGES[name]
+        texts = len(arguments) > max(at, 1) and all(isinstance(arguments[place], str) for place in (0, at))
+        if at and texts:
+            refused = self._refusal(arguments[0], arguments[at])
+            if refused:
+                return -1, refused, 0
+        try:
+            code, text, value = getattr(self, name)(*arguments)
+        finally:
+            self._spare = False
+        if code == 1 and not at and name.endswith("Param"):
+            self._parameter(name, arguments)
+        return code, text, copied(value)
+
+    def _refusal(self, node: str, uri: str) -> str:
+        held = self.reg_manager.nodes.get(node)
+        verdict = self.guard.judge(node, held.api if held is not None else "", uri, monotonic())
+        self._spare = verdict.spared
+        if verdict.import_lost and held is not None:
+            self._records.append(["refused", node, held.api, f"an own node at {uri} has taken the name"])
+        if verdict.refused:
+            self._records.append(["refused", node, uri, verdict.refused])
+            return f"refused: {verdict.refused}"
+        return ""
+
+    def _parameter(self, name: str, arguments: Tuple[Any, ...]) -> None:
+        """A parameter was set or deleted."""
+        if name == "unsubscribeParam":
+            return
+        key = rosgraph.names.resolve_name(arguments[1], arguments[0])
+        self._records.append(["set", key, arguments[2]] if name == "setParam" else ["delete", key])
+        for watched, last in self._last.items():
+            if touches(key, watched):
+                value = self._value(watched)
+                if value != last:
+                    self._last[watched] = value
+                    self._records.append(["parameter", watched, value])
+                    if watched == self._imports:
+                        self.guard.imports(self._imported(value))
+
+    def _value(self, name: str) -> Any:
+        try:
+            return copied(self.param_server.get_param(name))
+        except KeyError:
+            return None
+
+    # Changes
+
+    def _seen(self, record: Record) -> None:
+        """A registration was made, or made again by who has it."""
+        if self._restored:
+            self._restored.pop(_key(record), None)
+
+    def _commit(self) -> None:
+        """Hand on what was changed; the lock is about to be free."""
+        if self._records:
+            records = self._records[:]
+            self._records.clear()
+            for record in records:
+                if record[0] == "node" and not record[2]:
+                    self.guard.gone(record[1])
+            self.handed_on(records)
+
+    def _tell_topics(self, topics: List[str]) -> None:
+        for topic in topics:
+            self._notify_topic_subscribers(topic, self.publishers.get_apis(topic), self.subscribers.get_apis(topic))
+
+    def copy(self) -> Registry:
+        """All there is; the lock is held."""
+        found = Registry()
+        found.publishers = {topic: list(users) for topic, users in self.publishers.map.items()}
+        found.subscribers = {topic: list(users) for topic, users in self.subscribers.map.items()}
+        found.listeners = {name: list(users) for name, users in self.param_subscribers.map.items()}
+        uris = self.services.service_api_map or {}
+        found.services = {
+            name: Service(users[0][0], users[0][1], uris[name][1])
+            for name, users in self.services.map.items()
+            if name in uris
+        }
+        found.types = dict(self.topics_types)
+        found.nodes = {name: node.api for name, node in self.reg_manager.nodes.items()}
+        found.parameters = copied(self.param_server.parameters)
+        return found
+
+    # After a start
+
+    def restore(self, found: Registry) -> None:
+        """Have what an earlier life knew. Before the first call."""
+        manager = self.reg_manager
+        with self._lock:
+            for name, uri in found.nodes.items():
+                manager.nodes[name] = registrations.NodeRef(name, uri)
+            self.topics_types.update(found.types)
+            self.param_server.parameters = found.parameters
+            for table, users_of in (
+                (self.publishers, found.publishers),
+                (self.subscribers, found.subscribers),
+                (self.param_subscribers, found.listeners),
+            ):
+                for key, users in users_of.items():
+                    for name, uri in users:
+                        self._restore_one(table, key, name, uri)
+            for key, of in found.services.items():
+                self._restore_one(self.services, key, of.node, of.node_uri, of.uri)
+            for watched in self._last:
+                self._last[watched] = self._value(watched)
+            self.guard.imports(self._imported(self._last.get(self._imports)))
+            for name, uri in found.nodes.items():
+                self.guard.judge(name, "", uri, monotonic())
+            self._restored = dict.fromkeys(_key(record) for record in self._records if record[0] in _KINDS.values())
+            self._records.clear()
+
+    def _restore_one(self, table: Any, key: str, name: str, uri: str, service_uri: Optional[str] = None) -> None:
+        node = self.reg_manager.nodes.get(name)
+        if node is None:
+            node = self.reg_manager.nodes[name] = registrations.NodeRef(name, uri)
+        node.add(table.type, key)
+        table.register(key, name, uri, service_uri)
+
+    def tell_all(self) -> None:
+        """Tell every node what it may have missed: the queue of an earlier life is lost."""
+        with self._lock:
+            self._tell_topics(list(self.subscribers.map))
+            for key, users in self.param_subscribers.map.items():
+                value = self._value(key)
+                for _name, uri in users:
+                    self._notifier.tell(uri, "paramUpdate", key, (key, {} if value is None else value))
+
+    def end_node(self, name: str, uri: str) -> None:
+        """A node is dead: nothing of it stays."""
+        with self._lock:
+            held = self.reg_manager.nodes.get(name)
+            if held is None or held.api != uri:
+                return
+            topics = list(held.topic_publications)
+            for table in (self.publishers, self.subscribers, self.services, self.param_subscribers):
+                table.unregister_all(name)
+            del self.reg_manager.nodes[name]
+            self._tell_topics(topics)
+
+    def end_registration(self, record: Record) -> bool:
+        """A restored registration is not true any more, unless it was made anew since. Whether it was there."""
+        kind, key, name = record[:3]
+        with self._lock:
+            if _key(record) not in self._restored:
+                return False
+            del self._restored[_key(record)]
+            if kind == "service":
+                self.reg_manager.unregister_service(key, name, record[3])
+            elif kind == "publisher":
+                self.reg_manager.unregister_publisher(key, name, record[3])
+                self._tell_topics([key])
+            else:
+                self.reg_manager.unregister_subscriber(key, name, record[3])
+        return True
+
+
+def _key(record: Record) -> Tuple[Any, ...]:
+    return tuple(record[:4])
+
+
+def copied(value: Any) -> Any:
+    """A value whose mappings are others: those of rosmaster change."""
+    return {key: copied(part) for key, part in value.items()} if isinstance(value, dict) else value
+
+
+class _Handler(rosgraph.xmlrpc.SilenceableXMLRPCRequestHandler):  # type: ignore[misc]
+    """A connection. It tells the methods who calls."""
+
+    def do_POST(self) -> None:
+        """A call."""
+        self.server.calls.caller = Caller(self.client_address[0], self.connection.getsockname()[0], self._gone)
+        super().do_POST()
+
+    def _gone(self) -> bool:
+        try:
+            return not self.connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
+
+
+def serve(
+    master: Master, port: int, held: List[socket.socket], more: Mapping[str, Callable[..., Any]]
+) -> Tuple[str, socket.socket]:
+    """Answer calls from now on; the URI and the socket. `held`: open sockets, of which a fitting one is used. Raises OSError."""
+    master.more.update(more)
+    problems: List[Exception] = []
+    settled = threading.Event()
+
+    def failed(problem: Exception) -> None:
+        problems.append(problem)
+        settled.set()
+
+    def ready(uri: str) -> None:
+        master.uri = uri
+        settled.set()
+
+    _Server.calls, _Server.held = master.calls, held
+    rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
+    master._ready = ready  # rosgraph calls it
+    node = rosgraph.xmlrpc.XmlRpcNode(port, master, failed)
+    node.start()
+    settled.wait()
+    if problems:
+        raise problems[0] if isinstance(problems[0], OSError) else OSError(str(problems[0]))
+    return str(node.uri), node.server.socket
+
+
+class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
+    """rosgraph's, on a socket that systemd may have held."""
+
+    calls: Any = None
+    held: List[socket.socket] = []
+    socket: socket.socket
+    server_address: Any
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.RequestHandlerClass = _Handler
+
+    def server_bind(self) -> None:
+        """Take the socket that is there, or open one."""
+        for other in self.held:
+            if other.family == self.address_family and other.getsockname()[:2] == self.server_address[:2]:
+                self.socket.close()
+                self.socket, self.server_address = other, other.getsockname()
+                return
+        super().server_bind()

@@ -1,0 +1,231 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The store of the roscore: a file with a line for each change, which a thread syncs to the disk and writes anew.
+
+A line is written before the caller has its answer, so it survives the end of the process; within 0.1 s it survives a loss
+of power. Where it cannot be written, there is a warning, the roscore goes on, and a new file is tried again and again.
+"""
+
+import fcntl
+import logging
+import os
+import threading
+import xmlrpc.client
+from typing import Any, Callable, ContextManager, Iterable, List, NamedTuple, Optional, Sequence
+
+from ..core import remembered
+from ..core.registry import Record, Registry
+from .clock import sleep
+
+_log = logging.getLogger("rosfleet.store")
+
+SYNC = 0.05  # seconds from a change to its sync
+AGAIN = 10.0  # seconds until a file that cannot be written is tried again
+_LINES, _REST = 200, 0.002  # lines that are made at once while calls are answered; seconds of rest after them
+
+
+class Found(NamedTuple):
+    """What was kept, and whether this computer was started since."""
+
+    registry: Registry
+    another_boot: bool
+
+
+def boot() -> str:
+    """The present boot of this computer."""
+    try:
+        with open("/proc/sys/kernel/random/boot_id", encoding="ascii") as file:
+            return file.read().strip()
+    except OSError:
+        return ""
+
+
+def read(folder: str) -> Optional[Found]:
+    """What the store of this folder has. What is damaged is put aside, with a warning."""
+    path = os.path.join(folder, remembered.FILE)
+    try:
+        with open(path, "rb") as file:
+            data = file.read()
+    except FileNotFoundError:
+        return None
+    except OSError as problem:
+        _log.warning("what the roscore knew cannot be read: %s; it starts with nothing", problem)
+        return None
+    found = remembered.read(data, _special)
+    if found is None or found.damaged:
+        _put_aside(path)
+    elif found.torn:
+        _log.info("the last change was not written to its end in %s: nobody had an answer to it", path)
+    return None if found is None else Found(found.registry, found.boot != boot())
+
+
+def forget(folder: str) -> bool:
+    """Remove the store. Whether there was one. Raises OSError."""
+    try:
+        os.remove(os.path.join(folder, remembered.FILE))
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def _special(value: remembered.Special) -> Any:
+    return getattr(xmlrpc.client, value.kind)(value.content())
+
+
+def _put_aside(path: str) -> None:
+    _log.warning("%s is damaged: what can be read counts, and the file is kept as %s.damaged", path, path)
+    try:
+        os.replace(path, path + ".damaged")
+    except OSError as problem:
+        _log.warning("%s cannot be kept: %s", path, problem)
+
+
+class Store:
+    """The file. Its lines are added by who holds the lock of the registrations."""
+
+    def __init__(self, folder: str, lock: ContextManager[Any], copy: Callable[[], Registry]) -> None:
+        """`copy()`: all that the roscore knows, called with the lock held."""
+        self._folder, self._path = folder, os.path.join(folder, remembered.FILE)
+        self._lock, self._copy = lock, copy
+        self._file: Optional[int] = None
+        self._guard: Optional[int] = None  # the folder, locked: one roscore has it
+        self._number = self._size = self._base = 0
+        self._meanwhile: Optional[List[Sequence[Record]]] = None  # what changes while a new file is written
+        self._dirty = threading.Event()
+        self._warned = ""
+
+    def start(self) -> None:
+        """Write a file with all there is, then sync and renew it in a thread."""
+        self._renew(rest=False)
+        threading.Thread(target=self._keep, name="store", daemon=True).start()
+
+    def add(self, records: Sequence[Record]) -> None:
+        """What one call changed."""
+        if self._meanwhile is not None:
+            self._meanwhile.append(records)
+        if self._file is None:
+            return
+        try:
+            self._append(self._file, records)
+        except (OSError, TypeError, ValueError) as problem:
+            self._failed(problem)
+        self._dirty.set()
+
+    def sync(self) -> None:
+        """Bring what was written to the disk."""
+        with self._lock:
+            file = self._file
+        try:
+            if file is not None:
+                os.fdatasync(file)
+        except OSError as problem:
+            with self._lock:
+                self._failed(problem)  # what was not written then is nowhere: all is written anew
+
+    def _append(self, file: int, records: Sequence[Record]) -> None:
+        line = remembered.line(self._number + 1, records)
+        written = os.write(file, line)
+        if written < len(line):
+            os.ftruncate(file, self._size)
+            raise OSError(f"only {written} of {len(line)} bytes could be written")
+        self._number, self._size = self._number + 1, self._size + written
+
+    def _keep(self) -> None:
+        while True:
+            self._dirty.wait(None if self._file is not None else AGAIN)
+            sleep(SYNC)
+            self._dirty.clear()
+            if self._file is None:
+                sleep(AGAIN)
+                self._renew()
+            else:
+                self.sync()
+                if remembered.grown(self._size, self._base):
+                    self._renew()
+
+    def _renew(self, rest: bool = True) -> None:
+        """Write a new file beside the old one, which counts until the new one takes its place."""
+        new = None
+        with self._lock:
+            registry, self._meanwhile = self._copy(), []
+        try:
+            self._own()
+            new = os.open(self._path + ".new", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+            lines = self._write(new, remembered.whole(registry, boot()), rest)
+            os.fdatasync(new)
+            with self._lock:
+                self._take(new, lines)
+            new = None
+            self._sync_folder()
+            if self._warned:
+                _log.warning("what the roscore knows is kept again")
+                self._warned = ""
+        except (OSError, TypeError, ValueError) as problem:
+            with self._lock:
+                self._meanwhile = None
+                self._failed(problem)
+            if new is not None:
+                os.close(new)
+                os.remove(self._path + ".new")
+
+    def _write(self, file: int, lines: Iterable[bytes], rest: bool) -> int:
+        """Write lines a few at a time; their number."""
+        count, some = 0, b""
+        for line in lines:
+            some, count = some + line, count + 1
+            if count % _LINES == 0:
+                _write_all(file, some)
+                some = b""
+                if rest:
+                    sleep(_REST)
+        _write_all(file, some)
+        return count
+
+    def _take(self, new: int, lines: int) -> None:
+        """The new file takes the place of the old one, with what changed meanwhile."""
+        base, number = os.fstat(new).st_size, lines - 1
+        meanwhile, self._meanwhile = self._meanwhile or [], None
+        for records in meanwhile:
+            number += 1
+            _write_all(new, remembered.line(number, records))
+        os.replace(self._path + ".new", self._path)
+        old, self._file = self._file, new
+        self._number, self._base, self._size = number, base, os.fstat(new).st_size
+        if old is not None:
+            os.close(old)
+        self._dirty.set()
+
+    def _own(self) -> None:
+        """One roscore has the folder. Raises OSError."""
+        if self._guard is None:
+            os.makedirs(self._folder, mode=0o700, exist_ok=True)
+            guard = os.open(self._folder, os.O_RDONLY | os.O_CLOEXEC)
+            try:
+                fcntl.flock(guard, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(guard)
+                raise OSError(f"another roscore keeps its registrations in {self._folder}") from None
+            self._guard = guard
+
+    def _sync_folder(self) -> None:
+        if self._guard is not None:
+            os.fsync(self._guard)
+
+    def _failed(self, problem: Exception) -> None:
+        """What is in the file stays, as it was up to now; a new one is tried later."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+        if self._warned != str(problem):
+            self._warned = str(problem)
+            _log.warning(
+                "what the roscore knows cannot be kept in %s: %s; it goes on, and would come back as it was before",
+                self._folder,
+                problem,
+            )
+        self._dirty.set()
+
+
+def _write_all(file: int, data: bytes) -> None:
+    if os.write(file, data) < len(data):
+        raise OSError("no space left")

@@ -1,0 +1,170 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A roscore that tells, remembers and guards: rosmaster in this process, and rosout beside it.
+
+    python3 -m rosfleet_multimaster.roscore --port 11311 --store ~/.ros/roscore
+    python3 -m rosfleet_multimaster.roscore --store ~/.ros/roscore --forget
+
+It tells local programs what changed (rosfleetChanges), keeps registrations, topic types and parameters in a store, comes
+back with them, and lets no node of another robot take a name from an own one. docs/roscore.md says more.
+"""
+
+import argparse
+import os
+import sys
+import uuid
+from functools import partial
+from typing import Any, List, Optional
+
+from .core.registry import Record, Registry
+from .edge import addresses, master, memory, store, systemd
+from .edge.loop import Loop, Workers, in_thread
+from .parts import core_services, imports, program
+from .parts.changes import Changes
+from .parts.survivors import THREADS, Survivors, alive_of
+
+WATCHED = (imports.IMPORTS, "/do_not_sync")  # parameters whose changes are told
+SIM_TIME = "/use_sim_time"
+SOCKET = "roscore"  # the name of the socket that systemd holds
+BOOT_PATIENCE = 2.0  # seconds for nodes on other computers to answer after a boot of this one
+
+
+class Roscore:
+    """The wiring of the parts."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self._options, self._loop = options, Loop()
+        self._workers = Workers(self._loop, THREADS, 1 << 16)
+        self._master = master.Master(WATCHED, imports.IMPORTS, imports.claims_of)
+        self._changes = Changes(uuid.uuid4().hex, self._master.ps_lock, self._master.copy, self._master.caller, WATCHED)
+        self._store: Optional[store.Store] = None
+        self._rosout = core_services.Rosout(lambda name: str(self._call("lookupNode", core_services.CALLER, name)[2]))
+        self._survivors = Survivors(self._workers, self._master.end_node, self._master.end_registration)
+        self._status = 0
+
+    def run(self) -> int:
+        """Serve until a signal; the exit status."""
+        before = self._before()
+        if before is not None:
+            self._master.restore(before)
+        self._keep_from_now_on()
+        self._master.handed_on = self._hand_on
+        core_services.run_id(self._call)
+        self._serve()
+        if before is not None:
+            self._master.tell_all()
+            self._survivors.begin(before.without(self._is_import))
+        in_thread("versions", partial(core_services.versions, self._call))
+        program.on_signals(self._loop, self._end)
+        program.on_request(self._loop, self._forget)
+        self._loop.run(self._tick)
+        self._rosout.end()
+        if self._store is not None:
+            self._store.sync()
+        return self._status
+
+    def _tick(self, now: float) -> float:
+        if self._master.done:  # somebody called `shutdown`
+            self._end()
+        with self._master.ps_lock:  # a lock that nobody gives back is what the watchdog is to see
+            pass
+        return self._rosout.tick(now) if self._options.rosout else now + 0.5
+
+    def _call(self, method: str, *arguments: Any) -> Any:
+        return self._master.call(method, *arguments)
+
+    def _hand_on(self, records: List[Record]) -> None:
+        """What one call changed; the lock of the registrations is held."""
+        if self._store is not None:
+            self._store.add([record for record in records if record[0] not in ("refused", "parameter")])
+        self._changes.add(records)
+        for record in records:
+            if record[0] == "refused":
+                program.LOG.warning("the node %s at %s is refused: %s", *record[1:4])
+
+    # The start
+
+    def _before(self) -> Optional[Registry]:
+        """What an earlier life knew, as far as it counts."""
+        found = store.read(self._options.store) if self._options.store else None
+        if found is None:
+            return None
+        if not found.another_boot:
+            return found.registry
+        return self._after_boot(found.registry)
+
+    def _after_boot(self, registry: Registry) -> Optional[Registry]:
+        """Nodes of this computer are dead. If some of another one live on, what they know counts, and else nothing does."""
+        claims = imports.claims_of(registry.parameter(imports.IMPORTS))
+        own = addresses.own_hosts()
+        others = registry.without(lambda node, uri: (node, uri) in claims or addresses.leads_to(uri, own))
+        alive = alive_of(others, BOOT_PATIENCE)
+        if not alive:
+            program.LOG.info("this computer was started since: nothing from before counts")
+            return None
+        left = others.without(lambda node, uri: (node, uri) not in alive)
+        for name in (SIM_TIME, imports.IMPORTS):
+            left.apply(["delete", name])
+        return left
+
+    def _keep_from_now_on(self) -> None:
+        if self._options.store:
+            self._store = store.Store(self._options.store, self._master.ps_lock, self._master.copy)
+            self._store.start()
+
+    def _serve(self) -> None:
+        held = systemd.kept(SOCKET)
+        more = {"rosfleetChanges": self._changes.answer, **core_services.roslaunch_methods(self._rosout)}
+        try:
+            uri, listening = master.serve(self._master, self._options.port, held, more)
+        except OSError as problem:
+            raise program.Fatal(f"the roscore cannot listen at port {self._options.port}: {problem}") from None
+        systemd.keep(SOCKET, listening)
+        core_services.parameters(self._call, uri)
+        systemd.notify("READY=1", f"STATUS=serving at {uri}")
+        program.LOG.info("the roscore serves at %s", uri)
+
+    def _is_import(self, node: str, uri: str) -> bool:
+        return bool(self._master.guard.is_import(node, uri))
+
+    # The end
+
+    def _end(self) -> None:
+        systemd.notify("STOPPING=1")
+        self._loop.stop()
+
+    def _forget(self) -> None:
+        """End, and know nothing afterwards."""
+        program.LOG.info("everything is forgotten, as it was asked for: starting afresh")
+        self._rosout.end()
+        with self._master.ps_lock:  # nothing is added any more
+            if self._options.store:
+                store.forget(self._options.store)
+            program.leave_process(0)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-p", "--port", type=int, default=11311)
+    parser.add_argument("--store", metavar="FOLDER", default=os.environ.get("STATE_DIRECTORY", ""), help="kept there")
+    parser.add_argument("--forget", action="store_true", help="remove what is kept, and end")
+    parser.add_argument("--no-rosout", dest="rosout", action="store_false", help="somebody else starts rosout")
+    return parser.parse_args([word for word in sys.argv[1:] if ":=" not in word])
+
+
+def main() -> int:
+    """Run the roscore; the exit status."""
+    options = _options()
+    if options.forget:
+        try:
+            there = bool(options.store) and store.forget(options.store)
+            program.LOG.info("forgotten" if there else "nothing was kept")
+        except OSError as problem:
+            raise program.Fatal(f"what is kept in {options.store} cannot be removed: {problem}") from None
+        return 0
+    memory.give_back()
+    return Roscore(options).run()
+
+
+if __name__ == "__main__":
+    program.run(main)

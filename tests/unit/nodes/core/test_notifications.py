@@ -1,0 +1,150 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which node is told what next."""
+
+from rosfleet_multimaster.core import notifications
+from rosfleet_multimaster.core.notifications import LONGEST, PATIENCE, PAUSE, PER_HOST, SLOW, Notifications
+
+
+def told(plan, uri="http://a:1/", host="a", topic="/chatter", value=1):
+    plan.add(uri, host, "publisherUpdate", topic, (topic, value))
+
+
+def all_of(plan, now, answered=True):
+    """All calls that are due now, each answered at once."""
+    found = []
+    while True:
+        call, _due = plan.next(now)
+        if call is None:
+            return found
+        plan.done(call, now, answered)
+        found.append(call)
+
+
+def test_a_first_change_is_told_at_once_and_only_once():
+    plan = Notifications()
+    told(plan)
+    assert [call.arguments for call in all_of(plan, 0.0)] == [("/chatter", 1)]
+    assert plan.next(100.0) == (None, None)
+
+
+def test_what_waits_is_replaced_by_what_is_newer_and_the_order_is_that_of_the_last_changes():
+    plan = Notifications()
+    for topic, value in (("/a", 1), ("/b", 1), ("/a", 2)):
+        told(plan, topic=topic, value=value)
+    assert [call.arguments for call in all_of(plan, 0.0)] == [("/b", 1), ("/a", 2)]
+
+
+def test_a_burst_of_ten_thousand_changes_of_one_topic_is_a_few_calls():
+    plan, calls, now = Notifications(), [], 0.0
+    for value in range(10000):  # two seconds
+        now += 0.0002
+        told(plan, value=value)
+        calls += all_of(plan, now)
+    calls += all_of(plan, now + LONGEST)
+    assert len(calls) <= 10 and calls[0].arguments == ("/chatter", 0) and calls[-1].arguments == ("/chatter", 9999)
+
+
+def test_ten_thousand_topics_in_a_burst_are_each_told_once():
+    plan = Notifications()
+    for value in range(3):
+        for number in range(10000):
+            told(plan, topic=f"/topic_{number}", value=value)
+    calls = all_of(plan, 0.0)
+    assert len(calls) == 10000 and {call.arguments[1] for call in calls} == {2}
+
+
+def test_after_a_quiet_time_a_change_is_told_at_once_again():
+    plan, now = Notifications(), 0.0
+    for _round in range(5):
+        told(plan)
+        assert len(all_of(plan, now)) == 1
+        now += 2.0
+
+
+def test_the_second_change_waits_a_moment_only():
+    plan = Notifications()
+    told(plan)
+    all_of(plan, 0.0)
+    told(plan, value=2)
+    call, due = plan.next(0.001)
+    assert call is None and due == PAUSE
+    assert len(all_of(plan, PAUSE)) == 1
+
+
+def test_a_node_has_one_call_at_a_time():
+    plan = Notifications()
+    told(plan)
+    call, _due = plan.next(0.0)
+    told(plan, topic="/other")
+    assert plan.next(0.0)[0] is None
+    plan.done(call, 0.0, True)
+    assert plan.next(0.0)[0].key == ("publisherUpdate", "/other")
+
+
+def test_a_lost_robot_has_few_workers_and_an_own_node_waits_for_none_of_them():
+    plan = Notifications()
+    for port in range(50):
+        told(plan, f"http://lost:{port}/", "lost")
+    told(plan, "http://own:1/", "own")
+    begun = []
+    while (call := plan.next(0.0)[0]) is not None:
+        begun.append(call)
+    assert len(begun) == PER_HOST + 1 and begun[-1].uri == "http://own:1/"
+    for call in begun[:-1]:
+        plan.done(call, 3.0, False)
+    plan.done(begun[-1], 0.1, True)
+    now, silent = 3.0, 0
+    while (call := plan.next(now)[0]) is not None:  # those that were not asked yet
+        plan.done(call, now + 3.0, False)
+        silent += 1
+    assert silent == 42
+    later = []
+    while (call := plan.next(100.0)[0]) is not None:
+        later.append(call)
+    assert len(later) == SLOW, "those that were silent have few workers together"
+
+
+def test_a_silent_node_is_asked_again_with_what_is_newest_and_given_up_in_the_end():
+    plan = Notifications()
+    told(plan, value=1)
+    call, _due = plan.next(0.0)
+    told(plan, value=2)
+    plan.done(call, 3.0, False)
+    assert plan.next(3.0) == (None, 3.0 + notifications.RETRY)
+    call, _due = plan.next(4.0)
+    assert call.arguments == ("/chatter", 2)
+    now = 7.0
+    plan.done(call, now, False)
+    while (due := plan.next(now)[1]) is not None:
+        call, _due = plan.next(due)
+        now = due + 3.0
+        plan.done(call, now, False)
+    assert PATIENCE < now < 2 * PATIENCE and plan.dropped == 1
+
+
+def test_a_node_that_answers_again_has_all_that_waits():
+    plan = Notifications()
+    told(plan)
+    call, _due = plan.next(0.0)
+    plan.done(call, 3.0, False)
+    told(plan, topic="/other")
+    assert [found.key[1] for found in all_of(plan, 5.0)] == ["/chatter", "/other"]
+
+
+def test_nobody_listens_there_any_more():
+    plan = Notifications()
+    told(plan)
+    call, _due = plan.next(0.0)
+    told(plan, topic="/other")
+    plan.done(call, 0.0, False, gone=True)
+    assert plan.next(100.0) == (None, None) and plan.dropped == 2
+
+
+def test_nothing_stays_of_nodes_that_were_told_all():
+    plan = Notifications()
+    for port in range(100):
+        told(plan, f"http://a:{port}/")
+    all_of(plan, 0.0)
+    plan.tidy(10.0)
+    assert not plan._nodes and not plan._busy and not plan._ready

@@ -1,0 +1,229 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The store in a folder: killed at every call that changes a file, a full disk, a damaged file."""
+
+import errno
+import logging
+import os
+import signal
+import threading
+import time
+
+import pytest
+from rosfleet_multimaster.core import remembered
+from rosfleet_multimaster.core.registry import Registry
+from rosfleet_multimaster.edge import store
+
+CALLS = ("open", "write", "replace", "fdatasync", "ftruncate", "remove", "makedirs", "fsync")
+
+
+class Roscore:
+    """A registry that counts: the parameter /count."""
+
+    def __init__(self, folder):
+        self.registry, self.lock = Registry(), threading.RLock()
+        self.store = store.Store(str(folder), self.lock, self.copy)
+
+    def copy(self):
+        found = Registry()
+        for record in self.registry.records():
+            found.apply(record)
+        return found
+
+    def change(self, count):
+        records = [
+            ["set", "/count", count],
+            ["node", f"/node_{count % 5}", f"http://robot:{count}/" if count % 3 else ""],
+        ]
+        with self.lock:
+            for record in records:
+                self.registry.apply(record)
+            self.store.add(records)
+
+
+def state(count):
+    roscore = Roscore("/nowhere")
+    for number in range(1, count + 1):
+        roscore.change(number)
+    return vars(roscore.registry)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """No pauses, and a store that is written anew at every second change."""
+    monkeypatch.setattr(store, "sleep", lambda _seconds: None)
+    monkeypatch.setattr(store.remembered, "grown", lambda _size, _base: True)
+
+
+def in_child(work):
+    """Run in a process of its own: whether it was killed, and what it wrote to the pipe."""
+    reader, writer = os.pipe()
+    write = os.write
+    child = os.fork()
+    if child == 0:
+        try:
+            work(lambda count: write(writer, bytes([count])))
+        finally:
+            os._exit(0)
+    os.close(writer)
+    told = b""
+    while piece := os.read(reader, 100):
+        told += piece
+    os.close(reader)
+    return os.WIFSIGNALED(os.waitpid(child, 0)[1]), list(told)
+
+
+def kill_at(step, half):
+    """Have the process killed at this call; half of a write is done before."""
+    counted = [0]
+
+    def guarded(name):
+        real = getattr(os, name)
+
+        def call(*arguments, **options):
+            counted[0] += 1
+            if counted[0] == step:
+                if name == "write" and half:
+                    real(arguments[0], arguments[1][: len(arguments[1]) // 2])
+                os.kill(os.getpid(), signal.SIGKILL)
+            return real(*arguments, **options)
+
+        return call
+
+    for name in CALLS:
+        setattr(store.os, name, guarded(name))
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_killed_at_any_call_nothing_that_was_answered_is_lost(tmp_path, quick, half):
+    kills = step = 0
+    while True:
+        step += 1
+        folder = tmp_path / f"{step}"
+
+        def work(answered, folder=folder, step=step):
+            roscore = Roscore(folder)
+            kill_at(step, half)
+            roscore.store._renew(rest=False)
+            for count in range(1, 8):
+                roscore.change(count)
+                answered(count)
+                if count % 3 == 0:
+                    roscore.store.sync()
+                    roscore.store._renew()
+
+        killed, told = in_child(work)
+        if not killed:
+            break
+        kills += 1
+        found = store.read(str(folder))
+        last = told[-1] if told else 0
+        if found is None:
+            assert last == 0, f"step {step}: nothing is left, and {last} changes were answered"
+        else:
+            assert vars(found.registry) in (state(last), state(last + 1)), f"step {step}"
+            assert not list(folder.glob("*.damaged"))
+    assert kills > 15
+
+
+def test_two_kills_in_a_row(tmp_path, quick):
+    """A kill while the store is written anew after a kill."""
+    for step in range(1, 12):
+        folder = tmp_path / f"{step}"
+
+        def first(_answered, folder=folder):
+            roscore = Roscore(folder)
+            roscore.store._renew(rest=False)
+            for count in range(1, 5):
+                roscore.change(count)
+            os.kill(os.getpid(), signal.SIGKILL)
+
+        def second(_answered, folder=folder, step=step):
+            roscore = Roscore(folder)
+            roscore.registry = store.read(str(folder)).registry
+            kill_at(step, half=True)
+            roscore.store._renew(rest=False)
+
+        assert in_child(first)[0]
+        in_child(second)
+        assert vars(store.read(str(folder)).registry) == state(4)
+
+
+def test_the_thread_syncs_and_writes_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(store.remembered, "SLACK", 2000)
+    roscore = Roscore(tmp_path)
+    roscore.store.start()
+    for count in range(1, 500):
+        roscore.change(count)
+        time.sleep(0.0005)
+    for _try in range(100):
+        if os.path.getsize(tmp_path / remembered.FILE) < 6000:
+            break
+        time.sleep(0.05)
+    assert os.path.getsize(tmp_path / remembered.FILE) < 6000
+    assert vars(store.read(str(tmp_path)).registry) == state(499)
+
+
+def test_a_full_disk_is_a_warning_and_the_file_is_right_again_when_there_is_room(tmp_path, monkeypatch, caplog):
+    roscore, real = Roscore(tmp_path), os.write
+    roscore.store._renew(rest=False)
+    roscore.change(1)
+
+    def full(file, data):
+        real(file, data[:7])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(store.os, "write", full)
+        with caplog.at_level(logging.WARNING):
+            for count in range(2, 6):
+                roscore.change(count)
+            roscore.store._renew(rest=False)
+    assert len(caplog.records) == 1 and "No space left" in caplog.text
+    assert vars(store.read(str(tmp_path)).registry) == state(1), "what was there before"
+    roscore.store._renew(rest=False)
+    roscore.change(6)
+    assert vars(store.read(str(tmp_path)).registry) == state(6)
+
+
+def test_a_folder_that_cannot_be_written_is_a_warning(tmp_path, caplog):
+    (tmp_path / "file").write_text("")
+    roscore = Roscore(tmp_path / "file" / "folder")
+    roscore.store._renew(rest=False)
+    roscore.change(1)
+    assert "cannot be kept" in caplog.text and store.read(str(tmp_path / "file" / "folder")) is None
+
+
+def test_one_roscore_has_a_folder(tmp_path, caplog):
+    first, second = Roscore(tmp_path), Roscore(tmp_path)
+    first.store._renew(rest=False)
+    first.change(1)
+    second.store._renew(rest=False)
+    assert "another roscore" in caplog.text
+    assert vars(store.read(str(tmp_path)).registry) == state(1)
+
+
+def test_a_damaged_file_counts_up_to_the_damage_and_is_put_aside(tmp_path, caplog):
+    roscore = Roscore(tmp_path)
+    roscore.store._renew(rest=False)
+    for count in range(1, 4):
+        roscore.change(count)
+    path = tmp_path / remembered.FILE
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([*lines[:-2], b"?" + lines[-2][1:], lines[-1]]))
+    assert vars(store.read(str(tmp_path)).registry) == state(1)
+    assert "damaged" in caplog.text and (tmp_path / f"{remembered.FILE}.damaged").exists()
+
+
+def test_another_boot_is_told(tmp_path, monkeypatch):
+    roscore = Roscore(tmp_path)
+    roscore.store._renew(rest=False)
+    assert store.read(str(tmp_path)).another_boot is False
+    monkeypatch.setattr(store, "boot", lambda: "another")
+    assert store.read(str(tmp_path)).another_boot is True
+
+
+def test_forgotten(tmp_path):
+    assert store.read(str(tmp_path)) is None and not store.forget(str(tmp_path))
+    Roscore(tmp_path).store._renew(rest=False)
+    assert store.forget(str(tmp_path)) and store.read(str(tmp_path)) is None
