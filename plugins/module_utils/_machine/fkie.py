@@ -8,12 +8,8 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import (
-    foreign,
-    last_line,
-    run,
-    text,
-)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign, last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 
 # The Debian packages that the collection installed, a name on each line; the role nodes writes it.

@@ -14,14 +14,13 @@ import shlex
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, set_up, trust
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import (
     BASE_PATH,
     CLEAN,
-    foreign,
-    last_line,
     run,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign, last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import is_plain, plain
 
 PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
@@ -140,8 +139,8 @@ def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[t
 def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
     """Look at one installation: its environment, its commands, and if an unprivileged user can import rospy."""
     environment, problem = source(setup) if setup else ({}, "")
-    variables = trust.sort(environment)
-    reach = trust.reach(setup, variables)
+    variables = set_up.sort(environment)
+    reach = set_up.reach(setup, variables)
     environment = {} if reach.refusal else variables.usable
     if reach.refusal:
         problem = (
@@ -189,8 +188,8 @@ def of_root_below(
     for prefix in environment.get("CMAKE_PREFIX_PATH", "").split(":"):
         if prefix in installed:
             below = setup_file(prefix)
-            variables = trust.sort(source(below)[0])
-            for_root = trust.reach(below, variables).for_root
+            variables = set_up.sort(source(below)[0])
+            for_root = set_up.reach(below, variables).for_root
             if for_root and for_root.get("ROS_VERSION") != "2":
                 return below, for_root
     return "", {}

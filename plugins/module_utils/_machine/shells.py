@@ -16,10 +16,10 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import (
     BASE_PATH,
-    last_line,
     run,
     text,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 
 Found = typing.List[typing.Dict[str, typing.Any]]

@@ -10,7 +10,7 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import last_line
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import NODE, STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve

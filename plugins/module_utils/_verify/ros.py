@@ -14,7 +14,8 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, foreign, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import STATE

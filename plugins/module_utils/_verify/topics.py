@@ -9,7 +9,7 @@ import re
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import last_line
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import listener
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
