@@ -7,14 +7,18 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from links import SILENT, until
+from measures import held, usage
 from subject import Lab, lab_of
-from systems import HERE, PORT
+from systems import GIVER, HERE, MANAGED, PORT, TAKER
 
 ROBOTS, TOPICS = 20, 100
+MASTERS, EXPORTED = (10, 30, 100), 50
+GROUP = "226.0.0.0"
 NAMES = [f"crowd-{number}" for number in range(ROBOTS)]
 ADDRESSES = {name: f"192.168.31.{10 + number}" for number, name in enumerate(NAMES)}
 
@@ -28,7 +32,7 @@ def inventory(folder: Path) -> Path:
     return path
 
 
-def meet(folder: Path, say) -> float:
+def meet(folder: Path, say: Callable[[str], None]) -> float:
     """Seconds from the moment when all links open until every roscore has all topics of all robots."""
     with lab_of("bench-crowd", inventory(folder)) as lab:
         status, output = lab.play("site.yml", "--forks", "4")
@@ -73,3 +77,43 @@ def alone(lab: Lab, name: str) -> bool:
 def said(lab: Lab, name: str) -> str:
     """What all_there.py has printed."""
     return lab.run(name, "cat /run/all-there.out", check=False)
+
+
+def simulated(say: Callable[[str], None]) -> list[dict[str, float]]:
+    """One robot beside 10, 30 and 100 simulated masters: what it takes per master, once it has all their topics."""
+    rows = []
+    with lab_of("bench-crowd", HERE / "inventory") as lab:
+        status, output = lab.play("site.yml", variables={"multimaster_strangers": "allow"})
+        assert status == 0, output
+        lab.run(GIVER, "systemctl stop multimaster-sync multimaster-discovery")
+        lab.run(GIVER, "cat > /run/simulated.py", stdin=(HERE / "programs" / "simulated.py").read_text())
+        addresses = [f"192.168.30.{100 + number}" for number in range(max(MASTERS))]
+        lab.run(GIVER, "".join(f"ip address add {address}/24 dev eth0; " for address in addresses))
+        for count in MASTERS:
+            lab.run(TAKER, "systemctl restart multimaster-roscore")
+            time.sleep(10)
+            lab.start(GIVER, "simulated", f"python3 /run/simulated.py {GROUP} {EXPORTED} {' '.join(addresses[:count])}")
+            began = time.monotonic()
+            until(lambda count=count: held(lab).count("/simulated_") >= 2 * count * EXPORTED, 120, f"{count} masters")
+            there = time.monotonic() - began
+            time.sleep(10)
+            rows.append({"masters": count, "there": there, **steady(lab, count)})
+            lab.stop(GIVER, "simulated")
+            say(f"{count} simulated masters: {rows[-1]}")
+    return rows
+
+
+def steady(lab: Lab, count: int) -> dict[str, float]:
+    """What a robot takes while nothing changes: share of a core, bytes, packets a second."""
+
+    def packets() -> int:
+        return sum(map(int, lab.run(TAKER, "cat /sys/class/net/eth0/statistics/[rt]x_packets").split()))
+
+    before, sent, began = usage(lab, MANAGED, "nodes"), packets(), time.monotonic()
+    time.sleep(20)
+    after, took = usage(lab, MANAGED, "nodes"), time.monotonic() - began
+    return {
+        "cpu": (after["seconds"] - before["seconds"]) / took,
+        "memory": after["bytes"],
+        "packets": (packets() - sent) / took / count,
+    }

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The picture of the network's figures, out of the JSON file alone.
+"""The pictures of the network's figures, out of the JSON file alone.
 
-python tests/bench/network/draw.py REPORT.json PICTURE.svg
+python tests/bench/network/draw.py REPORT.json FOLDER
 """
 
 from __future__ import annotations
@@ -50,5 +50,34 @@ def draw(report: Mapping[str, Any], path: Path) -> None:
     pyplot.close(figure)
 
 
+#: what a robot takes beside many masters -> title, factor
+COSTS = {
+    "cpu": ("CPU of both nodes\n(% of a core)", 100.0),
+    "memory": ("memory of both nodes\n(MB)", 1e-6),
+    "packets": ("packets per master\nand second", 1.0),
+    "there": ("until all topics are there\n(s)", 1.0),
+}
+
+
+def draw_crowd(report: Mapping[str, Any], path: Path) -> None:
+    """What one robot takes beside 10, 30 and 100 masters."""
+    rows = report["crowd"]
+    figure, places = pyplot.subplots(1, len(COSTS), figsize=(9, 2.4), layout="constrained")
+    for place, (cost, (title, factor)) in zip(places, COSTS.items(), strict=True):
+        masters, values = [row["masters"] for row in rows], [factor * row[cost] for row in rows]
+        place.plot(masters, values, marker="o", color=COLOURS["managed"])
+        place.set(title=title, xlabel="masters", xticks=masters, xlim=(0, None), ylim=(0, None))
+        place.grid(alpha=0.3)
+    figure.savefig(path, metadata={"Date": None})
+    pyplot.close(figure)
+
+
+def pictures(report: Mapping[str, Any], folder: Path) -> None:
+    """All pictures of a report."""
+    draw(report, folder / "network.svg")
+    if report.get("crowd"):
+        draw_crowd(report, folder / "crowd.svg")
+
+
 if __name__ == "__main__":
-    draw(json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[2]))
+    pictures(json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[2]))

@@ -143,3 +143,18 @@ def _shown(value: Cell, unit: str) -> str:
 def measured(report: Mapping[str, Any]) -> Found:
     """The samples of a report."""
     return report["systems"]
+
+
+def crowd_table(rows: Sequence[Mapping[str, float]]) -> str:
+    """What one robot takes beside many simulated masters, as a table of Markdown; nothing where it was not measured."""
+    if not rows:
+        return ""
+    lines = [
+        "\n| masters | all topics are there after | CPU of both nodes | memory of both nodes | packets per master and second |\n"
+    ]
+    lines.append("| --- | --- | --- | --- | --- |\n")
+    for row in rows:
+        cells = [f"{row['masters']:.0f}", written(row["there"], "s"), written(100 * row["cpu"], "%")]
+        cells += [written(row["memory"] / 1e6, "MB"), f"{row['packets']:.1f}"]
+        lines.append(f"| {' | '.join(cells)} |\n")
+    return "".join(lines)

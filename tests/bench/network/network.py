@@ -108,7 +108,7 @@ def write(report: dict[str, Any], text: str, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "network.json").write_text(json.dumps(report, indent=1) + "\n")
     (folder / "network.md").write_text(text)
-    draw.draw(report, folder / "network.svg")
+    draw.pictures(report, folder)
 
 
 def main() -> int:
@@ -129,11 +129,13 @@ def main() -> int:
     try:
         for name in names:
             report["systems"][name] = measure(SYSTEMS[name], options.fkie, 0.1 if options.quick else 1.0)
+        if "managed" in names and not options.quick:
+            report["crowd"] = crowd.simulated(say)
     except (AssertionError, LabError) as problem:
         print(f"bench: {problem}", file=sys.stderr)
         return 1
     found = figures.measured(report)
-    text = figures.table(found, report["titles"])
+    text = figures.table(found, report["titles"]) + figures.crowd_table(report.get("crowd", []))
     print(f"\n{text}", flush=True)
     for folder in (WORK, DOCS) if options.keep else (WORK,):
         write(report, text, folder)

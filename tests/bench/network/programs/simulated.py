@@ -1,0 +1,85 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Plays many masters from one computer, with the bundled nodes' own code for heartbeats and documents, and no roscores.
+
+simulated.py GROUP TOPICS ADDRESS... : each address has a master "simulated_N" with so many topics of one node. All send
+a heartbeat a second. A line on standard input is a number: that master has one topic more.
+"""
+
+import socket
+import sys
+import threading
+import time
+
+sys.path.insert(0, "/usr/local/lib/rosfleet-multimaster/python")
+
+from rosfleet_multimaster.core.graph import LOCAL, Node, Policy, State  # noqa: E402
+from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, encode  # noqa: E402
+from rosfleet_multimaster.core.members import Members  # noqa: E402
+from rosfleet_multimaster.parts.served import OwnMaster, Served, callers, serve  # noqa: E402
+from rosfleet_multimaster.parts.told import Told  # noqa: E402
+
+PORT, RPC_PORT, NODE_PORT = 11511, 11611, 45000
+GROUP, TOPICS = sys.argv[1], int(sys.argv[2])
+
+
+class Master:
+    def __init__(self, number, address):
+        self.number, self.address, self.count = number, address, TOPICS
+        uri = f"http://{address}:11311/"
+        self.own = OwnMaster(uri, f"simulated_{number}", "/master_discovery", lambda: address, RPC_PORT)
+        self.own.state, self.own.away = self.state(), ""
+        told = Told(self.own.current)
+        told.news(self.own.state, None)
+        self.told = told
+        here = {address}
+        served = Served(self.own, Policy.of({}), {}, lambda: here, lambda: None, lambda _type: None, lambda: (), told)
+        who = callers(Members(), uri, lambda: here)
+        self.server = serve(address, RPC_PORT, served.methods(), lambda _host, _why: None, who)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address))
+        self.socket.bind((address, PORT))
+
+    def state(self):
+        node = f"/simulated_{self.number}"
+        topics = [f"{node}/topic_{topic}" for topic in range(self.count)]
+        now = time.time()
+        uri = f"http://{self.address}:11311/"
+        return State(
+            uri=uri,
+            name=f"simulated_{self.number}",
+            stamp=now,
+            local_stamp=now,
+            publishers=dict.fromkeys(topics, (node,)),
+            types=dict.fromkeys(topics, "std_msgs/String"),
+            nodes={node: Node(f"http://{self.address}:{NODE_PORT}/", uri, LOCAL)},
+        )
+
+    def more(self):
+        self.count += 1
+        self.own.state = self.state()
+        self.told.news(self.own.state, None)
+        self.beat()
+
+    def beat(self):
+        stamp = Stamp.at(self.own.state.stamp)
+        self.socket.sendto(encode(Heartbeat(Kind.STATE, RPC_PORT, 1.0, stamp, stamp)), (GROUP, PORT))
+
+
+masters = [Master(number, address) for number, address in enumerate(sys.argv[3:])]
+
+
+def beats():
+    while True:
+        for master in masters:
+            master.beat()
+            time.sleep(1 / len(masters))
+
+
+threading.Thread(target=beats, daemon=True).start()
+print("ready", flush=True)
+for line in sys.stdin:
+    masters[int(line)].more()
+threading.Event().wait()
