@@ -138,7 +138,9 @@ def _name(pid: int, proc: str) -> str:
 def _told() -> typing.Set[int]:
     """The port that the ssh server names in the environment, where nothing has removed it."""
     words = os.environ.get("SSH_CONNECTION", "").split()
-    return {int(words[3])} if len(words) == 4 and words[3].isdigit() else set()
+    # Where sshd serves a pipe, as behind a ProxyCommand, it says "UNKNOWN 65535 UNKNOWN 65535".
+    named = len(words) == 4 and words[2] != "UNKNOWN" and words[3].isdigit()
+    return {int(words[3])} if named else set()
 
 
 def _by_systemd() -> typing.Set[int]:

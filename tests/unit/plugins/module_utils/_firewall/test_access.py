@@ -59,6 +59,12 @@ def test_the_port_that_ssh_names_stays_open(monkeypatch):
     assert 2022 in access.look().ssh
 
 
+def test_an_ssh_server_behind_a_pipe_names_no_port(monkeypatch):
+    monkeypatch.setattr(access.systemd, "show", lambda *_arguments: access.systemd.Shown([]))
+    monkeypatch.setitem(os.environ, "SSH_CONNECTION", "UNKNOWN 65535 UNKNOWN 65535")
+    assert 65535 not in access.look().ssh
+
+
 def test_ports_on_which_systemd_listens_for_ssh(monkeypatch):
     units = [
         {"ActiveState": "active", "Listen": "0.0.0.0:2200 (Stream) [::]:2200 (Stream)"},
