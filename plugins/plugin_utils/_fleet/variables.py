@@ -156,7 +156,7 @@ class FleetVariables:
             kinds.choice("none", "fleet"),
             "none",
             "Whether a packet filter lets only the computers of the fleet, and `multimaster_allow`, reach the TCP and UDP ports from "
-            "1024 up (`fleet`); ssh stays open to everybody. See docs/security.md.",
+            "1024 up (`fleet`). Ports of ssh and those below 1024 stay as they are. See docs/security.md.",
             "fleet",
         )
     )
