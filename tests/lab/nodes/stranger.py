@@ -22,6 +22,7 @@ import time
 PORTS = range(int(sys.argv[1]), int(sys.argv[2]) + 1)
 AT_ONCE = 800  # sockets
 PATIENCE = 0.15  # seconds for the answer to a batch; on the lab's networks one takes less than a hundredth
+PAUSE = 1.5  # seconds without a datagram, after which no more is awaited
 GROUP, DISCOVERY = "226.0.0.0", 11511
 REQUEST = struct.pack("<cBBxiiHxxii", b"R", 3, 10, 0, 0, 11611, 0, 0)
 
@@ -54,37 +55,34 @@ def open_ports(address):
     return found
 
 
-def answers(address):
-    """The ports from which anything came back, a refusal of the kernel among them."""
+def answers(addresses):
+    """The ports of each address from which anything came back, a refusal of the kernel among them.
+
+    One socket asks all of them: of two at the same port, the kernel would give every answer to one.
+    """
     found = set()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
         sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 2)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        with contextlib.suppress(OSError):  # discovery answers to its own port; on a robot it is taken
+        with contextlib.suppress(OSError):  # discovery answers to its own port; on a master it is taken
             sock.bind(("", DISCOVERY))
         for port in PORTS:
-            sock.sendto(REQUEST if port == DISCOVERY else b"?", (address, port))
+            for address in addresses:
+                sock.sendto(REQUEST if port == DISCOVERY else b"?", (address, port))
             if port % 500 == 0:
                 time.sleep(0.01)
         sock.sendto(REQUEST, (GROUP, DISCOVERY))
-        sock.settimeout(1.5)
-        try:
+        sock.settimeout(PAUSE)
+        with contextlib.suppress(TimeoutError):
             while True:
                 found.add(sock.recvfrom(65536)[1])
-        except TimeoutError:
-            pass
-    return sorted(port for host, port in found if host == address)
+    return {address: sorted(port for host, port in found if host == address) for address in addresses}
 
 
-def look(address):
-    return {"tcp": open_ports(address), "udp": answers(address)}
-
-
-def main():
-    """Look at all addresses at the same time, a process for each."""
+def each(look, addresses):
+    """What `look` finds at all addresses at the same time, a process for each."""
     children = []
-    for address in sys.argv[3:]:
+    for address in addresses:
         reader, writer = os.pipe()
         if os.fork() == 0:
             os.write(writer, json.dumps(look(address)).encode())
@@ -96,7 +94,14 @@ def main():
         with os.fdopen(reader) as stream:
             found[address] = json.loads(stream.read())
         os.wait()
-    print(json.dumps(found))
+    return found
+
+
+def main():
+    """Look at all addresses."""
+    addresses = sys.argv[3:]
+    tcp, udp = each(open_ports, addresses), answers(addresses)
+    print(json.dumps({address: {"tcp": tcp[address], "udp": udp[address]} for address in addresses}))
 
 
 if __name__ == "__main__":
