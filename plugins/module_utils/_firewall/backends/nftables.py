@@ -72,10 +72,7 @@ class BackEnd(contract.BackEnd):
             )
         answer = contract.ask(["unshare", "--net", "sh", "-c", _SCRATCH, "sh", text(wanted)])
         if answer.status != 0:
-            raise Problem(
-                f"This computer does not take the packet filter (nft says: {' '.join(answer.error.split())}), expected a kernel "
-                "with nftables (nf_tables, nft_ct, nft_fib_inet): use such a kernel, or set multimaster_firewall to none."
-            )
+            raise Problem(_why_not(" ".join(answer.error.split())[:200]))
         return answer.output.decode("utf-8", "replace").splitlines()
 
     def files(self, wanted: Wanted) -> typing.List[contract.File]:
@@ -124,6 +121,20 @@ class BackEnd(contract.BackEnd):
 
     def undo_commands(self, before: contract.Rules) -> typing.List[contract.Command]:
         return [["nft", _GONE + "\n".join(before)]]
+
+
+def _why_not(said: str) -> str:
+    """The sentence for a computer on which the rules could not be tried."""
+    if said.startswith("unshare"):
+        return (
+            f"The rules of the packet filter could not be tried in a network namespace of their own ({said}), expected root with the "
+            "right to make one, as on a computer or in a container with CAP_SYS_ADMIN: give it that right, or set "
+            "multimaster_firewall to none."
+        )
+    return (
+        f"This computer does not take the packet filter (nft says: {said}), expected a kernel with nftables (nf_tables, nft_ct, "
+        "nft_fib_inet): use such a kernel, or set multimaster_firewall to none."
+    )
 
 
 def text(wanted: Wanted) -> str:

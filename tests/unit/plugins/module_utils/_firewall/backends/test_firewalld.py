@@ -3,7 +3,7 @@
 
 """The policies of firewalld as text and as XML, and what a reload would lose.
 
-tests/systems/test_firewall.py has the real firewalld.
+tests/long/test_firewall.py has the real firewalld.
 """
 
 import xml.etree.ElementTree as ET

@@ -3,7 +3,7 @@
 
 """The rules of ufw, and where they go among those of others, over the files of ufw as it writes them.
 
-tests/systems/test_firewall.py has the real ufw.
+tests/long/test_firewall.py has the real ufw.
 """
 
 import pytest
