@@ -11,6 +11,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 packages=(
   git rsync shellcheck openssh-client                     # tests
   podman netavark iptables runc conmon mmdebstrap zstd    # lab
+  wireguard-tools wireguard-go                            # the tunnel of docs/hostile_networks.md, with any kernel
   python3-venv                                            # where python3 is Debian's
 )
 stamp=.work/venv/stamp
