@@ -158,7 +158,7 @@ SECONDS = {
     "placement": 130,
     "fourth_robot": 110,
     "clock": 70,
-    "firewall": 130,
+    "firewall": 80,
     "exchanges": 70,
 }
 
@@ -175,7 +175,7 @@ TIMED = {"links", "data_flow", "alone"}
 
 #: Files of tests/systems and Molecule scenarios that are part of 'make test-long', since they take minutes. The demonstration
 #: of the multi-computer layout shows the same fleet in every run, but for its restart and its teardown.
-COSTLY = {"alone", "firewall", "links", "multi_computer"}
+COSTLY = {"alone", "links", "multi_computer"}
 
 
 def scenarios() -> list[Suite]:
@@ -243,7 +243,10 @@ SUITES = [
         "long",
         "pytest",
         "tests/long",
-        labs=("long-links", "long-fuzz", "long-firewall", "long-alone", "long-hostile", "long-strangers"),
+        labs=(
+            *("long-links", "long-fuzz", "long-alone", "long-hostile", "long-strangers"),
+            *("long-firewall", "long-firewall-broken-off", "long-gateways"),
+        ),
         limit=LONG_LIMIT,
     ),
     demonstration("bullseye", 90, "--suite=bullseye", layout="single_computer", group="long"),

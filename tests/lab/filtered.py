@@ -1,26 +1,50 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A lab with packet filters: three robots with a back end each, and a computer on their network that is no robot."""
+"""A lab with packet filters: robots, and a computer on their network that is no robot."""
 
 import contextlib
 import json
+import re
+from typing import NamedTuple
 
 import containers
-from layout import Extra
+from layout import Extra, hosts_of, read_inventory
 from podman import ROOT
 from subject import Lab
 
-INVENTORY = ROOT / "tests" / "systems" / "firewall"
+PLAYBOOK = "tests/systems/firewall.yml"
 STRANGER = "stranger"
 EXTRAS = {STRANGER: Extra(("192.168.20.99/24",))}
-ROBOTS = {"ana-pc": "192.168.20.21", "bob-pc": "192.168.20.22", "cid-pc": "192.168.20.23"}
+NARROW = {"first": 11300, "last": 12000}  # the ports of roscore and discovery, and the one that answers everybody
 
-# What an owner has set up before us, with a port that is open to everybody.
-BEFORE = {
-    "bob-pc": "ufw allow 22/tcp && ufw allow 8080/tcp && ufw --force enable",
-    "cid-pc": "systemctl unmask firewalld && systemctl enable --now firewalld && "
-    "firewall-cmd --permanent --add-port=8080/tcp && firewall-cmd --reload",
+
+class Filter(NamedTuple):
+    """A program that filters packets, as commands for a shell."""
+
+    before: str  # what the owner has set up before us, with a port that is open to everybody
+    shows: str  # shows our rules
+    removes: str  # removes a rule of ours
+
+
+FILTERS = {
+    "nftables": Filter(
+        "true",
+        "nft list table inet rosfleet_multimaster",
+        "nft flush chain inet rosfleet_multimaster input",
+    ),
+    "ufw": Filter(
+        "ufw allow 22/tcp && ufw allow 8080/tcp && ufw --force enable",
+        "ufw status",
+        "ufw --force delete deny proto tcp from 0.0.0.0/0 to any port 1024:65535",
+    ),
+    "firewalld": Filter(
+        "systemctl unmask firewalld && systemctl enable --now firewalld && "
+        "firewall-cmd --permanent --add-port=8080/tcp && firewall-cmd --reload",
+        "firewall-cmd --policy=rosfleet-input --list-rich-rules",
+        "firewall-cmd --policy=rosfleet-input --remove-rich-rule="
+        "'rule priority=-1 port port=1024-65535 protocol=tcp drop'",
+    ),
 }
 # A port of TCP and of UDP that answers everybody.
 ECHO = 11999
@@ -37,16 +61,26 @@ while True:
     except OSError as problem:
         print(problem, flush=True)
 """
-# Our rules, as the program itself shows them.
-SHOWN = {
-    "ana-pc": "nft list table inet rosfleet_multimaster",
-    "bob-pc": "ufw status",
-    "cid-pc": "firewall-cmd --policy=rosfleet-input --list-rich-rules",
-}
+FILES = (
+    "/etc/rosfleet-multimaster/firewall.nft /etc/systemd/system/multimaster-firewall.service "
+    "/etc/firewalld/policies/rosfleet-*.xml /var/lib/rosfleet-multimaster/files-firewall.json"
+)
 
 
 class Filtered(Lab):
     """The lab, and what a stranger finds in it."""
+
+    def __init__(self, name, inventory, filters, mounts=()):
+        """`filters`: what each computer has to filter packets, a key of FILTERS."""
+        extras = {**EXTRAS, **{host: Extra((), mounts) for host in filters}}
+        super().__init__(name, inventory, extras)
+        self.everybody = [host.name for host in hosts_of(read_inventory(inventory), extras)]
+        self.filters = {host: FILTERS[program] for host, program in filters.items()}
+        variables = read_inventory(inventory)["_meta"]["hostvars"]
+        self.addresses = {host: variables[host]["multimaster_address"] for host in filters}
+        for host, own in self.filters.items():
+            self.run(host, own.before)
+            self.echo(host)
 
     def look(self, host, *addresses, first=1024, last=65535):
         """What a computer finds on others: address -> {"tcp": ports, "udp": ports}."""
@@ -58,21 +92,68 @@ class Filtered(Lab):
         unit = "systemd-run --quiet --collect --unit echo python3 /run/echo.py"
         self.run(host, f"cat >/run/echo.py; systemctl stop echo 2>/dev/null; {unit}", stdin=ECHOES)
 
+    def cold_boot(self, *hosts):
+        """Boot computers; they come back with other hardware addresses, which everybody learns at once."""
+        for host in hosts:
+            self.podman("restart", "--time=2", host)
+        for host in hosts:
+            self.wait_until_up(host)
+            self.echo(host)
+        for host in self.everybody:
+            self.run(host, "ip neighbour flush all")
+
     def shows(self, host):
         """Our rules on a robot, by the program that has them; empty where there are none."""
-        return self.run(host, SHOWN[host], check=False)
+        return self.run(host, self.filters[host].shows, check=False)
+
+    def play_filter(self, *options, **variables):
+        """Run the part of site.yml that is about the packet filter; returns how much it changed: host -> number."""
+        status, output = self.play(PLAYBOOK, *options, variables=variables)
+        assert status == 0, output
+        return {host: int(changed) for host, changed in re.findall(r"([\w-]+) : ok=\d+ changed=(\d+)", output)}
+
+    # What each test of a packet filter wants to see
+
+    def keeps_strangers_out(self, **ports):
+        """A stranger finds no port and no answer."""
+        addresses = self.addresses.values()
+        assert self.look(STRANGER, *addresses, **ports) == {address: {"tcp": [], "udp": []} for address in addresses}
+
+    def lets_members_in(self):
+        """Each robot reaches the roscore and discovery of the others, and what answers everybody."""
+        for host in self.addresses:
+            others = [address for other, address in self.addresses.items() if other != host]
+            for found in self.look(host, *others, **NARROW).values():
+                assert {11311, 11611, ECHO} <= set(found["tcp"]) and ECHO in found["udp"], (host, found)
+
+    def leaves_ssh_and_pings(self):
+        """A stranger reaches ssh, and has answers to pings."""
+        for address in self.addresses.values():
+            assert "1 received" in self.run(STRANGER, f"ping -c 1 -W 2 {address}")
+            greeting = f"timeout 5 bash -c 'exec 3<>/dev/tcp/{address}/22; head -c 7 <&3'"
+            assert self.run(STRANGER, greeting) == "SSH-2.0"
+
+    def brings_rules_back(self):
+        """Somebody removes a rule of ours on each computer: one run brings all back."""
+        good = {host: self.shows(host) for host in self.filters}
+        for host, own in self.filters.items():
+            self.run(host, own.removes)
+            assert self.shows(host) != good[host]
+        assert self.play_filter() == dict.fromkeys(self.filters, 1)
+        assert {host: sorted(self.shows(host)) for host in good} == {host: sorted(text) for host, text in good.items()}
+
+    def has_nothing_of_ours(self):
+        """No rule, no file and no record of the packet filter is left."""
+        for host in self.filters:
+            assert self.run(host, f"ls {FILES} 2>/dev/null", check=False) == ""
+            assert not re.search(r"rosfleet.multimaster|1024", self.shows(host))
 
 
 @contextlib.contextmanager
-def filtered_lab(name):
+def filtered_lab(name, inventory, filters, mounts=()):
     """The lab with the owners' own packet filters, until the end of the block."""
     containers.down(name)
     try:
-        lab = Filtered(name, INVENTORY, EXTRAS)
-        for host, command in BEFORE.items():
-            lab.run(host, command)
-        for host in ROBOTS:
-            lab.echo(host)
-        yield lab
+        yield Filtered(name, inventory, filters, mounts)
     finally:
         containers.down(name)
