@@ -20,7 +20,9 @@ description:
   - The mode is V(0755) for a file that its owner may execute, and V(0644) for any other.
 options:
   _terms:
-    description: The folders to read, for example V(files) of a role as C(role_path ~ '/files').
+    description:
+      - The folders to read, for example V(files) of a role as C(role_path ~ '/files').
+      - One that is not absolute is a folder of this collection, also where no role is.
     type: list
     elements: path
     required: true
@@ -69,10 +71,13 @@ _raw:
 """
 
 import os
+import pathlib
 from typing import Any
 
 from ansible.errors import AnsibleError
 from ansible.plugins.lookup import LookupBase
+
+COLLECTION = pathlib.Path(__file__).resolve().parents[2]
 
 
 def skipped(name: str) -> bool:
@@ -126,4 +131,4 @@ class LookupModule(LookupBase):
     def run(self, terms: list[str], variables: Any = None, **kwargs: Any) -> list[dict[str, str]]:
         """Return the files below each of the folders."""
         self.set_options(var_options=variables, direct=kwargs)
-        return [file for source in terms for file in tree(source, self.get_option("destination"))]
+        return [file for source in terms for file in tree(str(COLLECTION / source), self.get_option("destination"))]

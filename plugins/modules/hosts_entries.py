@@ -326,31 +326,12 @@ msg:
 
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import SYSTEM, Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import OPTIONS, Run
 
 
 def main() -> None:
     """Plan, and apply unless in check mode."""
-    module = AnsibleModule(
-        argument_spec={
-            "entries": {
-                "type": "list",
-                "elements": "dict",
-                "required": True,
-                "options": {
-                    "address": {"type": "str", "required": True},
-                    "names": {"type": "list", "elements": "str", "required": True},
-                },
-            },
-            "path": {"type": "path", "default": SYSTEM},
-            "own_name": {"type": "str"},
-            "backup": {"type": "bool", "default": False},
-            "on_conflict": {"type": "str", "choices": ["fail", "report"], "default": "fail"},
-            "records": {"type": "path", "default": RECORDS},
-        },
-        supports_check_mode=True,
-    )
+    module = AnsibleModule(argument_spec=OPTIONS, supports_check_mode=True)
     run_module(module, lambda memory: Run(module.params, module.backup_local))
 
 

@@ -173,34 +173,13 @@ msg:
 """
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import ManagedFiles
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import OPTIONS, ManagedFiles
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 
 
 def main() -> None:
     """Plan, and apply unless in check mode."""
-    module = AnsibleModule(
-        argument_spec=dict(
-            bundle=dict(type="str", required=True),
-            files=dict(
-                type="list",
-                elements="dict",
-                required=True,
-                options=dict(
-                    path=dict(type="str", required=True),
-                    content=dict(type="str", required=True),
-                    mode=dict(type="raw", default="0644"),
-                    owner=dict(type="str"),
-                    group=dict(type="str"),
-                    validate=dict(type="list", elements="str", default=[]),
-                ),
-            ),
-            brief=dict(type="list", elements="str", default=[]),
-            records=dict(type="str", default=RECORDS),
-        ),
-        supports_check_mode=True,
-    )
+    module = AnsibleModule(argument_spec=OPTIONS, supports_check_mode=True)
     run_module(module, lambda memory: ManagedFiles(module.params, module.run_command))
 
 

@@ -216,35 +216,15 @@ msg:
 
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_services import (
-    USUAL_FOLDER,
+    OPTIONS,
     ManagedServices,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 
 
 def main() -> None:
     """Plan, and apply unless in check mode."""
-    module = AnsibleModule(
-        argument_spec=dict(
-            bundle=dict(type="str", required=True),
-            units=dict(
-                type="list",
-                elements="dict",
-                required=True,
-                options=dict(
-                    name=dict(type="str", required=True),
-                    content=dict(type="str", required=True),
-                    enabled=dict(type="bool", default=True),
-                    started=dict(type="bool", default=True),
-                ),
-            ),
-            timeout=dict(type="float", default=90),
-            unit_folder=dict(type="str", default=USUAL_FOLDER),
-            records=dict(type="str", default=RECORDS),
-        ),
-        supports_check_mode=True,
-    )
+    module = AnsibleModule(argument_spec=OPTIONS, supports_check_mode=True)
     run_module(module, lambda memory: ManagedServices(module.params))
 
 

@@ -423,39 +423,11 @@ msg:
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import NO_WAY
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import CHOICES
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
-
-ROUTE = {
-    "destination": {"type": "str", "required": True},
-    "gateway": {"type": "str"},
-    "device": {"type": "str"},
-    "metric": {"type": "int"},
-    "table": {"type": "str", "default": "254"},
-    "source": {"type": "str"},
-    "on_link": {"type": "bool", "default": False},
-    "type": {"type": "str", "default": "unicast", "choices": ["unicast", *NO_WAY]},
-    "scope": {"type": "str", "choices": ["global", "link", "host"]},
-    "mtu": {"type": "int"},
-    "advmss": {"type": "int"},
-    "initcwnd": {"type": "int"},
-    "backend": {"type": "str", "default": "auto", "choices": CHOICES},
-}
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import OPTIONS, Run
 
 
 def main() -> None:
-    module = AnsibleModule(
-        argument_spec=dict(
-            deadman.OPTIONS,
-            routes={"type": "list", "elements": "dict", "required": True, "options": ROUTE},
-            backends={"type": "dict", "default": {}},
-            on_conflict={"type": "str", "default": "fail", "choices": ["fail", "replace"]},
-            root={"type": "path", "default": "/"},
-            records={"type": "path", "default": "/var/lib/rosfleet-multimaster"},
-        ),
-        supports_check_mode=True,
-    )
+    module = AnsibleModule(argument_spec=dict(deadman.OPTIONS, **OPTIONS), supports_check_mode=True)
     run_module(module, lambda memory: Run(module.params, memory), deadman.Guard(module, "routes", "routes"))
 
 

@@ -306,32 +306,11 @@ msg:
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.run import OPTIONS, Run
 
 
 def main() -> None:
-    module = AnsibleModule(
-        argument_spec=dict(
-            deadman.OPTIONS,
-            settings={
-                "type": "list",
-                "elements": "dict",
-                "required": True,
-                "options": {
-                    "name": {"type": "str", "required": True},
-                    "value": {"type": "raw", "required": True},
-                    "ignore_missing": {"type": "bool", "default": False},
-                    "enough": {"type": "list", "elements": "raw", "default": []},
-                },
-            },
-            drop_in={"type": "path", "default": "/etc/sysctl.d/90-rosfleet-multimaster.conf"},
-            on_conflict={"type": "str", "default": "fail", "choices": ["fail", "report"]},
-            root={"type": "path", "default": "/"},
-            proc={"type": "path", "default": "/proc/sys"},
-            records={"type": "path", "default": "/var/lib/rosfleet-multimaster"},
-        ),
-        supports_check_mode=True,
-    )
+    module = AnsibleModule(argument_spec=dict(deadman.OPTIONS, **OPTIONS), supports_check_mode=True)
     guard = deadman.Guard(module, "sysctl", "kernel settings")
     run_module(module, lambda memory: Run(module.params, memory), guard)
 

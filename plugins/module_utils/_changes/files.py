@@ -52,6 +52,7 @@ class Wanted(typing.NamedTuple):
     content: bytes
     mode: int
     owner: typing.Optional[typing.Tuple[int, int]] = None  # (uid, gid), None for those that the module runs as
+    sha256: str = ""  # of the content, where only that is known: such a file is compared and never written
 
 
 class Found(typing.NamedTuple):
@@ -130,7 +131,8 @@ def _wanted_file(entry: Data) -> Wanted:
             "'0644', or a symbolic mode such as u=rw,go=r."
         )
     owner = ownership.owner_of(path, entry.get("owner"), entry.get("group"))
-    return Wanted(path, entry["content"].encode("utf-8", "surrogateescape"), mode, owner)
+    content = entry["content"].encode("utf-8", "surrogateescape")
+    return Wanted(path, content, mode, owner, entry.get("sha256") or "")
 
 
 def record_of(kind: str, bundle: str, records: str) -> Record:
@@ -250,7 +252,7 @@ def _above(path: str) -> typing.List[str]:
 def _fingerprint(file: Wanted) -> str:
     """The mode and the digest of a planned file, and its owner where one is asked for."""
     owner = f" {file.owner[0]}:{file.owner[1]}" if file.owner else ""
-    return f"{file.mode:04o} {hashlib.sha256(file.content).hexdigest()}{owner}"
+    return f"{file.mode:04o} {file.sha256 or hashlib.sha256(file.content).hexdigest()}{owner}"
 
 
 def _matches(found: typing.Optional[Found], fingerprint: str) -> bool:
@@ -463,6 +465,12 @@ def _emptied(
             elif path in entries and path == folder:
                 kept.append(folder)
     return removed, kept
+
+
+def left_behind(record: Record, remembered: Data, planned: Plan) -> bool:
+    """True where the record is not yet that of the plan, or a killed run left a neighbour of it."""
+    after = planned.after if any(planned.after.values()) else {}
+    return remembered != after or bool(atomic.leftovers(record.path))
 
 
 def changes(planned: Plan) -> bool:

@@ -7,6 +7,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, writable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
     NotDone,
     carry_out,
@@ -14,6 +15,21 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     settled,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence, unreadable
+
+FILE = dict(
+    path=dict(type="str", required=True),
+    content=dict(type="str", required=True),
+    mode=dict(type="raw", default="0644"),
+    owner=dict(type="str"),
+    group=dict(type="str"),
+    validate=dict(type="list", elements="str", default=[]),
+)
+OPTIONS = dict(
+    bundle=dict(type="str", required=True),
+    files=dict(type="list", elements="dict", required=True, options=FILE),
+    brief=dict(type="list", elements="str", default=[]),
+    records=dict(type="str", default=RECORDS),
+)
 
 # AnsibleModule.run_command
 RunCommand = typing.Callable[..., typing.Tuple[int, str, str]]
@@ -35,6 +51,11 @@ class ManagedFiles(ModuleRun):
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self.changed = files.changes(self.plan)
+
+    @property
+    def due(self) -> bool:
+        """True where a file or the record is not as planned."""
+        return self.changed or files.left_behind(self.record, self.remembered, self.plan)
 
     @property
     def refusals(self) -> typing.List[str]:

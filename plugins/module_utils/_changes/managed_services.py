@@ -6,13 +6,33 @@
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, unit_steps, units, writable
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import (
+    atomic,
+    files,
+    unit_steps,
+    units,
+    writable,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.systemctl import Systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence, unreadable
 
 USUAL_FOLDER = "/etc/systemd/system"
+UNIT = dict(
+    name=dict(type="str", required=True),
+    content=dict(type="str", required=True),
+    enabled=dict(type="bool", default=True),
+    started=dict(type="bool", default=True),
+)
+OPTIONS = dict(
+    bundle=dict(type="str", required=True),
+    units=dict(type="list", elements="dict", required=True, options=UNIT),
+    timeout=dict(type="float", default=90),
+    unit_folder=dict(type="str", default=USUAL_FOLDER),
+    records=dict(type="str", default=RECORDS),
+)
 # The word for what was done with a unit is that of the first of these that was.
 STATES = (
     ("restart", "restarted"),
@@ -83,6 +103,11 @@ class ManagedServices(ModuleRun):
         self.reload = files.changes(self.files) or any(state.reload == "yes" for state in self.states.values())
         acts = any(action.run or action.switch for action in self.actions)
         self.changed = bool(self.reload or self.former or acts)
+
+    @property
+    def due(self) -> bool:
+        """True where a unit is not as planned, or a killed run left a neighbour of the record."""
+        return self.changed or bool(atomic.leftovers(self.record.path))
 
     @property
     def refusals(self) -> typing.List[str]:

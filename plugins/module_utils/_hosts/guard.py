@@ -47,6 +47,11 @@ class Guard:
         self._booted = os.path.isdir(_BOOTED) and not root
 
     @property
+    def left_behind(self) -> bool:
+        """True where the record is not that of the plan, or a killed run left a neighbour of it."""
+        return files.left_behind(self.record, self.remembered, self.plan)
+
+    @property
     def places(self) -> typing.List[str]:
         """The paths that the steps write."""
         return files.places(self.plan, self.record)

@@ -10,6 +10,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import writable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
     NotDone,
     Step,
@@ -26,6 +27,18 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.prob
 )
 
 SYSTEM = "/etc/hosts"  # the file that libc reads
+ENTRY = {
+    "address": {"type": "str", "required": True},
+    "names": {"type": "list", "elements": "str", "required": True},
+}
+OPTIONS = {
+    "entries": {"type": "list", "elements": "dict", "required": True, "options": ENTRY},
+    "path": {"type": "path", "default": SYSTEM},
+    "own_name": {"type": "str"},
+    "backup": {"type": "bool", "default": False},
+    "on_conflict": {"type": "str", "choices": ["fail", "report"], "default": "fail"},
+    "records": {"type": "path", "default": RECORDS},
+}
 _EFFECTS = {
     "shadows": "which hides the planned one",
     "adds": "which is answered beside the planned one",
@@ -61,6 +74,15 @@ class Run(ModuleRun):
         self.only_report = options["on_conflict"] == "report"
         self.written = ""
         self.answers: typing.List[typing.Dict[str, typing.List[str]]] = []  # for each entry: name -> addresses
+
+    @property
+    def due(self) -> bool:
+        """True where the file or a record is not as planned, or libc answers a name in another way."""
+        if self.changed or self.file.left_behind or (self.guard and self.guard.left_behind):
+            return True
+        if self.is_system:
+            self.answers = list(resolve(self.bindings))
+        return bool(self.result()["unresolved"])
 
     @property
     def refusals(self) -> typing.List[str]:

@@ -13,7 +13,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import may_change_network, unwritable
@@ -22,6 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
     DEFAULTS,
     MAIN,
+    NO_WAY,
     PATH,
     Held,
     Kernel,
@@ -52,6 +53,29 @@ _SECOND_DEFAULT = (
     "There is a second default route, '{text}', beside the listed one: the lower metric decides which is taken. "
     "Turn it off where it is made, or give the listed one a lower metric."
 )
+
+ROUTE = {
+    "destination": {"type": "str", "required": True},
+    "gateway": {"type": "str"},
+    "device": {"type": "str"},
+    "metric": {"type": "int"},
+    "table": {"type": "str", "default": "254"},
+    "source": {"type": "str"},
+    "on_link": {"type": "bool", "default": False},
+    "type": {"type": "str", "default": "unicast", "choices": ["unicast", *NO_WAY]},
+    "scope": {"type": "str", "choices": ["global", "link", "host"]},
+    "mtu": {"type": "int"},
+    "advmss": {"type": "int"},
+    "initcwnd": {"type": "int"},
+    "backend": {"type": "str", "default": "auto", "choices": CHOICES},
+}
+OPTIONS = {
+    "routes": {"type": "list", "elements": "dict", "required": True, "options": ROUTE},
+    "backends": {"type": "dict", "default": {}},
+    "on_conflict": {"type": "str", "default": "fail", "choices": ["fail", "replace"]},
+    "root": {"type": "path", "default": "/"},
+    "records": {"type": "path", "default": RECORDS},
+}
 
 Options = typing.Mapping[str, typing.Any]
 Data = typing.Dict[str, typing.Any]  # JSON
@@ -87,6 +111,12 @@ class Run(ModuleRun):
         self.boot = Boot(self.machine, options["root"], self.recorded.boot)
         self.items = self._items([self._with_boot_device(item, listed) for item in listed])
         self.changed = bool(self.plan.changes or self.boot.changes)
+
+    @property
+    def due(self) -> bool:
+        """True where a route or the record is not as planned, or a killed run left a neighbour of the record."""
+        after = RoutesRecord(self.plan.final, self.boot.final()).plain()
+        return self.changed or self.stored != after or bool(atomic.leftovers(self.record.path))
 
     def _links(self, version: int) -> typing.List[Route]:
         """The routes of the table main, as this run first saw them."""

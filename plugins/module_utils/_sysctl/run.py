@@ -15,7 +15,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, Step, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import unwritable
@@ -56,6 +56,21 @@ _TAKEN_BACK = {
 _MODE = 0o644  # of the drop-in
 # $1: a file of the kernel, $2: its value. One that has the value already is not set apart by writing it.
 _PUT_BACK = 'set -f; [ ! -e "$1" ] || [ "$(echo $(cat "$1"))" = "$2" ] || printf "%s\\n" "$2" >"$1"'
+
+SETTING = {
+    "name": {"type": "str", "required": True},
+    "value": {"type": "raw", "required": True},
+    "ignore_missing": {"type": "bool", "default": False},
+    "enough": {"type": "list", "elements": "raw", "default": []},
+}
+OPTIONS = {
+    "settings": {"type": "list", "elements": "dict", "required": True, "options": SETTING},
+    "drop_in": {"type": "path", "default": "/etc/sysctl.d/90-rosfleet-multimaster.conf"},
+    "on_conflict": {"type": "str", "default": "fail", "choices": ["fail", "report"]},
+    "root": {"type": "path", "default": "/"},
+    "proc": {"type": "path", "default": "/proc/sys"},
+    "records": {"type": "path", "default": RECORDS},
+}
 
 Options = typing.Mapping[str, typing.Any]
 Data = typing.Dict[str, typing.Any]  # JSON
@@ -101,6 +116,11 @@ class Run(ModuleRun):
         self.changed = bool(
             self.plan.writes or self.stale or self.before != text or self._wrong_mode() or self.stored != final
         )
+
+    @property
+    def due(self) -> bool:
+        """True where a value or a file is not as planned, or a killed run left a neighbour of one."""
+        return self.changed or any(atomic.leftovers(path) for path in (self.record.path, self.file))
 
     def _with_enough(
         self, settings: typing.List[Setting], enough: typing.Mapping[str, typing.Container[str]]
