@@ -76,7 +76,7 @@ class ActionModule(ActionBase):
             passed=not summary.number(FAILED),
             msg=report.verdict_line(summary),
             checks=report.counts(summary),
-            findings=plain_data([vars(finding) for finding in summary.notable]),
+            findings=plain_data([finding._asdict() for finding in summary.notable]),
         )
         return result
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address
 
@@ -44,6 +44,8 @@ class Participant:
     udp: Mapping[str, Datagrams] = field(default_factory=dict)
     answered: frozenset[str] = frozenset()  # the members that answered its pings
     callers: frozenset[str] = frozenset()  # the addresses from which it was called
+    # who answered each round of pings of the group, by the number of the round
+    rounds: Sequence[tuple[int, frozenset[str]]] = ()
 
     @classmethod
     def of(cls, name: str, plan: ComputerPlan, seen: Observation) -> Participant:
@@ -51,6 +53,7 @@ class Participant:
         probe = seen.probe or Probe()
         udp = seen.multicast.udp if seen.multicast else ()
         callers = seen.multicast.callers if seen.multicast else ()
+        icmp = seen.multicast.icmp if seen.multicast else None
         return cls(
             name=name,
             plan=plan,
@@ -62,6 +65,7 @@ class Participant:
             udp={entry.name: entry for entry in udp},
             answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
             callers=frozenset(entry.address for entry in callers),
+            rounds=[(entry.round, frozenset(entry.answered)) for entry in (icmp.rounds if icmp else ())],
         )
 
     @property
@@ -87,7 +91,7 @@ SIDES = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)  # not frozen: there are millions in a large fleet, and freezing makes them three times slower
 class Case:
     """The fleet, an observer, and a target, which is a member or a master of the plan."""
 

@@ -8,7 +8,6 @@ Pure: findings in, text out.
 
 from __future__ import annotations
 
-import dataclasses
 import textwrap
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -192,7 +191,7 @@ def document(summary: Summary, findings: Sequence[Finding]) -> dict[str, Any]:
         "computers": list(summary.computers),
         "verdict": FAILED if summary.number(FAILED) else OK,
         "checks": counts(summary),
-        "findings": [dataclasses.asdict(finding) for finding in findings],
+        "findings": [finding._asdict() for finding in findings],
     }
 
 

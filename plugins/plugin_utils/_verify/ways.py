@@ -49,9 +49,10 @@ class Ways:
         for name, member in self.members.items():
             self.robots.setdefault(member.robot, []).append(name)
         first = [gateway.name for gateway in self.gateways.values() if gateway.name]
-        self._gateways_first = first + [name for name in self.members if name not in set(first)]
+        known = set(first)
+        self._gateways_first = first + [name for name in self.members if name not in known]
         # robot -> its members without the gateway
-        self.inner = {robot: [name for name in names if name not in first] for robot, names in self.robots.items()}
+        self.inner = {robot: [name for name in names if name not in known] for robot, names in self.robots.items()}
         self._orders: dict[str, Sequence[str]] = {}
 
     def way(self, plan: ComputerPlan, target: str) -> Way:

@@ -211,7 +211,7 @@ def _icmp_rounds(case: Case) -> Judgement | None:
     if not (case.observer.plan.common_address and case.peer.plan.common_address):
         return None  # such a ping stays on the common network
     expected = f"an answer to each of {len(icmp.rounds)} pings of {icmp.group}"
-    missed = [item.round for item in icmp.rounds if case.target not in item.answered]
+    missed = [number for number, answered in case.observer.rounds if case.target not in answered]
     if icmp.error or missed:
         return Judgement(WARNING, expected, icmp.error or f"none in the rounds {', '.join(map(str, missed))}")
     return Judgement(OK, expected, "all")

@@ -4,6 +4,8 @@
 """The engine over the whole table of checks: good fleets, failures that explain each other, parts of a fleet, cost."""
 
 import copy
+import dataclasses
+import sys
 import time
 from collections import Counter
 
@@ -166,3 +168,61 @@ def test_the_cost_grows_with_the_observations():
     findings = judged(fleet, seen)
     assert len(findings) > 60 * 59 * 10
     assert time.process_time() - began < 0.0005 * len(findings)  # some 10 microseconds each on a PC
+
+
+class Counted(str):
+    """A text of an observation, which counts with how many others it is compared."""
+
+    comparisons = 0
+
+    def __eq__(self, other):
+        Counted.comparisons += 1
+        return str.__eq__(self, other)
+
+    __hash__ = str.__hash__
+
+
+def counted(value):
+    """The same observation with texts that count."""
+    if isinstance(value, str):
+        return Counted(value)
+    if isinstance(value, tuple):
+        return tuple(map(counted, value))
+    if dataclasses.is_dataclass(value):
+        return type(value)(**{field.name: counted(getattr(value, field.name)) for field in dataclasses.fields(value)})
+    return value
+
+
+def work(function):
+    """How many Python functions a function calls, and how often texts of observations are compared."""
+    calls = 0
+
+    def called(frame, event, argument):
+        nonlocal calls
+        calls += event == "call" and frame.f_code is not Counted.__eq__.__code__
+
+    Counted.comparisons = 0
+    sys.setprofile(called)
+    try:
+        result = function()
+    finally:
+        sys.setprofile(None)
+    return result, calls, Counted.comparisons
+
+
+def test_the_work_for_a_pair_does_not_grow_with_the_fleet():
+    """Twice and three times the robots: four and nine times the pairs, and for each pair the same work."""
+    per_finding = []
+    for robots in (4, 8, 12):
+        fleet = plan(robots, 4)
+        seen = {name: counted(observation) for name, observation in observed(fleet).items()}
+        found, calls, comparisons = work(lambda fleet=fleet, seen=seen: judged(fleet, seen))
+        assert {finding.verdict for finding in found} == {"ok"}
+        per_finding.append((calls / len(found), comparisons / len(found)))
+    for first, later in zip(per_finding[0], per_finding[2], strict=True):
+        assert later <= 1.2 * first, per_finding
+
+
+def test_the_work_for_a_computers_plan_does_not_grow_with_the_fleet():
+    per_computer = [work(lambda robots=robots: plan(robots, 4))[1] / robots for robots in (10, 40)]
+    assert per_computer[1] <= 1.5 * per_computer[0], per_computer
