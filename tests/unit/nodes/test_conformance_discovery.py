@@ -364,9 +364,9 @@ def test_15_11_one_silent_master_does_not_postpone_the_others():
 
 
 def test_15_12_the_pace_of_the_looks_is_a_parameter_and_nothing_lowers_it_for_good():
-    assert overlay(DISCOVERY, {})[0]["rosmaster_hz"] == 2.0
-    source = (NODES / "rosfleet_multimaster/parts/poller.py").read_text(encoding="utf-8")
-    assert "max(period, min(took * SHARE, SLOWEST))" in source, "each pause follows from the last look alone"
+    assert overlay(DISCOVERY, {})[0]["rosmaster_hz"] == 10.0
+    source = (NODES / "rosfleet_multimaster/parts/source.py").read_text(encoding="utf-8")
+    assert "max(self._period, min(took * SHARE, SLOWEST))" in source, "each pause follows from the last look alone"
 
 
 def test_15_17_a_dead_roscore_is_offline_and_its_state_is_told_to_nobody():
@@ -403,7 +403,7 @@ def test_15_17_those_who_hear_of_it_forget_it_and_find_it_again():
 
 
 def test_13_no_clock_is_set_and_no_package_is_imported_for_others():
-    source = (NODES / "rosfleet_multimaster/parts/poller.py").read_text(encoding="utf-8")
+    source = (NODES / "rosfleet_multimaster/parts/source.py").read_text(encoding="utf-8")
     assert "setTime" not in source
     assert own_types(STATE) == {"std_msgs/String", "own_msgs/Key"}, "evil_msgs/Import is only named by another master"
 

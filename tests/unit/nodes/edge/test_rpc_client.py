@@ -5,6 +5,8 @@
 import socket
 import threading
 import time
+from socketserver import ThreadingMixIn
+from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
 from rosfleet_multimaster.edge.clock import monotonic
@@ -56,3 +58,24 @@ def test_a_server_that_drips_is_not_waited_for():
 def test_only_http_is_called(uri):
     with pytest.raises(OSError, match="no address"):
         Rpc(uri, 1.0)
+
+
+def test_a_connection_that_the_other_side_keeps_is_used_again():
+    class Kept(SimpleXMLRPCRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+    class Server(ThreadingMixIn, SimpleXMLRPCServer):
+        daemon_threads, block_on_close, taken = True, False, 0
+
+        def verify_request(self, request, client_address):
+            self.taken += 1
+            return True
+
+    with Server(("127.0.0.1", 0), Kept, logRequests=False) as server:
+        server.register_function(lambda size: "x" * size, "big")
+        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+        rpc = Rpc(f"http://127.0.0.1:{server.server_address[1]}", 5.0, 1 << 20)
+        assert [len(rpc.call("big", size)) for size in (1, 100_000, 0)] == [1, 100_000, 0]
+        assert server.taken == 1
+        rpc.close()
+        server.shutdown()

@@ -40,7 +40,7 @@ def test_who_asks_first_gets_all():
         "now",
         1,
         True,
-        [NODE, ["publisher", "/chatter", "/a", True], ["parameter", "/watched", None]],
+        [NODE, ["publisher", "/chatter", "/a", True], ["parameter", "/watched"]],
     ]
 
 

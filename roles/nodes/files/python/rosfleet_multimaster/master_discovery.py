@@ -9,9 +9,11 @@ import urllib.parse
 from typing import Any, Dict, Optional, Tuple
 
 from .core import parameters, report
+from .core.differences import Stamps
 from .core.discovery import Ask, Discovery, Event, Say, Send, Settings
 from .core.graph import Policy, State
 from .core.members import Members, Networks
+from .core.mirror import Mirror
 from .core.outsiders import Outsider
 from .core.peer import Contact, Key, Master
 from .edge import ros
@@ -24,8 +26,9 @@ from .edge.udp import Datagram
 from .parts import own_roscore, program
 from .parts.contacts import Contacts
 from .parts.datagrams import Datagrams
-from .parts.poller import Poller, poll_in_thread
+from .parts.poller import Poller
 from .parts.served import OwnMaster, Served, callers, serve
+from .parts.source import Follower, Source, in_own_thread
 from .parts.told import Told
 
 LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however much changes
@@ -67,14 +70,13 @@ class MasterDiscovery:
         self.own = OwnMaster(uri, values["name"] or ros.master_name(uri), node_name, ros.hostname, rpc_port)
         self._wire(values)
         self.identity = own_roscore.Identity()
-        poller = Poller(Roscore(env_uri, name), uri, self.own.name, self.identity, ros.sync_info)
-        self._serve(values, poller)
+        source = self._source(env_uri, name, 1.0 / values["rosmaster_hz"])
+        self._serve(values, source)
         program.on_signals(self.loop, self._end)
-        poll_in_thread(
-            poller,
-            1.0 / values["rosmaster_hz"],
+        in_own_thread(
+            source,
             self.ended,
-            lambda state: self.loop.post(self._polled, state, poller.do_not_sync),
+            lambda state, do_not_sync: self.loop.post(self._polled, state, do_not_sync),
             lambda why, since: self.loop.post(self._no_roscore, why, since),
             lambda why: self.loop.post(self._give_up, why),
         )
@@ -103,13 +105,18 @@ class MasterDiscovery:
         self.address_looks = Recurring(InLoop(), lambda: 1.0, self._look_at_addresses)
         self.reports = Recurring(InLoop(), lambda: 1.0, self._report)
 
-    def _serve(self, values: Dict[str, Any], poller: Poller) -> None:
+    def _source(self, env_uri: str, name: str, period: float) -> Source:
+        stamps, of = Stamps(), (self.own.uri, self.own.name)
+        poller = Poller(Roscore(env_uri, name), *of, self.identity, ros.sync_info, stamps)
+        return Source(poller, lambda: Follower(env_uri, name, Mirror(*of), self.identity, stamps), period)
+
+    def _serve(self, values: Dict[str, Any], source: Source) -> None:
         served = Served(
             self.own,
             Policy.of(values),
             self.errors,
             lambda: self.datagrams.own_addresses,
-            lambda: poller.do_not_sync,
+            lambda: source.do_not_sync,
             ros.md5sum,
             lambda: self.outsiders,
             self.changes if values["differences"] else None,

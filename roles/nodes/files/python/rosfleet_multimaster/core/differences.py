@@ -16,7 +16,7 @@ from collections import deque
 from dataclasses import replace
 from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
-from .graph import Malformed, State, parse
+from .graph import Malformed, State, parse, stamped
 
 PARTS = ("publishers", "subscribers", "services", "types", "nodes", "providers")  # of a state, as in its document
 _FIRST = 4  # element of the document that is the first part
@@ -99,6 +99,27 @@ def excerpt(state: State, names: Names, undo: Undo) -> State:
 
 def _users(*tables: Mapping[str, Sequence[str]]) -> Set[str]:
     return {node for table in tables for nodes in table.values() for node in nodes}
+
+
+class Stamps:
+    """The stamps of the states of one master, one state after the other: only what changed is looked at."""
+
+    def __init__(self) -> None:
+        self.last: Optional[State] = None
+
+    def of(self, state: State, wall: float) -> State:
+        """The state with its stamps (see graph.stamped); the one before where nothing is another."""
+        last = self.last
+        if last is None:
+            self.last = stamped(state, None, wall)
+            return self.last
+        undo = changes(last, state)
+        if undo:
+            names = names_of(undo, state)
+            before = replace(excerpt(state, names, undo), stamp=last.stamp, local_stamp=last.local_stamp)
+            now = stamped(excerpt(state, names, {}), before, wall)
+            self.last = last = replace(state, stamp=now.stamp, local_stamp=now.local_stamp)
+        return last
 
 
 # The serving side

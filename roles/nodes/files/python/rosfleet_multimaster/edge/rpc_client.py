@@ -132,6 +132,7 @@ class Rpc:
         if answer.status != 200:
             raise OSError(f"{self.uri} answers {answer.status} {plain(answer.reason)}")
         content = self._read(answer, deadline)
+        answer.close()  # read1 does not say that it is at the end; else the connection could not be used again
         if answer.will_close:
             self.close()
         return content, answer.headers.get("Content-Encoding") == "gzip"

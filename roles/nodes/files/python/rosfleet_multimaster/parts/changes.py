@@ -71,7 +71,7 @@ class Changes:
                 finally:
                     self._waiting -= 1
             if records is not None:
-                return [1, "changes", [self._feed.epoch, self._feed.revision, False, records]]
+                return [1, "changes", [self._feed.epoch, self._feed.revision, False, _sent(records)]]
         return self._whole()
 
     def _wait(self, epoch: str, revision: int, end: float, caller: Any) -> Any:
@@ -85,4 +85,9 @@ class Changes:
     def _whole(self) -> List[Any]:
         with self._lock:
             registry, revision = self._copy(), self._feed.revision
-        return [1, "whole state", [self._feed.epoch, revision, True, told_whole(registry, self._parameters)]]
+        return [1, "whole state", [self._feed.epoch, revision, True, _sent(told_whole(registry, self._parameters))]]
+
+
+def _sent(records: Sequence[Record]) -> List[Record]:
+    """Records as they travel. XML-RPC has no None: a parameter that is not set has no value there."""
+    return [record[:-1] if record[-1] is None else record for record in records]

@@ -56,14 +56,23 @@ class Identity:
         """The calls to the roscore whose answers `check` takes."""
         return [("getPid",), ("lookupService", self.service[0] or "/-")]
 
-    def check(self, service: Tuple[str, str], pid: Any, service_uri: Any) -> None:
-        """Compare the answers. `service`: the own one when they were asked for. Raises program.Fatal where the roscore is another."""
+    def check(self, service: Tuple[str, str], pid: Any, service_uri: Any) -> bool:
+        """Compare the answers. `service`: the own one when they were asked for. Raises program.Fatal where the roscore is another.
+
+        True where it was restarted, and has remembered this node.
+        """
         if pid is None:
             raise OSError("the roscore does not tell its process id")
-        if self._pid is None:
-            self._pid = pid
-        if pid != self._pid:
+        before, self._pid = self._pid, pid
+        if before in (None, pid):
+            self.check_service(service, service_uri)
+            return False
+        if not service[0] or service_uri != service[1]:
             raise program.Fatal("the roscore was restarted and knows nothing of this node: starting again")
+        return True
+
+    def check_service(self, service: Tuple[str, str], service_uri: Any) -> None:
+        """Compare what the roscore says of the own service. Raises program.Fatal where it is not this node's any more."""
         if service[0] and service_uri != service[1]:
             raise program.Fatal(f"the roscore knows {service[0]} no longer as a service of this node: starting again")
 
@@ -79,7 +88,7 @@ class Health:
         give_up: Callable[[str], None],
         again: Callable[[], None],
     ) -> None:
-        """`give_up(why)` is called where it is another one, `again()` where it answers again."""
+        """`give_up(why)` is called where it is another one, `again()` where it answers again or was restarted."""
         self._roscore, self._identity, self._give_up, self._again = roscore, identity, give_up, again
         self._unanswered = 0
         self._checks = Recurring(workers, lambda: HEALTH, self._check, self._checked)
@@ -88,11 +97,11 @@ class Health:
         """Check where that is due; the time of the next check."""
         return self._checks.tick(now)
 
-    def _check(self) -> None:
+    def _check(self) -> bool:
         service = self._identity.service
-        self._identity.check(service, *self._roscore.ask(*self._identity.calls()))
+        return self._identity.check(service, *self._roscore.ask(*self._identity.calls()))
 
-    def _checked(self, _result: None, problem: Optional[Exception]) -> None:
+    def _checked(self, restarted: Optional[bool], problem: Optional[Exception]) -> None:
         if isinstance(problem, program.Fatal):
             self._give_up(str(problem))
         elif problem is not None:
@@ -101,7 +110,7 @@ class Health:
             if self._unanswered == 2:
                 program.LOG.error("the roscore at %s does not answer: %s", self._roscore.rpc.uri, problem)
         else:
-            if self._unanswered > 1:
+            if restarted or self._unanswered > 1:
                 program.LOG.info("the roscore answers again")
                 self._again()
             self._unanswered = 0

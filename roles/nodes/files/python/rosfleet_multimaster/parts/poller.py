@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The poller: reads the state of the own roscore, again and again, in a thread of its own."""
+"""The poller: reads the state of the own roscore, again and again."""
 
 from typing import Any, Callable, Dict, List, Optional, Tuple
+from xmlrpc.client import Fault
 
-from ..core.graph import Graph, State, build, graph_of, stamped
+from ..core.differences import Stamps
+from ..core.graph import Graph, State, build, graph_of
 from ..edge.clock import monotonic, wall_clock
-from ..edge.loop import Ended, in_thread
 from ..edge.roscore import Roscore
 from . import imports, program
 from .own_roscore import Identity
@@ -15,60 +16,31 @@ GET_SYNC_INFO = "get_sync_info"  # the end of the name of the service of master_
 LOOKUPS, REST = 100, 4  # known nodes (and services) looked up again, in every fourth poll
 POSTPONE = 5.0  # seconds that a state waits for get_sync_info of another implementation of master_sync,
 GIVE_UP = 60.0  # and after that it is asked again only now and then
-RETRY = 0.1  # seconds until a roscore that does not answer is asked again
-SHARE, SLOWEST = 10, 5.0  # a poll takes at most one part in so many of the time, but there is one every so many seconds
 RECORD = (("getParam", imports.IMPORTS), ("getParam", "/do_not_sync"))
 
 SyncInfo = Callable[[str], Dict[Tuple[str, str], str]]  # service -> (node, URI) -> URI of its master
 
 
-def poll_in_thread(
-    poller: "Poller",
-    period: float,
-    ended: Ended,
-    polled: Callable[[State], None],
-    failed: Callable[[str, float], None],
-    give_up: Callable[[str], None],
-) -> None:
-    """Poll every `period` seconds, until `ended`. The callbacks are called in the poller's thread.
-
-    `failed(why, since)`: the roscore does not answer since that time. `give_up(why)`: it is another one.
-    """
-
-    def poll() -> None:
-        failing: Optional[float] = None
-        while not ended:
-            started = monotonic()
-            try:
-                polled(poller.poll())
-                failing = None
-            except program.Fatal as problem:
-                give_up(str(problem))
-                return
-            except Exception as problem:  # a roscore that does not answer, or answers nonsense
-                if not isinstance(problem, program.FAILURES):
-                    program.LOG.debug("the roscore's state cannot be read", exc_info=True)
-                failing = started if failing is None else failing
-                failed(str(problem) or type(problem).__name__, failing)
-            took = monotonic() - started
-            ended.wait(RETRY if failing is not None else max(period, min(took * SHARE, SLOWEST)) - took)
-
-    in_thread("poll", poll)
-
-
 class Poller:
     """Reads the state of the roscore."""
 
-    def __init__(self, roscore: Roscore, uri: str, name: str, identity: Identity, sync_info: SyncInfo) -> None:
+    def __init__(
+        self,
+        roscore: Roscore,
+        uri: str,
+        name: str,
+        identity: Identity,
+        sync_info: SyncInfo,
+        stamps: Optional[Stamps] = None,
+    ) -> None:
         """`uri` and `name` are those of the master. `sync_info(service)` asks another implementation; it may raise anything."""
         self._roscore, self._uri, self._name, self._identity = roscore, uri, name, identity
-        self._sync_info = sync_info
+        self._sync_info, self._stamps = sync_info, stamps or Stamps()
         self._graph: Optional[Graph] = None
         self._node_uris: Dict[str, str] = {}
         self._service_uris: Dict[str, str] = {}
         self._origins: Dict[Tuple[str, str], str] = {}
         self._record: Dict[str, Any] = {}
-        self._state: Optional[State] = None
         self._count = 0
         self._silent: Dict[Tuple[str, str], float] = {}  # providers of get_sync_info that do not answer, since when
         self.do_not_sync: Any = None
@@ -84,15 +56,22 @@ class Poller:
         changed = graph != self._graph
         self._look_up(graph, changed)
         if changed and self._foreign(graph):
-            if self._state is None:
+            if self._stamps.last is None:
                 raise OSError("it is not known yet what is from other masters")
-            return self._state
+            return self._stamps.last
         self._graph = graph
         nodes = set(self._node_uris.items())
         self._origins = {key: origin for key, origin in self._origins.items() if key in nodes}
         state = build(self._uri, self._name, graph, self._node_uris, self._service_uris, self._origins)
-        self._state = stamped(state, self._state, wall_clock())
-        return self._state
+        return self._stamps.of(state, wall_clock())
+
+    def tells(self, method: str) -> bool:
+        """True where the roscore has this method. Raises as `poll` where it does not answer."""
+        try:
+            methods = self._roscore.rpc.call("system.listMethods")
+        except Fault:  # as rosmaster has it
+            return False
+        return isinstance(methods, list) and method in methods
 
     def _look_up(self, graph: Graph, changed: bool) -> None:
         """Learn the URIs of what is new, and some of the others again: a node may come back under its old name."""
