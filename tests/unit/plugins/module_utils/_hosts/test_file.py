@@ -19,6 +19,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
+from tests.unit import module_server
+
 COLLECTION = pathlib.Path(__file__).parents[5]
 MODULE = COLLECTION / "plugins" / "modules" / "hosts_entries.py"
 ENTRIES = [
@@ -51,18 +53,23 @@ class Machine:
         self.hosts.parent.mkdir()
         self.hosts.write_bytes(OLD)
 
-    def command(self, mounted=False, **options):
+    def given(self, options):
         arguments = {
             "entries": ENTRIES,
             "path": str(self.hosts),
             "records": str(self.records),
             "own_name": "kobuki1computer",
         }
-        self.arguments.write_text(json.dumps({"ANSIBLE_MODULE_ARGS": {**arguments, **options}}))
+        return {**arguments, **options}
+
+    def command(self, mounted=False, **options):
+        self.arguments.write_text(json.dumps({"ANSIBLE_MODULE_ARGS": self.given(options)}))
         program = [sys.executable, str(MODULE), str(self.arguments)]
         return [*MOUNTED, str(self.hosts), *program] if mounted else program
 
     def run(self, mounted=False, **options):
+        if not mounted:
+            return json.loads(module_server.run(MODULE, self.given(options)).stdout)
         done = subprocess.run(
             self.command(mounted, **options), env=environment(), capture_output=True, text=True, check=False
         )

@@ -18,7 +18,11 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.prob
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan import HEADER, settings_of
 
+from tests.unit import module_server
+
 COLLECTION = pathlib.Path(sysctl.__file__).parents[3]
+MODULE = COLLECTION / "plugins/modules/sysctl.py"
+NETNS = ["ip", "netns", "exec"]
 DROP_IN = "/etc/sysctl.d/90-rosfleet-multimaster.conf"
 FORWARD, BROADCASTS = "net/ipv4/ip_forward", "net/ipv4/icmp_echo_ignore_broadcasts"
 ETH0, LO = "net/ipv4/conf/eth0/forwarding", "net/ipv4/conf/lo/forwarding"
@@ -62,19 +66,23 @@ class Machine:
         return {"settings": settings, "drop_in": DROP_IN, "on_conflict": "fail", **places, **options}
 
     def run(self, settings, check=False, **options):
-        arguments = {"ANSIBLE_MODULE_ARGS": {**self.options(settings, **options), "_ansible_check_mode": check}}
-        arguments["ANSIBLE_MODULE_ARGS"]["_ansible_diff"] = True
-        file = self.folder / "args.json"
-        file.write_text(json.dumps(arguments))
-        command = [*self.prefix, sys.executable, str(COLLECTION / "plugins/modules/sysctl.py"), str(file)]
-        environment = {**os.environ, "PYTHONPATH": str(COLLECTION.parents[2])}
-        done = subprocess.run(
-            command, check=False, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, timeout=60
-        )
-        assert done.stdout, done.stderr.decode()
-        result = json.loads(done.stdout.decode())
+        arguments = {**self.options(settings, **options), "_ansible_check_mode": check, "_ansible_diff": True}
+        if self.prefix[:-1] in ([], NETNS):
+            done = module_server.run(MODULE, arguments, "/run/netns/" + self.prefix[-1] if self.prefix else "")
+        else:
+            done = self.process(arguments)
+        assert done.stdout, done.stderr
+        result = json.loads(done.stdout)
         assert bool(result.get("failed")) == bool(done.returncode), result
         return result
+
+    def process(self, arguments):
+        """The module as a process behind the prefix."""
+        file = self.folder / "args.json"
+        file.write_text(json.dumps({"ANSIBLE_MODULE_ARGS": arguments}))
+        command = [*self.prefix, sys.executable, str(MODULE), str(file)]
+        environment = {**os.environ, "PYTHONPATH": str(COLLECTION.parents[2])}
+        return subprocess.run(command, check=False, capture_output=True, text=True, env=environment, timeout=60)
 
     def state(self):
         """Everything that a run may change."""
@@ -573,7 +581,7 @@ def test_the_switch_cannot_be_armed_and_nothing_changes(machine):
 def namespace(tmp_path):
     """A machine of folders with the real kernel of a fresh network namespace."""
     name = "rosfleet-sysctl-%d" % os.getpid()
-    enter = ["ip", "netns", "exec", name]
+    enter = [*NETNS, name]
     before = {key: pathlib.Path("/proc/sys", key).read_text() for key in (FORWARD, BROADCASTS)}
     subprocess.run(["ip", "netns", "add", name], check=True)
     try:

@@ -570,7 +570,7 @@ class Taken:
         return self.rules.service("/n", name) if key == "services" else self.rules.topic("/n", name, "a/B", publisher)
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(
     st.fixed_dictionaries({robot: entries_of(robot) for robot in MASTER}),
     st.fixed_dictionaries(

@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Modules as processes of their own, without the half second in which each would import Ansible.
+
+One process imports Ansible once, and forks for each run: `run(path, arguments, namespace)` does what
+`python PATH ARGUMENTS.json` does, in the network namespace of a file where one is given.
+"""
+
+import atexit
+import ctypes
+import functools
+import json
+import os
+import runpy
+import signal
+import subprocess
+import sys
+import tempfile
+import traceback
+from typing import NamedTuple
+
+_LIMIT = 60  # seconds of a run
+_NETWORK = 0x40000000  # CLONE_NEWNET (setns(2))
+
+
+class Done(NamedTuple):
+    """The end of a module."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def run(path: str, arguments: dict, namespace: str = "") -> Done:
+    """Run a module, given by the path of its file, with the arguments of Ansible."""
+    server = _server()
+    question = [str(path), arguments, namespace, dict(os.environ), os.getcwd()]
+    server.stdin.write(json.dumps(question) + "\n")
+    server.stdin.flush()
+    return Done(*json.loads(server.stdout.readline()))
+
+
+@functools.cache
+def _server() -> subprocess.Popen:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    server = subprocess.Popen(
+        [sys.executable, __file__], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    atexit.register(server.stdin.close)  # which ends it
+    return server
+
+
+def _serve() -> None:
+    import ansible.module_utils.basic  # noqa: F401
+
+    for line in sys.stdin:
+        with tempfile.TemporaryFile("w+") as output, tempfile.TemporaryFile("w+") as error:
+            child = os.fork()
+            if child == 0:
+                _become(json.loads(line), output.fileno(), error.fileno())
+            status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+            output.seek(0)
+            error.seek(0)
+            print(json.dumps([status, output.read(), error.read()]), flush=True)
+
+
+def _become(question: list, output: int, error: int) -> None:
+    """Be the module, and end."""
+    path, arguments, namespace, environment, folder = question
+    status = 1
+    try:
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        os.dup2(output, 1)
+        os.dup2(error, 2)
+        signal.alarm(_LIMIT)
+        os.environ.clear()
+        os.environ.update(environment)
+        os.chdir(folder)
+        if namespace:
+            _enter(namespace)
+        with tempfile.NamedTemporaryFile("w", suffix=".json") as given:
+            json.dump({"ANSIBLE_MODULE_ARGS": arguments}, given)
+            given.flush()
+            sys.argv = [path, given.name]
+            runpy.run_path(path, run_name="__main__")
+        status = 0
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def _enter(namespace: str) -> None:
+    descriptor = os.open(namespace, os.O_RDONLY | os.O_CLOEXEC)
+    if ctypes.CDLL(None, use_errno=True).setns(descriptor, _NETWORK):
+        raise OSError(ctypes.get_errno(), f"setns to {namespace}")
+    os.close(descriptor)
+
+
+if __name__ == "__main__":
+    _serve()
