@@ -83,6 +83,11 @@ def test_no_answer_makes_a_node_large(lab, kind, masters):
         said = lab.run(VICTIM, "journalctl --quiet --output cat --unit multimaster-sync")
         assert "more than 5000 registrations" in said
         assert len(re.findall(r"registered the|more registrations", said)) > 0
+    if kind == "topics80000":
+        said = lab.run(VICTIM, "journalctl --quiet --output cat --unit multimaster-sync")
+        assert re.search(
+            r"answers more than is taken: it has more than 16777216 bytes; nothing new of it is taken", said
+        ), said
 
 
 def test_idle_connections_of_eight_addresses_shut_no_member_out(lab):

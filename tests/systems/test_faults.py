@@ -198,7 +198,12 @@ def test_the_verification_names_the_cause(lab):
 
 
 def test_one_fork_verifies_as_well(lab):
+    """Also while somebody listens to what the nodes of both robots say."""
+    lab.start(FIRST, "listens", "rostopic echo /diagnostics")
+    heard = "rostopic info /diagnostics | grep -q rostopic_"
+    lab.run(SECOND, f"until {heard}; do sleep 0.2; done")
     status, output = lab.play("playbooks/verify.yml", "--forks", "1")
+    lab.stop(FIRST, "listens")
     assert status == 0, output
 
 

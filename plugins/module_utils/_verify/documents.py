@@ -32,12 +32,17 @@ Bytes = typing.Union[bytes, bytearray]
 Values = typing.Tuple[typing.Tuple[typing.Any, ...], typing.Optional[str]]
 
 
+class TooLarge(ValueError):
+    """A document that costs more than is taken; its text says which limit was hit."""
+
+
 class _Reader(xmlrpc.client.Unmarshaller):
     """Makes values of a document, as long as it is neither deep nor dear."""
 
     def __init__(self, dear: int) -> None:
         xmlrpc.client.Unmarshaller.__init__(self, use_builtin_types=True)
         self._depth, self._left, self._size, self._wide = 0, dear, 0, False
+        self._most = dear
 
     def start(self, tag: str, attrs: typing.Dict[str, str]) -> None:
         self._depth, self._size, self._wide = self._depth + 1, 0, False
@@ -66,7 +71,7 @@ class _Reader(xmlrpc.client.Unmarshaller):
     def _pay(self, cost: int) -> None:
         self._left -= cost
         if self._left < 0:
-            raise ValueError("it takes too much memory")
+            raise TooLarge(f"its values take more than {self._most >> 20} MiB of memory")
 
 
 def _no_document_type(*_declaration: typing.Any) -> None:
@@ -95,7 +100,7 @@ class Document:
             piece = data[at : at + _PIECE]
             self._fed += len(piece)
             if self._fed > self._most:
-                raise ValueError(f"more than {self._most} bytes")
+                raise TooLarge(f"it has more than {self._most} bytes")
             self._parser.Parse(piece, False)
             if self._fed - max(self._parser.CurrentByteIndex, 0) > _TOKEN:
                 raise ValueError(f"a token of more than {_TOKEN} bytes")
@@ -117,7 +122,7 @@ def unpacked(body: Bytes, most: int) -> typing.Iterator[bytes]:
                 rest = unpacker.unconsumed_tail
                 size += len(piece)
                 if size > most:
-                    raise ValueError(f"more than {most} bytes")
+                    raise TooLarge(f"it has more than {most} bytes")
                 yield piece
     except zlib.error as problem:
         raise ValueError(str(problem)) from None

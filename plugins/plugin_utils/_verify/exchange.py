@@ -242,14 +242,25 @@ class Exchanges:
         return [Conflict(name, (source, *theirs[name]), (target, *mine[name])) for name in topics if name in passing]
 
     def crossing(self, links: Iterable[Connection], own: str, other: str) -> list[Connection]:
-        """List the connections between nodes of two robots on topics that do not pass."""
+        """List the connections between nodes of two robots that neither the publisher nor the subscriber explains.
+
+        A subscriber that passes hears all publishers of its topic on the other robot, also nodes that never pass themselves.
+        """
         types = self.robots[own].sums
         found = []
         for link in links:
-            inward = link.direction == "in"
-            rules = self.flows.rules(*((other, own) if inward else (own, other)))
-            item = Item("publisher", link.topic, link.peer if inward else link.node)
-            if link.robot == other and not rules.passes(item, types.get(item.name, ("", ""))[0]):
+            if link.robot != other:
+                continue
+            mine, theirs = (own, link.node), (other, link.peer)
+            publisher, subscriber = (theirs, mine) if link.direction == "in" else (mine, theirs)
+            kind = types.get(link.topic, ("", ""))[0]
+            passing = self.flows.rules(publisher[0], subscriber[0]).passes(
+                Item("publisher", link.topic, publisher[1]), kind
+            )
+            back = self.flows.rules(subscriber[0], publisher[0]).passes(
+                Item("subscriber", link.topic, subscriber[1]), kind
+            )
+            if not passing and not back:
                 found.append(link)
         return found
 

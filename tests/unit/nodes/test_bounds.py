@@ -24,7 +24,7 @@ from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import Refused, RpcServer
 from rosfleet_multimaster.edge.xml_rpc import STATE as STATE_BYTES
-from rosfleet_multimaster.edge.xml_rpc import loads, unpacked
+from rosfleet_multimaster.edge.xml_rpc import TooLarge, loads, unpacked
 from rosfleet_multimaster.parts.served import callers
 
 # Queues
@@ -533,7 +533,7 @@ def test_what_an_answer_says_of_itself_is_plain(uri):
 
 
 def test_an_answer_that_is_too_long_is_not_read_to_its_end():
-    with answering(ok(b""), *[b"x" * 65536] * 5000) as uri, pytest.raises(OSError, match="too much"):
+    with answering(ok(b""), *[b"x" * 65536] * 5000) as uri, pytest.raises(TooLarge, match="more than is taken"):
         Rpc(uri, 5.0, most=1_000_000).call("masterInfo")
 
 

@@ -127,6 +127,16 @@ def test_without_a_list_a_lost_rate_does_not_delay_that_a_loss_is_seen():
     assert offline - lost <= 5.1
 
 
+def test_nobody_is_asked_at_an_own_address_also_one_that_no_interface_has_yet():
+    own = {**TIBI, "robot": "own", "name": "own", "uris": ["http://own:11311/"], "hosts": ["own"]}
+    own["addresses"] = ["192.168.1.202", "192.168.1.203"]
+    core = running({**MEMBERS, "members": [TIBI, ROUTER, own], "allow": ["192.168.1.202", "192.168.1.66"]})
+    asked = [
+        address for address in ("192.168.1.202", "192.168.1.203", "127.0.0.1", ADDRESS, ROGUE) if core.may_ask(address)
+    ]
+    assert asked == [ADDRESS, ROGUE]
+
+
 def test_a_rogue_is_named_once():
     fleet = Fleet(MEMBERS, ANSWERS[1])
     fleet.go(60.0, [(at, ROGUE, 11511, beat()) for at in range(2, 60)])

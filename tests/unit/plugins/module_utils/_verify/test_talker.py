@@ -4,6 +4,10 @@
 """The names that a talker uses."""
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import talker, topics
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import units
+
+# systemd 237 (Ubuntu 18.04) does not know these: systemd.exec(5), "History".
+LATER = {"PrivateMounts", "ProtectProc", "ProtectKernelLogs", "ProtectClock", "ProtectHostname", "RestrictSUIDSGID"}
 
 
 def test_nodes_of_the_verification_have_names_of_their_own():
@@ -14,3 +18,13 @@ def test_nodes_of_the_verification_have_names_of_their_own():
 
 def test_topic_has_only_letters_of_a_graph_name():
     assert talker.topic_of("tibi-visio.lan") == "/multimaster_verify/tibi_visio_lan"
+
+
+def test_the_talker_has_the_sandbox_of_the_services():
+    lines = {line for line in units._SERVICE.splitlines() if "=" in line and not line.startswith(("#", "Environment"))}
+    sandbox = {
+        line
+        for line in lines
+        if line in units._SANDBOX or line.startswith(("Dynamic", "Cap", "ProtectHome", "RestrictA"))
+    }
+    assert {line for line in sandbox if line.partition("=")[0] not in LATER} == set(talker.SANDBOX)

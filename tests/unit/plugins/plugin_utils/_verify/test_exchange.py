@@ -284,3 +284,13 @@ def test_connections_that_nothing_explains():
     backwards = link("in", "/chat", "/ear", "http://b1:4711/", "b")
     assert found.crossing([heard, hears, backwards], "a", "b") == [backwards]  # nothing flows from b to a
     assert found.crossing([heard, hears, backwards], "a", "c") == [hears]
+
+
+def test_who_listens_to_a_topic_of_a_node_that_never_passes_is_exchanged():
+    """Somebody echoes /diagnostics: the subscriber passes, and hears the discovery node of the other robot, too."""
+    seen = {"a": holds(part([("/diagnostics", STRING, "/master_discovery", "/echo")])), "b": holds(B)}
+    hears = link("in", "/diagnostics", "/echo", "/master_discovery", "b")
+    heard = link("out", "/diagnostics", "/master_discovery", "/echo", "b")
+    unrestricted, restricted = plan("ab"), plan(exports={"a": [{"topics": ["/chat"]}], "b": []})
+    assert Exchanges(unrestricted, seen).crossing([hears, heard], "a", "b") == []
+    assert Exchanges(restricted, seen).crossing([hears, heard], "a", "b") == [hears, heard]

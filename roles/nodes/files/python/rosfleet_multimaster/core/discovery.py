@@ -424,9 +424,14 @@ class Discovery:
         """True where a connection to an address may be made that somebody else names: never to this computer itself."""
         if address.startswith("127.") or address == "0.0.0.0":
             return False
-        if self.networks is None or self.members.at(address) is not None or address in self.members.allow:
+        if self.networks is None:
             return True
-        return (address in self.networks and address not in self.own_addresses) or address in self.settings.robot_hosts
+        own = self.members.master(self._own_uri() or "")
+        if address in self.own_addresses or (own is not None and address in own.addresses):
+            return False  # also a planned address that no interface has yet
+        if self.members.at(address) is not None or address in self.members.allow:
+            return True
+        return address in self.networks or address in self.settings.robot_hosts
 
     def _is_admitted(self, address: str) -> bool:
         """True where the sender may be an allowed stranger."""

@@ -15,7 +15,7 @@ from typing import Any, Callable, List, Optional, Sequence, Tuple
 
 from ..core.plain_text import plain
 from .clock import monotonic
-from .xml_rpc import ANSWER, loads
+from .xml_rpc import ANSWER, TooLarge, loads
 
 SMALL = 1 << 19  # bytes of an answer, as it is sent: a larger one waits for those before it
 _HEAD = 1 << 15  # bytes of all lines of the head of an answer, and of those between its chunks
@@ -77,6 +77,8 @@ class Rpc:
             return values[0] if values else None
         except xmlrpc.client.Fault as fault:
             failure: Exception = xmlrpc.client.Fault(fault.faultCode, plain(fault.faultString))
+        except TooLarge as problem:
+            failure = TooLarge(f"{self.uri} answers more than is taken: {plain(problem)}")
         except Exception as problem:
             failure = ValueError(f"{self.uri} answers no XML-RPC: {plain(problem)}")
         raise failure  # out here: inside, it would hold the other one, and with it the values that were read so far
@@ -146,8 +148,10 @@ class Rpc:
         try:
             while True:
                 chunk = answer.read1(1 << 16)
-                if len(content) + len(chunk) > self._most or monotonic() > deadline:
-                    raise OSError(f"{self.uri} answers too much or too slowly")
+                if len(content) + len(chunk) > self._most:
+                    raise TooLarge(f"{self.uri} answers more than is taken: it has more than {self._most} bytes")
+                if monotonic() > deadline:
+                    raise OSError(f"{self.uri} answers too slowly")
                 if not chunk:
                     return content
                 content += chunk

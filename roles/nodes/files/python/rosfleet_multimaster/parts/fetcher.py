@@ -13,7 +13,7 @@ from ..core.sync import Fetch, Sync
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
-from ..edge.xml_rpc import STATE
+from ..edge.xml_rpc import STATE, TooLarge
 from . import program
 from .followed import MOST, TIMEOUT, Answer, Follower, Misplaced, View
 from .served import DIFFERENCES
@@ -78,7 +78,7 @@ class Fetcher:
             self._limited.say(
                 "warning",
                 f"fetch {fetch.uri}",
-                f"the state of {fetch.uri} cannot be had from {fetch.monitor_uri}: {problem}",
+                f"the state of {fetch.uri} cannot be had from {fetch.monitor_uri}: {problem}{_advice(problem)}",
             )
 
     # Who is followed
@@ -99,6 +99,12 @@ class Fetcher:
         if follower is not None:
             follower.stop()
             self._core.lapsed(uri, monotonic())
+
+
+def _advice(problem: Exception) -> str:
+    if not isinstance(problem, TooLarge):
+        return ""
+    return "; nothing new of it is taken, what was registered stays: leave out there what nobody needs, by multimaster_exports"
 
 
 def _fetch(fetch: Fetch, before: Optional[State], view: View, quick: bool) -> Fetched:
