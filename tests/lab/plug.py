@@ -47,10 +47,10 @@ WantedBy=multi-user.target
 
 
 @contextlib.contextmanager
-def booted_alone(name):
-    """The robots after site.yml, and after a cold boot without a network."""
+def booted_alone(name, **variables):
+    """The robots after site.yml with these variables, and after a cold boot without a network."""
     with lab_of(name, INVENTORY) as lab:
-        status, output = lab.play("site.yml")
+        status, output = lab.play("site.yml", variables=variables)
         assert status == 0, output
         _prepare(lab)
         with ThreadPoolExecutor(len(ROBOTS)) as pool:

@@ -1,7 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Minutes without a network: what tests/systems/test_alone.py shows in seconds. Takes six minutes."""
+"""Minutes without a network: what tests/systems/test_alone.py shows in seconds, here with addresses instead of names.
+
+Takes six minutes.
+"""
 
 import os
 import sys
@@ -30,7 +33,7 @@ def slack():
 
 @pytest.fixture(scope="module")
 def lab():
-    with booted_alone("long-alone") as found:
+    with booted_alone("long-alone", multimaster_advertise="address") as found:
         for robot in STATIC:
             told(found, robot, "own topic", "own service", f"online {robot}-pc")
         yield found
