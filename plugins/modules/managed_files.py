@@ -18,7 +18,7 @@ description:
     O(files[].group) says another. Missing folders are made with mode C(0755). Only folders that were made for files of
     this collection are removed again, when they are empty; byte code that Python cached in such a folder goes with its
     source.
-  - Root acts in no folder that somebody else can replace, or the folder of a folder: a planned file there is refused, and a file
+  - Root acts in no folder that somebody else than root can replace. A planned file there is refused, and a file
     of the bundle that is there by now stays, which the result says. A group that may write is trusted.
   - A file that is replaced keeps its ACL and other extended attributes; its mode bounds the ACL.
 extends_documentation_fragment:
