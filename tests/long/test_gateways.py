@@ -96,7 +96,7 @@ def test_a_cold_boot_of_the_gateways_keeps_it(lab):
         lab.run(host, TABLE_GONE)
     addresses = [*GATES.values(), *INNER.values()]
     assert lab.look(STRANGER, *addresses, **NARROW) == nothing(addresses)
-    for address in addresses:
+    for address in GATES.values():
         assert "1 received" in lab.run(STRANGER, f"ping -c 1 -W 2 {address}")  # the way is there
     assert all(found["tcp"] == [ECHO] for found in lab.look("ana-arm", *list(INNER.values())[1:], **NARROW).values())
 

@@ -6,6 +6,7 @@
 tests/long/test_firewall.py has ufw and firewalld besides. The order of the tests is that of a day.
 """
 
+import re
 from pathlib import Path
 
 import pytest
@@ -46,3 +47,10 @@ def test_a_rule_that_somebody_removed_comes_back(fleet):
 def test_without_the_variable_nothing_of_it_is_left(fleet):
     assert fleet.play_filter(multimaster_firewall="none") == {"ana-pc": 1, "bob-pc": 1}
     fleet.has_nothing_of_ours()
+
+
+def test_what_prevents_it_on_one_computer_stops_all_before_anything_changes(fleet):
+    inactive = "{{ 'ufw' if inventory_hostname == 'bob-pc' else 'auto' }}"
+    status, output = fleet.play("site.yml", variables={"firewall_backend": inactive})
+    assert status != 0 and "backend is ufw, which is not active here, expected it to filter packets" in output, output
+    assert set(re.findall(r"changed=(\d+)", output)) == {"0"}, output
