@@ -244,7 +244,7 @@ SUITES = [
         "pytest",
         "tests/long",
         labs=(
-            *("long-links", "long-fuzz", "long-alone", "long-hostile", "long-strangers"),
+            *("long-links", "long-fuzz", "long-alone", "long-hostile", "long-strangers", "long-roscore"),
             *("long-firewall", "long-firewall-broken-off", "long-gateways"),
         ),
         limit=LONG_LIMIT,

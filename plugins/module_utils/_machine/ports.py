@@ -40,9 +40,13 @@ def holders(
         if (entry.protocol, entry.port) in asked
     ]
     owners, closed = _owners({entry.inode for entry in sockets}, proc)
-    return [
-        _holder(entry, owners.get(entry.inode) or _only_one(closed.get(entry.uid, []), proc), proc) for entry in sockets
-    ]
+    found = []
+    for entry in sockets:
+        pid = owners.get(entry.inode, 0)
+        if pid <= 1:  # systemd may hold it for a service whose processes are closed
+            pid = _only_one(closed.get(entry.uid, []), proc) or pid
+        found.append(_holder(entry, pid, proc))
+    return found
 
 
 def parse(protocol: str, table: str) -> typing.List[Socket]:

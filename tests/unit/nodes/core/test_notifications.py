@@ -2,8 +2,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which node is told what next."""
 
+import pytest
 from rosfleet_multimaster.core import notifications
-from rosfleet_multimaster.core.notifications import LONGEST, PATIENCE, PAUSE, PER_HOST, SLOW, Notifications
+from rosfleet_multimaster.core.notifications import (
+    LONGEST,
+    PATIENCE,
+    PAUSE,
+    PER_HOST,
+    QUICK,
+    SLOW,
+    WORKERS,
+    Notifications,
+)
 
 
 def told(plan, uri="http://a:1/", host="a", topic="/chatter", value=1):
@@ -82,27 +92,53 @@ def test_a_node_has_one_call_at_a_time():
     assert plan.next(0.0)[0].key == ("publisherUpdate", "/other")
 
 
+def begun(plan, now):
+    """All calls that begin now; none ends."""
+    found = []
+    while (call := plan.next(now)[0]) is not None:
+        found.append(call)
+    return found
+
+
 def test_a_lost_robot_has_few_workers_and_an_own_node_waits_for_none_of_them():
     plan = Notifications()
     for port in range(50):
         told(plan, f"http://lost:{port}/", "lost")
     told(plan, "http://own:1/", "own")
-    begun = []
-    while (call := plan.next(0.0)[0]) is not None:
-        begun.append(call)
-    assert len(begun) == PER_HOST + 1 and begun[-1].uri == "http://own:1/"
-    for call in begun[:-1]:
-        plan.done(call, 3.0, False)
-    plan.done(begun[-1], 0.1, True)
-    now, silent = 3.0, 0
-    while (call := plan.next(now)[0]) is not None:  # those that were not asked yet
-        plan.done(call, now + 3.0, False)
-        silent += 1
-    assert silent == 42
-    later = []
-    while (call := plan.next(100.0)[0]) is not None:
-        later.append(call)
-    assert len(later) == SLOW, "those that were silent have few workers together"
+    first = begun(plan, 0.0)
+    assert len(first) == QUICK + 1 and first[-1].uri == "http://own:1/"
+    later = [call for tenth in range(1, 40) for call in begun(plan, tenth / 10)]
+    assert len(first + later) == PER_HOST + 1 < WORKERS / 2
+    for call in [*first, *later]:
+        plan.done(call, 4.0, call.uri == "http://own:1/")
+    now = 4.0
+    while calls := [call for call in begun(plan, now) if call]:
+        now += 0.1
+        for call in calls:
+            plan.done(call, now, False)
+        if now > 6.5:
+            break
+    assert len(begun(plan, 100.0)) <= SLOW, "those that were silent have few workers together"
+
+
+def test_silent_nodes_of_the_own_computer_keep_the_others_there_waiting_for_a_moment_only():
+    plan = Notifications()
+    for port in range(20):
+        told(plan, f"http://own:{port}/", "own")
+    told(plan, "http://own:99/", "own")
+    times = {call.uri: tenth / 10 for tenth in range(10) for call in begun(plan, tenth / 10)}
+    assert times["http://own:99/"] <= 0.3
+    assert plan.next(1.0) == (None, None)
+
+
+def test_who_waits_for_room_is_told_when_there_is_some():
+    plan = Notifications()
+    for port in range(20):
+        told(plan, f"http://own:{port}/", "own")
+    assert len(begun(plan, 5.0)) == QUICK
+    call, due = plan.next(5.01)
+    assert call is None and due == pytest.approx(5.1)
+    assert len(begun(plan, due + 0.001)) == QUICK
 
 
 def test_a_silent_node_is_asked_again_with_what_is_newest_and_given_up_in_the_end():

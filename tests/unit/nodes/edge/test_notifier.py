@@ -41,8 +41,8 @@ def node():
 @pytest.fixture
 def deaf():
     """The URIs of nodes that take connections and say nothing."""
-    listeners = [socket.create_server(("127.0.0.1", 0)) for _number in range(12)]
-    yield [f"http://127.0.0.2:{listener.getsockname()[1]}/".replace("0.0.2", "0.0.1") for listener in listeners]
+    listeners = [socket.create_server(("127.0.0.1", 0)) for _number in range(20)]
+    yield [f"http://127.0.0.1:{listener.getsockname()[1]}/" for listener in listeners]
     for listener in listeners:
         listener.close()
 
@@ -70,11 +70,11 @@ def test_a_burst_is_told_in_few_calls_and_ends_with_what_is_true(node):
 def test_nodes_that_say_nothing_keep_no_other_waiting(node, deaf):
     notifier = module.Notifier()
     for uri in deaf:
-        notifier.tell(uri.replace("127.0.0.1", "localhost"), "publisherUpdate", "/chatter", ("/chatter", []))
+        notifier.tell(uri, "publisherUpdate", "/chatter", ("/chatter", []))
     began = time.monotonic()
     notifier.tell(node.uri, "publisherUpdate", "/chatter", ("/chatter", []))
     node.wait(1)
-    assert node.told[0][0] - began < 0.5
+    assert node.told[0][0] - began < 1.0
 
 
 def test_workers_are_bounded_and_go(node, monkeypatch):

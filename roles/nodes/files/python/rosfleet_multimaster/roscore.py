@@ -119,7 +119,8 @@ class Roscore:
             uri, listening = master.serve(self._master, self._options.port, held, more)
         except OSError as problem:
             raise program.Fatal(f"the roscore cannot listen at port {self._options.port}: {problem}") from None
-        systemd.keep(SOCKET, listening)
+        if listening not in held:
+            systemd.keep(SOCKET, listening)
         core_services.parameters(self._call, uri)
         systemd.notify("READY=1", f"STATUS=serving at {uri}")
         program.LOG.info("the roscore serves at %s", uri)

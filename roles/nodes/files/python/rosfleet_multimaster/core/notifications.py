@@ -12,10 +12,14 @@
 from collections import OrderedDict
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
 
-WORKERS = 32  # calls at once,
-PER_HOST = 8  # to nodes of one host,
-SLOW = 4  # to nodes that did not answer in time
-PAUSE, LONGEST, QUIET = 0.01, 0.64, 1.0  # seconds between two calls of one topic: at first, at most; after them anew
+WORKERS = 64  # calls at once,
+PER_HOST = 24  # to nodes of one host,
+QUICK = 8  # of which so many are younger than
+YOUNG = 0.1  # seconds: who answers does so by then
+SLOW = 4  # calls to nodes that did not answer in time
+PAUSE, LONGEST = 0.01, 0.64  # seconds between two calls of one topic: at first, and at most
+BURST = 3  # a change within so many pauses after the last call makes the pause longer
+QUIET = 3.0  # seconds after which nothing is known of earlier calls
 RETRY, LATEST = 1.0, 16.0  # seconds until a node is asked again that did not answer, doubled up to
 PATIENCE = 60.0  # seconds after which what waits for such a node is dropped
 
@@ -48,7 +52,7 @@ class Notifications:
     def __init__(self) -> None:
         self._nodes: Dict[str, _Node] = {}
         self._ready: OrderedDict[str, None] = OrderedDict()  # URIs with something that waits, and no call under way
-        self._busy: Dict[str, int] = {}  # host -> calls under way
+        self._busy: Dict[str, Dict[str, float]] = {}  # host -> URI of a node with a call under way -> since when
         self._slow: Set[str] = set()  # URIs of silent nodes with a call under way
         self.dropped = 0  # calls that were given up
 
@@ -65,12 +69,14 @@ class Notifications:
     def next(self, now: float) -> Tuple[Optional[Call], Optional[float]]:
         """The call to make now, or the time at which there may be one; (None, None) where only `add` or `done` can bring one."""
         earliest: Optional[float] = None
+        room = {host: self._room(calls, now) for host, calls in self._busy.items()}
         for uri in self._candidates():
             node = self._nodes[uri]
             key, due = self._first(node, now)
+            due = max(due, room.get(node.host, now))
             if due <= now:
                 method, arguments = node.waiting.pop(key)
-                self._begin(uri, node)
+                self._begin(uri, node, now)
                 return Call(uri, method, arguments, key), None
             earliest = due if earliest is None else min(due, earliest)
         return None, earliest
@@ -80,7 +86,7 @@ class Notifications:
         node = self._nodes[call.uri]
         node.busy = False
         self._slow.discard(call.uri)
-        self._busy[node.host] -= 1
+        del self._busy[node.host][call.uri]
         if not self._busy[node.host]:
             del self._busy[node.host]
         if gone:
@@ -90,7 +96,7 @@ class Notifications:
         if answered:
             node.silent_since, node.pause = None, RETRY
             last, pause = node.told.get(call.key, (now - QUIET, PAUSE))
-            node.told[call.key] = (now, min(2 * pause, LONGEST) if now - last < QUIET else PAUSE)
+            node.told[call.key] = (now, min(2 * pause, LONGEST) if now - last < BURST * pause else PAUSE)
         else:
             self._was_silent(node, call, now)
         if node.waiting:
@@ -100,6 +106,10 @@ class Notifications:
         if not node.waiting and not node.told:
             del self._nodes[call.uri]
 
+    def waits(self) -> bool:
+        """Whether there is a node with something that waits, and no call under way."""
+        return bool(self._ready)
+
     def tidy(self, now: float) -> None:
         """Forget nodes that were told all a while ago."""
         for uri, node in list(self._nodes.items()):
@@ -107,11 +117,16 @@ class Notifications:
                 del self._nodes[uri]
 
     def _candidates(self) -> Iterator[str]:
-        full = {host for host, count in self._busy.items() if count >= PER_HOST}
+        full = {host for host, calls in self._busy.items() if len(calls) >= PER_HOST}
         for uri in self._ready:
             node = self._nodes[uri]
             if node.host not in full and (node.silent_since is None or len(self._slow) < SLOW):
                 yield uri
+
+    def _room(self, calls: Dict[str, float], now: float) -> float:
+        """The time at which one more node of a host may be called."""
+        young = sorted(since for since in calls.values() if now - since < YOUNG)
+        return now if len(young) < QUICK else young[-QUICK] + YOUNG
 
     def _first(self, node: _Node, now: float) -> Tuple[Key, float]:
         """The thing that may be told first, and when."""
@@ -125,10 +140,10 @@ class Notifications:
                 best = [key, due]
         return best[0], best[1]
 
-    def _begin(self, uri: str, node: _Node) -> None:
+    def _begin(self, uri: str, node: _Node, now: float) -> None:
         node.busy = True
         del self._ready[uri]
-        self._busy[node.host] = self._busy.get(node.host, 0) + 1
+        self._busy.setdefault(node.host, {})[uri] = now
         if node.silent_since is not None:
             self._slow.add(uri)
 

@@ -29,9 +29,9 @@ class Registry:
     """All that a roscore knows, as plain data."""
 
     def __init__(self) -> None:
-        self.publishers: Dict[str, List[Of]] = {}
-        self.subscribers: Dict[str, List[Of]] = {}
-        self.listeners: Dict[str, List[Of]] = {}
+        self.publishers: Dict[str, Dict[Of, None]] = {}  # each a set that keeps the order
+        self.subscribers: Dict[str, Dict[Of, None]] = {}
+        self.listeners: Dict[str, Dict[Of, None]] = {}
         self.services: Dict[str, Service] = {}
         self.types: Dict[str, str] = {}
         self.nodes: Dict[str, str] = {}
@@ -69,7 +69,7 @@ class Registry:
         left.nodes = {node: uri for node, uri in self.nodes.items() if not gone(node, uri)}
         for name in ("publishers", "subscribers", "listeners"):
             for key, users in getattr(self, name).items():
-                some = [of for of in users if not gone(*of)]
+                some = {of: None for of in users if not gone(*of)}
                 if some:
                     getattr(left, name)[key] = some
         left.services = {name: of for name, of in self.services.items() if not gone(of.node, of.node_uri)}
@@ -87,11 +87,11 @@ class Registry:
 
 def _user(table: str) -> Callable[[Registry, str, str, str, bool], None]:
     def change(registry: Registry, key: str, node: str, uri: str, there: bool) -> None:
-        users = getattr(registry, table).setdefault(key, [])
-        if there and (node, uri) not in users:
-            users.append((node, uri))
-        if not there and (node, uri) in users:
-            users.remove((node, uri))
+        users = getattr(registry, table).setdefault(key, {})
+        if there:
+            users[node, uri] = None
+        else:
+            users.pop((node, uri), None)
         if not users:
             del getattr(registry, table)[key]
 

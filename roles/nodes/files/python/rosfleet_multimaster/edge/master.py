@@ -93,14 +93,13 @@ class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster ha
 
     def __init__(self, kind: int, note: Note, seen: Note) -> None:
         super().__init__(kind)
-        self._note, self._seen, self._kind = note, seen, _KINDS[kind]
+        self._note, self._seen, self.kind = note, seen, _KINDS[kind]
 
     def register(self, key: str, node: str, node_uri: str, service_uri: Optional[str] = None) -> None:
         """As rosmaster's."""
-        known = (node, node_uri) in self.map.get(key, ())
-        if service_uri is not None:
-            known = known and (self.service_api_map or {}).get(key) == (node, service_uri)
+        held = (self.map.get(key), (self.service_api_map or {}).get(key)) if service_uri else len(self.map.get(key, ()))
         super().register(key, node, node_uri, service_uri)
+        known = held == ((self.map[key], self.service_api_map[key]) if service_uri else len(self.map[key]))
         record = self._record(key, node, node_uri, service_uri, True)
         self._seen(record)
         if not known:
@@ -122,9 +121,9 @@ class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster ha
             self._note(self._record(key, node, node_uri, held.get(key, ("", ""))[1], False))
 
     def _record(self, key: str, node: str, node_uri: str, service_uri: Optional[str], there: bool) -> Record:
-        if self._kind == "service":
+        if self.kind == "service":
             return ["service", key, node, service_uri or "", node_uri or "", there]
-        return [self._kind, key, node, node_uri, there]
+        return [self.kind, key, node, node_uri, there]
 
 
 class _Nodes(Dict[str, Any]):
@@ -333,9 +332,9 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def copy(self) -> Registry:
         """All there is; the lock is held."""
         found = Registry()
-        found.publishers = {topic: list(users) for topic, users in self.publishers.map.items()}
-        found.subscribers = {topic: list(users) for topic, users in self.subscribers.map.items()}
-        found.listeners = {name: list(users) for name, users in self.param_subscribers.map.items()}
+        found.publishers = {topic: dict.fromkeys(users) for topic, users in self.publishers.map.items()}
+        found.subscribers = {topic: dict.fromkeys(users) for topic, users in self.subscribers.map.items()}
+        found.listeners = {name: dict.fromkeys(users) for name, users in self.param_subscribers.map.items()}
         uris = self.services.service_api_map or {}
         found.services = {
             name: Service(users[0][0], users[0][1], uris[name][1])
@@ -357,30 +356,32 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 manager.nodes[name] = registrations.NodeRef(name, uri)
             self.topics_types.update(found.types)
             self.param_server.parameters = found.parameters
-            for table, users_of in (
-                (self.publishers, found.publishers),
-                (self.subscribers, found.subscribers),
-                (self.param_subscribers, found.listeners),
+            for table, users_of, held in (
+                (self.publishers, found.publishers, "topic_publications"),
+                (self.subscribers, found.subscribers, "topic_subscriptions"),
+                (self.param_subscribers, found.listeners, "param_subscriptions"),
             ):
                 for key, users in users_of.items():
+                    table.map[key] = list(users)  # as its method does it, without a search for each
                     for name, uri in users:
-                        self._restore_one(table, key, name, uri)
+                        getattr(self._node(name, uri), held).append(key)
+                        self._restored[table.kind, key, name, uri] = None
             for key, of in found.services.items():
-                self._restore_one(self.services, key, of.node, of.node_uri, of.uri)
+                self.services.register(key, of.node, of.node_uri, of.uri)
+                self._node(of.node, of.node_uri).services.append(key)
+                self._restored["service", key, of.node, of.uri] = None
             for watched in self._last:
                 self._last[watched] = self._value(watched)
             self.guard.imports(self._imported(self._last.get(self._imports)))
             for name, uri in found.nodes.items():
                 self.guard.judge(name, "", uri, monotonic())
-            self._restored = dict.fromkeys(_key(record) for record in self._records if record[0] in _KINDS.values())
             self._records.clear()
 
-    def _restore_one(self, table: Any, key: str, name: str, uri: str, service_uri: Optional[str] = None) -> None:
-        node = self.reg_manager.nodes.get(name)
-        if node is None:
-            node = self.reg_manager.nodes[name] = registrations.NodeRef(name, uri)
-        node.add(table.type, key)
-        table.register(key, name, uri, service_uri)
+    def _node(self, name: str, uri: str) -> Any:
+        nodes = self.reg_manager.nodes
+        if name not in nodes:
+            nodes[name] = registrations.NodeRef(name, uri)
+        return nodes[name]
 
     def tell_all(self) -> None:
         """Tell every node what it may have missed: the queue of an earlier life is lost."""

@@ -36,11 +36,15 @@ class Notifier:
             host = ""
         with self._wake:
             self._plan.add(uri, host, method, name, arguments)
-            if self._idle:
-                self._wake.notify()
-            elif self._workers < WORKERS:
-                self._workers += 1
-                threading.Thread(target=self._work, name="notifier", daemon=True).start()
+            self._call_worker()
+
+    def _call_worker(self) -> None:
+        """Wake a worker, or have one more. The lock is held."""
+        if self._idle:
+            self._wake.notify()
+        elif self._workers < WORKERS:
+            self._workers += 1
+            threading.Thread(target=self._work, name="notifier", daemon=True).start()
 
     def _work(self) -> None:
         while True:
@@ -49,12 +53,12 @@ class Notifier:
                 if call is None:
                     self._workers -= 1
                     return
+                if self._plan.waits():
+                    self._call_worker()  # this one may be busy for long
             answered, gone = self._make(call)
             with self._wake:
                 self.calls += 1
                 self._plan.done(call, monotonic(), answered, gone)
-                if self._idle:
-                    self._wake.notify()
 
     def _await(self) -> Optional[Call]:
         """The next call; None where this worker can go. The lock is held."""
