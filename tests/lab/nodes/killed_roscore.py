@@ -182,11 +182,13 @@ class Test:
 
     def run(self, kills):
         self.start()
-        times = []
-        for self.kills in range(1, kills + 1):
-            times.append(self.round())
-        self.process.kill()
-        self.process.wait()
+        try:
+            times = []
+            for self.kills in range(1, kills + 1):
+                times.append(self.round())
+        finally:
+            self.process.kill()
+            self.process.wait()
         shutil.rmtree(self.folder)
         times.sort()
         print(

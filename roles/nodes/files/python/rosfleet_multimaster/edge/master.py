@@ -40,6 +40,12 @@ _KINDS = {
     registrations.Registrations.PARAM_SUBSCRIPTIONS: "listener",
     registrations.Registrations.SERVICE: "service",
 }
+_UNREGISTER = {
+    "publisher": "unregister_publisher",
+    "subscriber": "unregister_subscriber",
+    "listener": "unregister_param_subscriber",
+    "service": "unregister_service",
+}
 _TELLING = {"publisher_update_task": "publisherUpdate", "shutdown_node_task": "shutdown"}
 
 Note = Callable[[Record], None]
@@ -393,31 +399,26 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                     self._notifier.tell(uri, "paramUpdate", key, (key, {} if value is None else value))
 
     def end_node(self, name: str, uri: str) -> None:
-        """A node is dead: nothing of it stays."""
+        """A node is dead, or another one has its port: nothing restored of it stays. What it registered since does."""
         with self._lock:
             held = self.reg_manager.nodes.get(name)
             if held is None or held.api != uri:
                 return
-            topics = list(held.topic_publications)
-            for table in (self.publishers, self.subscribers, self.services, self.param_subscribers):
-                table.unregister_all(name)
-            del self.reg_manager.nodes[name]
-            self._tell_topics(topics)
+            for key in [key for key in self._restored if key[2] == name]:
+                self.end_registration(list(key))
+            if name in self.reg_manager.nodes and held.is_empty():
+                del self.reg_manager.nodes[name]
 
     def end_registration(self, record: Record) -> bool:
         """A restored registration is not true any more, unless it was made anew since. Whether it was there."""
-        kind, key, name = record[:3]
+        kind, key, name, uri = record[:4]
         with self._lock:
             if _key(record) not in self._restored:
                 return False
             del self._restored[_key(record)]
-            if kind == "service":
-                self.reg_manager.unregister_service(key, name, record[3])
-            elif kind == "publisher":
-                self.reg_manager.unregister_publisher(key, name, record[3])
+            getattr(self.reg_manager, _UNREGISTER[kind])(key, name, uri)
+            if kind == "publisher":
                 self._tell_topics([key])
-            else:
-                self.reg_manager.unregister_subscriber(key, name, record[3])
         return True
 
 
