@@ -59,8 +59,9 @@ checkout:
 bench: lab ## how fast topics cross, beside multimaster_fkie where FKIE=<checkout> is given (half an hour; KEEP=yes: into docs)
 	@$(PYTHON) tests/bench/network/network.py $(if $(FKIE),--fkie "$(abspath $(FKIE))") $(if $(KEEP),--keep)
 
-bench-site: lab ## the second run of site.yml beside a playbook of the usual tasks, on 13 systems (ten minutes)
+bench-site: lab ## the second run of site.yml beside a playbook of the usual tasks, on 13 systems; its growth to 100 (a quarter of an hour; KEEP=yes: into docs)
 	@$(PYTHON) tests/bench/site/site.py
+	@$(PYTHON) tests/bench/site/growth.py $(if $(KEEP),--keep)
 
 format: setup ## format the Python files
 	@.work/venv/bin/ruff check --quiet --fix . && .work/venv/bin/ruff format --quiet .

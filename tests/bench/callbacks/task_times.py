@@ -1,13 +1,15 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How long each task of a run took, and what it changed, into the JSON file of TASK_TIMES_FILE."""
+"""How long each task of a run took, where, and what it changed, into the JSON file of TASK_TIMES_FILE."""
 
 import json
 import os
+import resource
 import time
 
 from ansible.plugins.callback import CallbackBase
+from ansible.plugins.connection import ssh
 
 DOCUMENTATION = r"""
 name: task_times
@@ -16,8 +18,48 @@ short_description: Time the tasks of a run
 description:
   - Writes one entry per task into the file named by E(TASK_TIMES_FILE), with its name, its seconds, how many results it
     had on all hosts (one per item of a loop), and on which hosts it changed something.
+  - Beside its seconds stand those of processors. C(systems) are those of the control groups whose files are named, with colons, by
+    E(TASK_TIMES_SYSTEMS), C(transfers) those of the ssh clients, C(controller) those of all other processes of Ansible.
 requirements: []
 """
+
+
+def processors():
+    """The seconds of processors until now: of Ansible with its ended children, of the systems, and of ssh clients."""
+    own = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    systems = 0.0
+    for path in filter(None, os.environ.get("TASK_TIMES_SYSTEMS", "").split(":")):
+        with open(path, encoding="ascii") as stream:
+            systems += int(stream.read()) / 1e9
+    return sum(usage.ru_utime + usage.ru_stime for usage in own), systems, _transfers()
+
+
+def _transfers():
+    """What the workers have noted."""
+    try:
+        with open(os.environ["TASK_TIMES_FILE"] + ".ssh", encoding="ascii") as stream:
+            return sum(map(float, stream))
+    except OSError:
+        return 0.0
+
+
+def _children():
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def _noted(run):
+    """A run of an ssh client, which notes the client's seconds. It happens in a worker."""
+
+    def noted(*arguments, **options):
+        before = _children()
+        try:
+            return run(*arguments, **options)
+        finally:
+            with open(os.environ["TASK_TIMES_FILE"] + ".ssh", "a", encoding="ascii") as stream:
+                stream.write(f"{_children() - before}\n")
+
+    return noted
 
 
 class CallbackModule(CallbackBase):
@@ -31,7 +73,8 @@ class CallbackModule(CallbackBase):
     def __init__(self):
         super().__init__()
         self.tasks = []
-        self.began = time.monotonic()
+        ssh.Connection._bare_run = _noted(ssh.Connection._bare_run)
+        self.began, self.before = time.monotonic(), processors()
 
     def v2_playbook_on_task_start(self, task, is_conditional):
         self._end()
@@ -57,7 +100,9 @@ class CallbackModule(CallbackBase):
                 json.dump(self.tasks, stream)
 
     def _end(self):
-        now = time.monotonic()
+        now, spent = time.monotonic(), processors()
         if self.tasks:
-            self.tasks[-1]["seconds"] = now - self.began
-        self.began = now
+            own, systems, transfers = (after - before for after, before in zip(spent, self.before))
+            times = {"controller": own - transfers, "systems": systems, "transfers": transfers}
+            self.tasks[-1].update(times, seconds=now - self.began)
+        self.began, self.before = now, spent

@@ -31,12 +31,13 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[3]
 WORK = ROOT / ".work" / "bench"
 LAB_FOLDER = ROOT / "tests" / "lab"
-sys.path.insert(0, str(LAB_FOLDER))
+sys.path[:0] = [str(LAB_FOLDER), str(Path(__file__).parent)]
 
 import containers  # noqa: E402
 import snapshot  # noqa: E402
+from growth import machine  # noqa: E402
 from layout import hosts_of, read_inventory  # noqa: E402
-from podman import LabError, environment  # noqa: E402
+from podman import LabError, environment, podman  # noqa: E402
 
 WANTED = 5.0  # times faster
 OURS, THEIRS = "site.yml", "tests/bench/site/conventional.yml"
@@ -91,7 +92,8 @@ class Bench:
     def play(self, playbook: str) -> Run:
         """Run a playbook. Raises BenchError with the end of its output when it fails."""
         times = WORK / "times.json"
-        times.unlink(missing_ok=True)
+        for path in (times, Path(f"{times}.ssh")):
+            path.unlink(missing_ok=True)
         settings = {
             **os.environ,
             "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"),
@@ -100,6 +102,7 @@ class Bench:
             "ANSIBLE_CALLBACKS_ENABLED": "task_times",
             "ANSIBLE_NOCOLOR": "1",
             "TASK_TIMES_FILE": str(times),
+            "TASK_TIMES_SYSTEMS": ":".join(self.accounts()),
         }
         options = [word for path in self.inventories for word in ("-i", str(path))]
         command = [str(Path(sys.executable).with_name("ansible-playbook")), *options, playbook]
@@ -111,6 +114,14 @@ class Bench:
         if done.returncode:
             raise BenchError(f"{playbook} failed:\n{done.stdout[-6000:]}")
         return Run(seconds, json.loads(times.read_text()))
+
+    def accounts(self) -> list[str]:
+        """The files in which the kernel counts the processors' time of the systems; none where it does not."""
+        names = [containers.container(self.lab, host) for host in self.hosts]
+        found = podman("inspect", "--type=container", "--format={{.Id}}", *names).split()
+        folder = Path("/sys/fs/cgroup/cpuacct/libpod_parent")
+        files = [folder / f"libpod-{identity}" / "cpuacct.usage" for identity in found]
+        return [str(path) for path in files if path.exists()]
 
     def on(self, host: str, *command: str, stdin: str = "") -> str:
         """Run a command on a computer."""
@@ -346,6 +357,33 @@ def table(runs: Mapping[str, Sequence[Run]], hosts: int) -> str:
     return "\n".join(lines) + "\n"
 
 
+PARTS = ("controller", "transfers", "systems")
+
+
+def places(runs: Mapping[str, Sequence[Run]]) -> str:
+    """Where the seconds go: of the clock, and of the processors on each side. What is missing to the cores was waited."""
+    cores = os.cpu_count() or 1
+    lines = ["Seconds of processors in a run (median), by where they are spent:", ""]
+    lines.append(f"  {'':<20}{'by the clock':>14}" + "".join(f"{part:>13}" for part in PARTS) + f"{'idle':>9}")
+    for playbook, name in NAMES.items():
+        taken = [statistics.median(sum(task[part] for task in run.tasks) for run in runs[playbook]) for part in PARTS]
+        clock = statistics.median(seconds(runs[playbook]))
+        idle = max(0.0, cores * clock - sum(taken))
+        lines.append(
+            f"  {name:<20}{clock:>12.1f} s" + "".join(f"{value:>11.1f} s" for value in taken) + f"{idle:>7.1f} s"
+        )
+    return "\n".join([*lines, "", "  idle: waits, and whatever else ran on this machine.", ""])
+
+
+def report(runs: Mapping[str, Sequence[Run]], hosts: int) -> dict[str, Any]:
+    """All that was measured, for the JSON file."""
+    each = {
+        NAMES[playbook]: [{"seconds": run.seconds, "tasks": list(run.tasks)} for run in runs[playbook]]
+        for playbook in runs
+    }
+    return {"machine": machine(), "systems": hosts, "runs": each}
+
+
 def picture(runs: Mapping[str, Sequence[Run]]) -> str:
     """One bar per playbook, one dot per run."""
     longest = max(second for playbook in runs for second in seconds(runs[playbook]))
@@ -379,7 +417,8 @@ def bench(layout: str, lab: str, repetitions: int) -> bool:
     on_lab = Bench(lab, [host.name for host in hosts], inventories)
     prepare(on_lab)
     runs = measure(on_lab, repetitions)
-    text = table(runs, len(hosts))
+    text = table(runs, len(hosts)) + "\n" + places(runs)
+    (WORK / "site.json").write_text(json.dumps(report(runs, len(hosts)), indent=1) + "\n")
     print(f"\n{text}", flush=True)
     (WORK / "site.txt").write_text(text)
     (WORK / "site.svg").write_text(picture(runs))

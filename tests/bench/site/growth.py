@@ -1,0 +1,185 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a fleet costs the controller as it grows: plan, second run of site.yml, judgement of a full verification.
+
+python tests/bench/site/growth.py [--keep]
+
+The computers of the second run are not there: the connection `recorded` gives the answers of a real one that is as
+planned, at once. So one machine shows 100 computers, and all that is measured is the controller's work. Plan and
+judgement are the functions behind the actions, on observations of a fleet in which everything works. Writes
+.work/bench/growth.json and growth.svg, with --keep to docs/performance.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[3]
+WORK = ROOT / ".work" / "bench"
+COMPUTERS = (13, 25, 50, 100)  # of the second run
+ROBOTS = (25, 50, 100)  # of four computers each, in plan and judgement
+OF_A_ROBOT = 4
+#: figure -> seconds that 100 robots may take
+LIMITS = {"plan": 3.0, "judgement": 5.0}
+
+
+def inventory(computers: int) -> dict[str, Any]:
+    """An inventory of robots with four computers on one network, behind the connection `recorded`."""
+    robots: dict[str, dict[str, Any]] = {}
+    for number in range(computers):
+        robot = f"robot{number // OF_A_ROBOT}"
+        hosts = robots.setdefault(robot, {"hosts": {}, "vars": {"multimaster_master": f"{robot}-0"}})["hosts"]
+        hosts[f"{robot}-{number % OF_A_ROBOT}"] = {"multimaster_address": f"10.1.{number // 200}.{1 + number % 200}"}
+    shared = {
+        "multimaster_common_network": "10.1.0.0/16",
+        "ansible_connection": "recorded",
+        "ansible_user": "root",
+        "ansible_python_interpreter": "/usr/bin/python3",
+        "recorded_machine": str(Path(__file__).with_name("machine.json")),
+    }
+    return {"robots": {"children": robots, "vars": shared}}
+
+
+def second_run(computers: int) -> dict[str, float]:
+    """Seconds of a run of site.yml over so many computers: by the clock, and of the processors."""
+    path = WORK / "growth.yml"
+    path.write_text(json.dumps(inventory(computers)) + "\n")  # JSON is YAML
+    settings = {
+        **os.environ,
+        "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"),
+        "ANSIBLE_COLLECTIONS_PATH": str(ROOT / ".work/collections"),
+        "ANSIBLE_CONNECTION_PLUGINS": str(ROOT / "tests/bench/connection"),
+        "ANSIBLE_NOCOLOR": "1",
+    }
+    command = [str(Path(sys.executable).with_name("ansible-playbook")), "-i", str(path), "site.yml"]
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False)
+    seconds, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode or "changed=0" not in done.stdout:
+        sys.exit(f"growth: site.yml failed:\n{done.stdout[-3000:]}{done.stderr[-1000:]}")
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return {"computers": computers, "seconds": round(seconds, 2), "processor": round(spent, 2)}
+
+
+def spent(function: Callable[[], Any]) -> tuple[Any, float]:
+    """What a function returns, and the seconds of a processor that it takes."""
+    began = time.process_time()
+    result = function()
+    return result, round(time.process_time() - began, 2)
+
+
+def functions(robots: int) -> dict[str, float]:
+    """Seconds of a processor for the plan of so many robots, and for the judgement of their verification."""
+    sys.path[:0] = [str(ROOT / ".work/collections"), str(ROOT / "tests/unit/plugins/plugin_utils/_verify")]
+    import fleets
+    from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
+    from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
+
+    plan, planned = spent(lambda: fleets.plan(robots, OF_A_ROBOT))
+    _data, written = spent(lambda: to_plain(plan))
+    seen = fleets.observed(plan)
+    findings = fleets.engine.evaluate(fleets.CHECKS, plan, seen)
+    summary, judged = spent(lambda: report.summarise(findings, list(seen), len(seen)))
+    return {
+        "robots": robots,
+        "computers": robots * OF_A_ROBOT,
+        "plan": round(planned + written, 2),
+        "judgement": judged,
+        "findings": summary.total,
+    }
+
+
+def machine() -> dict[str, Any]:
+    """What the figures were measured on, and with."""
+    version = subprocess.run(["git", "describe", "--always"], cwd=ROOT, capture_output=True, text=True, check=False)
+    ansible = subprocess.run(
+        [str(Path(sys.executable).with_name("ansible")), "--version"], capture_output=True, text=True, check=False
+    )
+    return {
+        "cores": os.cpu_count(),
+        "kernel": platform.release(),
+        "python": platform.python_version(),
+        "ansible": ansible.stdout.partition("\n")[0],
+        "collection": version.stdout.strip(),
+        "load": round(os.getloadavg()[0], 1),
+    }
+
+
+def table(report: dict[str, Any]) -> str:
+    """The figures as lines of text."""
+    lines = [
+        f"{report['machine']['ansible']}, {report['machine']['cores']} cores, load {report['machine']['load']}",
+        "",
+    ]
+    lines.append("  second site.yml, computers recorded     by the clock     processor   processor per computer")
+    lines += [
+        f"  {row['computers']:>5} computers{row['seconds']:>33.1f} s{row['processor']:>12.1f} s"
+        f"{row['processor'] / row['computers']:>21.2f} s"
+        for row in report["site"]
+    ]
+    lines += ["", "  robots of four computers                        plan     judgement        findings"]
+    lines += [
+        f"  {row['robots']:>5} robots{row['plan']:>39.2f} s{row['judgement']:>12.2f} s{row['findings']:>16,}"
+        for row in report["functions"]
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def draw(report: dict[str, Any], path: Path) -> None:
+    """The growth, drawn out of the report alone."""
+    import matplotlib
+
+    matplotlib.use("svg")
+    matplotlib.rcParams.update({"svg.hashsalt": "rosfleet", "font.size": 9, "axes.spines.top": False})
+    from matplotlib import pyplot
+
+    figure, (site, verify) = pyplot.subplots(1, 2, figsize=(8, 3), layout="constrained")
+    for key, label in (("seconds", "by the clock"), ("processor", "of the processors")):
+        site.plot([row["computers"] for row in report["site"]], [row[key] for row in report["site"]], "o-", label=label)
+    site.set(title="Controller: second site.yml", xlabel="computers", ylabel="seconds", xlim=(0, None), ylim=(0, None))
+    for key in LIMITS:
+        rows = report["functions"]
+        verify.plot([row["computers"] ** 2 / 1000 for row in rows], [row[key] for row in rows], "o-", label=key)
+    verify.set(title="Plan and judgement", xlabel="pairs of computers, in thousands", xlim=(0, None), ylim=(0, None))
+    for place in (site, verify):
+        place.grid(alpha=0.3)
+        place.legend(frameon=False)
+    figure.savefig(path, metadata={"Date": None})
+    pyplot.close(figure)
+
+
+def main() -> None:
+    """Measure, print and write; name what takes longer than is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--keep", action="store_true", help="write the figures to docs/performance")
+    options = parser.parse_args()
+    WORK.mkdir(parents=True, exist_ok=True)
+    report: dict[str, Any] = {"machine": machine(), "site": [], "functions": []}
+    for robots in ROBOTS:
+        report["functions"].append(functions(robots))
+    for computers in COMPUTERS:
+        report["site"].append(second_run(computers))
+    text = table(report)
+    print(text, flush=True)
+    for folder in [WORK] + [ROOT / "docs/performance"] * options.keep:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "growth.json").write_text(json.dumps(report, indent=1) + "\n")
+        draw(report, folder / "growth.svg")
+    largest = report["functions"][-1]
+    late = [f"{key}: {largest[key]} s, at most {limit} s" for key, limit in LIMITS.items() if largest[key] > limit]
+    print("".join(f"growth: falls short: {line}\n" for line in late), end="")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,29 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The inventory and the table of the growth."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "site"))
+
+import growth  # noqa: E402
+
+
+def test_an_inventory_has_as_many_computers_each_with_its_own_address():
+    for computers in growth.COMPUTERS:
+        robots = growth.inventory(computers)["robots"]["children"]
+        hosts = {host: values for robot in robots.values() for host, values in robot["hosts"].items()}
+        assert len(hosts) == len({values["multimaster_address"] for values in hosts.values()}) == computers
+        assert all(robot["vars"]["multimaster_master"] in robot["hosts"] for robot in robots.values())
+
+
+def test_the_table_has_a_line_for_each_size():
+    report = {
+        "machine": {"ansible": "ansible [core 2.19.14]", "cores": 2, "load": 0.1},
+        "site": [{"computers": 100, "seconds": 28.2, "processor": 34.0}],
+        "functions": [{"robots": 100, "plan": 0.08, "judgement": 4.2, "findings": 1599600}],
+    }
+    text = growth.table(report)
+    assert "100 computers" in text and "0.34 s" in text and "1,599,600" in text
