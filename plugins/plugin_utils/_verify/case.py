@@ -21,7 +21,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     Datagrams,
     Exchange,
     HeardTopic,
+    Icmp,
     ListedMaster,
+    Multicast,
     Observation,
     Probe,
     SeenMaster,
@@ -51,9 +53,7 @@ class Participant:
     def of(cls, name: str, plan: ComputerPlan, seen: Observation) -> Participant:
         """Index an observation."""
         probe = seen.probe or Probe()
-        udp = seen.multicast.udp if seen.multicast else ()
-        callers = seen.multicast.callers if seen.multicast else ()
-        icmp = seen.multicast.icmp if seen.multicast else None
+        multicast = seen.multicast or Multicast()
         return cls(
             name=name,
             plan=plan,
@@ -62,10 +62,10 @@ class Participant:
             masters={entry.computer: entry for entry in probe.masters},
             listed={entry.name: entry for entry in probe.list_masters.masters},
             topics={entry.computer: entry for entry in probe.topics},
-            udp={entry.name: entry for entry in udp},
+            udp={entry.name: entry for entry in multicast.udp},
             answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
-            callers=frozenset(entry.address for entry in callers),
-            rounds=[(entry.round, frozenset(entry.answered)) for entry in (icmp.rounds if icmp else ())],
+            callers=frozenset(entry.address for entry in multicast.callers),
+            rounds=_rounds(multicast.icmp),
         )
 
     @property
@@ -75,6 +75,10 @@ class Participant:
 
 
 # The pairs of computers that a check may name in `explained_by`, before a colon.
+def _rounds(icmp: Icmp | None) -> Sequence[tuple[int, frozenset[str]]]:
+    return [(entry.round, frozenset(entry.answered)) for entry in icmp.rounds] if icmp else ()
+
+
 SIDES = (
     "",  # observer and target of the check itself
     "observer",
