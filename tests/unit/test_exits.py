@@ -147,7 +147,7 @@ def through_a_difference(text):
 def through_the_report(text):
     finding = Finding("names", FAILED, "robot1", "robot2", text, text, text, text)
     shown = plain_lines(report.render(report.summarise([finding], ["robot1", "robot2"], 2)))
-    return [*shown.replace("\t", " ").split("\n"), *texts(plain_data(vars(finding)))]
+    return [*shown.replace("\t", " ").split("\n"), *texts(plain_data(finding._asdict()))]
 
 
 def through_preflight(text):
