@@ -171,6 +171,27 @@ def test_no_cross_link(declared, here, there):
     assert [link for link in links if re.search(rf"\b{there}[-_]", str(link))] == []
 
 
+def without_differences(lab, host, words):
+    """Switch the quick way of a robot's nodes off, or on again, until they are configured anew."""
+    parameters = "/etc/rosfleet-multimaster/master_{sync,discovery}.json"
+    lab.run(
+        host, f"{words} {parameters} && systemctl restart multimaster-discovery && systemctl start multimaster-sync"
+    )
+
+
+def test_what_is_declared_arrives_and_nothing_else_where_whole_states_travel(declared):
+    """As above, on the way that upstream takes: bob neither asks for differences nor tells any."""
+    here = declared.run("bob-pc", "cp -a /etc/rosfleet-multimaster /root/kept; ss -tn state established dport = :11611")
+    assert ":11611" in here, "bob waits for what is new"
+    without_differences(declared, "bob-pc", "sed -i '0,/{/s//{\"differences\": false,/'")
+    gone = "ss -Htn state established '( dport = :11611 or sport = :11611 )'"
+    since = time.monotonic()
+    until(lambda: {robot: heard(declared, robot, since) for robot in ROBOTS} == EXPECTED, 60, "all hear what flows")
+    until(lambda: not declared.run("bob-pc", gone), 20, "bob's connections have ended")
+    test_the_roscore_holds_what_was_declared_and_nothing_else(declared, "bob")
+    without_differences(declared, "bob-pc", "cp -a /root/kept/. /etc/rosfleet-multimaster/; ls")
+
+
 def longest_gap(times, since, to):
     times = [since, *(at for at in times if since < at < to), to]
     return max(later - earlier for earlier, later in zip(times, times[1:]))

@@ -11,7 +11,7 @@ from .core import parameters, report
 from .core.filters import Filters
 from .core.members import Members
 from .core.message_types import TypeGuard
-from .core.sync import Announced, Refusal, Sync
+from .core.sync import Announced, Refusal, Registration, Sync
 from .edge import ros
 from .edge.clock import monotonic, wall_clock
 from .edge.loop import Loop, Workers
@@ -23,6 +23,8 @@ from .parts.finder import Finder
 from .parts.lost import Lost
 from .parts.rounds import LINES, ROUND, Rounds
 from .parts.type_questions import TypeQuestions
+
+OWN_SHARE, OWN_SLOWEST = 4, 2.0  # times as long as a round took, and seconds, it waits after a change of own nodes
 
 
 class MasterSync:
@@ -92,7 +94,7 @@ class MasterSync:
             self._subscribe,
             self._listed,
         )
-        self.fetcher = Fetcher(loop, self.core, limited, self._fetched, values["differences"])
+        self.fetcher = Fetcher(loop, self.core, limited, self._fetched, self._touched, values["differences"])
         self.rounds.connect(questions, self.lost, lambda: self.finder.listed_once, self._report, self._round_over)
 
     # The loop
@@ -137,14 +139,19 @@ class MasterSync:
         self.core.announced(master, now)
         self.lost.look(now)
         own_changed = master.uri == self.uri and master.local_stamp != self.own_local_stamp
-        if own_changed or not master.online:
+        if not master.online:
             self._changed()
-        if own_changed:  # a name that was taken may be free now
+        if own_changed:  # a name that was taken may be free now, and one that was free be taken
             self.own_local_stamp = master.local_stamp
+            self.rounds.soon(now + min(self.rounds.took * OWN_SHARE, OWN_SLOWEST))
 
     def _fetched(self, uri: str) -> None:
         self.rounds.met.add(uri)
         self._changed()
+
+    def _touched(self, uri: str, items: Set[Registration]) -> None:
+        self.rounds.met.add(uri)
+        self.rounds.touch(items)
 
     def _online(self) -> Dict[str, bool]:
         """URI of a master -> whether it is online."""

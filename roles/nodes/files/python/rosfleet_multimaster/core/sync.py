@@ -12,6 +12,7 @@ Free of sockets, threads and clocks: times are arguments, in seconds of a clock 
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
+from .differences import changes, excerpt, names_of
 from .filters import UNKNOWN_TYPES, Filters, Pattern, Rules
 from .graph import LOCAL, Endpoints, State
 from .members import Members
@@ -306,6 +307,7 @@ class Remote:
     lapsed: bool = False  # and does so no more: it is fetched again
     quick: bool = True  # False where it was found that it does not tell its changes
     misplaced: Mapping[str, str] = field(default_factory=dict)  # URI of a node or service -> why it is refused
+    selected: Dict[Registration, str] = field(default_factory=dict)  # what is wanted of the state -> type of the topic
 
 
 class Sync:
@@ -425,6 +427,7 @@ class Sync:
         if state is not None:
             remote.state, remote.answered_for, remote.failures = state, remote.asking_for, 0
             remote.misplaced = {} if places is None else places.refused(state)
+            remote.selected = self._select(remote, state)
             remote.quick, remote.following, remote.lapsed = quick, following, False
             if self._outdated(remote):  # changed again meanwhile
                 remote.due = now + PATIENCE if following else _soon(remote, now)
@@ -440,12 +443,52 @@ class Sync:
             return False
         return remote.announced.monitor_uri == fetch.monitor_uri and remote.rules == fetch.rules
 
-    def followed(self, uri: str, state: State, misplaced: Mapping[str, str]) -> None:
-        """Take a state that a master told."""
+    def followed(self, uri: str, state: State, misplaced: Mapping[str, str]) -> Set[Registration]:
+        """Take a state that a master told. The registrations that may be others now."""
         remote = self.remotes[uri]
-        remote.state, remote.misplaced = state, misplaced
+        before, remote.state = remote.state, state
         if not self._outdated(remote):
             remote.due = None
+        selected = remote.selected
+        if before is None or misplaced != remote.misplaced:
+            remote.misplaced = misplaced
+            remote.selected = self._select(remote, state)
+            return {*selected, *remote.selected}
+        undo = changes(before, state)
+        names = names_of(undo, state)
+        old = self._select(remote, excerpt(state, names, undo))
+        new = self._select(remote, excerpt(state, names, {}))
+        remote.selected = dict(selected)
+        for item in old:
+            remote.selected.pop(item, None)
+        remote.selected.update(new)
+        return {item for item in {*old, *new} if old.get(item) != new.get(item)}
+
+    def _select(self, remote: Remote, state: State) -> Dict[Registration, str]:
+        """What is wanted of a state, or of a part of one, and may be where it is."""
+        return {
+            item: "*" if state.types.get(item.name, "") in UNKNOWN_TYPES else state.types[item.name]
+            for item in select(state, remote.rules, self.own_uri, self.sync_remote_nodes)
+            if item.node_uri not in remote.misplaced and item.service_uri not in remote.misplaced
+        }
+
+    def wanted_of(self, items: Iterable[Registration], now: float) -> Dict[Registration, Wanted]:
+        """Of some registrations those that are wanted, on whatever topic."""
+        found: Dict[Registration, Wanted] = {}
+        for uri, remote in sorted(self.remotes.items()):
+            if remote.state is not None and not self._gone(remote, now):
+                for item in items:
+                    if item in remote.selected:
+                        found.setdefault(item, Wanted(item, uri, remote.announced.name, remote.selected[item]))
+        return found
+
+    def contested(self, name: str, master: str) -> bool:
+        """True where a master other than this one has a node or a service of this name."""
+        return any(
+            remote.state is not None and (name in remote.state.nodes or name in remote.state.services)
+            for uri, remote in self.remotes.items()
+            if uri != master
+        )
 
     def lapsed(self, uri: str, now: float) -> None:
         """Note that the changes of a master are followed no more. It is fetched again, where it is online."""
@@ -470,15 +513,12 @@ class Sync:
         for uri, remote in sorted(self.remotes.items()):
             if remote.state is None or self._gone(remote, now):
                 continue
-            for item in select(remote.state, remote.rules, self.own_uri, self.sync_remote_nodes):
-                if item.node_uri in remote.misplaced or item.service_uri in remote.misplaced:
-                    continue
+            for item, kind in remote.selected.items():
                 if demanded is not None and item.kind != "service" and item.name not in demanded:
                     if not remote.given.sync_topics.matches(item.name):
                         if not remote.given.sync_nodes.matches(item.node):
                             continue
-                kind = remote.state.types.get(item.name, "")
-                found.append(Wanted(item, uri, remote.announced.name, "*" if kind in UNKNOWN_TYPES else kind))
+                found.append(Wanted(item, uri, remote.announced.name, kind))
         return found
 
     def misplaced(self) -> List[Refusal]:

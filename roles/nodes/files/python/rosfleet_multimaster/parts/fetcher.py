@@ -3,13 +3,13 @@
 """The states of other masters, fetched from their discovery nodes when the core wants them."""
 
 from functools import partial
-from typing import Any, Callable, Dict, NamedTuple, Optional
+from typing import Any, Callable, Dict, NamedTuple, Optional, Set
 from xmlrpc.client import Fault
 
 from ..core.graph import Malformed, State, parse
 from ..core.limits import size
 from ..core.places import Places
-from ..core.sync import Fetch, Sync
+from ..core.sync import Fetch, Registration, Sync
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
@@ -39,11 +39,15 @@ class Fetcher:
         core: Sync,
         limited: program.Limited,
         fetched: Callable[[str], None],
+        changed: Callable[[str, Set[Registration]], None],
         differences: bool = True,
     ) -> None:
-        """`fetched(uri)`: there is a new state of this master. `differences`: masters are followed."""
+        """`fetched(uri)`: there is a new state of this master; `changed(uri, items)`: of which these may be others.
+
+        `differences`: masters are followed.
+        """
         self._workers, self._loop = Workers(loop, 8), loop
-        self._core, self._limited, self._on_state = core, limited, fetched
+        self._core, self._limited, self._on_state, self._on_changes = core, limited, fetched, changed
         self._differences = differences
         self._followers: Dict[str, Follower] = {}
 
@@ -85,8 +89,7 @@ class Fetcher:
 
     def _told(self, follower: Follower, state: State, misplaced: Misplaced) -> None:
         if self._followers.get(follower.fetch.uri) is follower and self._core.follows(follower.fetch):
-            self._core.followed(follower.fetch.uri, state, misplaced)
-            self._on_state(follower.fetch.uri)
+            self._on_changes(follower.fetch.uri, self._core.followed(follower.fetch.uri, state, misplaced))
 
     def _over(self, follower: Follower, problem: Exception) -> None:
         uri = follower.fetch.uri

@@ -6,12 +6,14 @@ Rounds follow each other when something changed, and regularly. Each one begins 
 one needs no repair: the next one sees what became of it.
 """
 
+from dataclasses import replace
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
 from ..core import limits
 from ..core.message_types import TypeGuard
+from ..core.step import Known, Names, after, names, step
 from ..core.sync import Claims, Plan, Refusal, Registration, Sync, View, Wanted, calls, plan
 from ..edge.clock import monotonic
 from ..edge.loop import Workers
@@ -22,12 +24,17 @@ from .lost import Lost
 from .type_questions import TypeQuestions
 
 ROUND = 30.0  # seconds between two rounds, if nothing happens
+SHARE = 200  # times as long as a round took, there is none if nothing happens
 AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
 LINES = 50  # log lines of one round
 
 Nodes = Tuple[str, ...]  # the names of those that have a topic or a service
+
+
+class Taken(Exception):
+    """A name is not as it was thought to be."""
 
 
 class Reading:
@@ -60,6 +67,10 @@ class Rounds:
         self._due: Optional[float] = None
         self._failed = 0
         self._withdrawn: Optional[Callable[[str], None]] = None
+        self._view: Optional[View] = None  # what the roscore holds, as far as it is known
+        self._last_refused: List[Refusal] = []
+        self._touched: Set[Registration] = set()
+        self._began = self.took = 0.0  # when the last round began, and seconds that it took
 
     def connect(
         self,
@@ -90,12 +101,18 @@ class Rounds:
         """Have a round at this time, or earlier."""
         self._due = at if self._due is None else min(at, self._due)
 
+    def touch(self, items: Set[Registration]) -> None:
+        """Look at these registrations: they may have changed."""
+        self._touched |= items
+
     def tick(self, now: float) -> Optional[float]:
         """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
         gone = self._core.next_gone(now)
         if self._due is not None and now >= self._due and not self.working:
             self._due = None
             self._begin(self._core.wanted(now))
+        elif self._touched and not self.working:
+            self._step(now)
         if gone is not None:
             self.soon(gone)
         return None if self.working else self._due
@@ -109,7 +126,8 @@ class Rounds:
     # Read
 
     def _begin(self, wanted: List[Wanted]) -> None:
-        self.working = True
+        self.working, self._began = True, monotonic()
+        self._touched, self._view = set(), None
         claims = dict(self.claims)
         self._calls.submit(lambda: self._read(wanted, claims), self._read_done)
 
@@ -137,10 +155,61 @@ class Rounds:
         before = reading.view.registrations(reading.claims)
         # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
         self.held = {**{item: reading.claims[item.of] for item in before}, **todo.held}
+        self._last_refused = todo.refused
         self._calls.submit(
             lambda: self._write(todo, reading.claims),
-            lambda results, why: self._written(todo, reading.claims, results, why),
+            lambda results, why: self._round_written(todo, reading, results, why),
         )
+
+    def _round_written(
+        self, todo: Plan, reading: Reading, results: Optional[List[Any]], problem: Optional[Exception]
+    ) -> None:
+        self.took = monotonic() - self._began
+        if results is not None:
+            self._view = after(todo, reading.view)
+        self._written(todo, reading.claims, results, problem)
+
+    # A step: a few registrations, without reading the roscore
+
+    def _step(self, now: float) -> None:
+        touched, self._touched = self._touched, set()
+        todo = self._small_plan(touched, now)
+        if todo is None:
+            self.soon(now)
+            return
+        if not todo.register and not todo.unregister:
+            return
+        self.working = True
+        before, claims = self.held, self.claims
+        self.held = {**before, **todo.held}  # as above: reported before it is visible
+        needed = names(todo, claims)
+        self._calls.submit(
+            lambda: self._write(todo, claims, needed),
+            lambda results, why: self._step_written(todo, before, results, why),
+        )
+
+    def _small_plan(self, touched: Set[Registration], now: float) -> Optional[Plan]:
+        if self._view is None or self._withdrawn or self._core.on_demand or not self._listed():
+            return None
+        if now - self._started < LEFTOVERS and not self.met.issuperset(self.claims.values()):
+            return None
+        refused = {item.name for item in self._last_refused}
+        known = Known(self._view, self.claims, self.held, refused)
+        todo = step(touched, self._core.wanted_of(touched, now), known, self._core.contested)
+        return None if todo is None else replace(todo, refused=self._last_refused)
+
+    def _step_written(
+        self, todo: Plan, before: Dict[Registration, str], results: Optional[List[Any]], problem: Optional[Exception]
+    ) -> None:
+        if isinstance(problem, Taken):
+            self.working, self.held = False, before
+            self.soon(monotonic())
+            return
+        view, claims = self._view, self.claims
+        self._view = after(todo, view) if view is not None and results is not None else None
+        if todo.claims != claims and self._view is not None:
+            self._lost.registered(todo.held, self._view, todo.claims, monotonic())
+        self._written(todo, claims, results, problem)
 
     def _plan(self, reading: Reading, now: float) -> Plan:
         view = reading.view
@@ -164,8 +233,12 @@ class Rounds:
 
     # Write
 
-    def _write(self, todo: Plan, claims: Claims) -> List[Any]:
-        """Make all calls in one request, the record of imports first; in the thread of the roscore."""
+    def _write(self, todo: Plan, claims: Claims, needed: Optional[Names] = None) -> List[Any]:
+        """Make all calls in one request, the record of imports first; in the thread of the roscore. Raises Taken."""
+        if needed is not None:
+            found = self._roscore.ask(*needed.free, *(("lookupNode", node) for node in needed.same))
+            if any(found[: len(needed.free)]) or found[len(needed.free) :] != list(needed.same.values()):
+                raise Taken
         record: List[Tuple[Any, ...]] = []
         if todo.claims != claims:
             record = [("setParam", imports.IMPORTS, self._record(todo.claims))]
@@ -234,7 +307,7 @@ class Rounds:
             self.soon(now + AGAIN[min(self._failed, len(AGAIN)) - 1])
         else:
             left = self.claims.keys() - {item.of for item in self.held}
-            self.soon(now + (AGAIN[-1] if left else ROUND))
+            self.soon(now + (AGAIN[-1] if left else max(ROUND, self.took * SHARE)))
         self._over(problem)
 
     def _end_withdrawal(self, problem: Optional[Exception], done: Callable[[str], None]) -> None:
