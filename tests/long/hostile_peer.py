@@ -31,6 +31,19 @@ def topics(uri, name, count):
     return xmlrpc.client.dumps(([now, now, uri, name, rows, [], [], types, nodes, []],), methodresponse=True).encode()
 
 
+def differences(uri, name, count):
+    """An answer to a question for differences, as soon as it is asked: ever more topics, or a whole state each time."""
+    whole = kind == "wholes" or count == 1
+    names = [f"/flood/{name}/{number:06}" for number in range(0 if whole else (count - 1) * 200, count * 200)]
+    if kind == "wholes":
+        names = [f"/flood/{name}/{count % 2}/{number:06}" for number in range(4000)]
+    now = f"{time.time():.9f}"
+    rows, types = [[topic, ["/flood"]] for topic in names], [[topic, "std_msgs/String"] for topic in names]
+    nodes = [["/flood", f"http://{host}:40000/", uri, 1, "local"]]
+    document = [now, now, uri, name, rows, [], [], types, nodes, []]
+    return xmlrpc.client.dumps((["epoch", count, whole, document, [[], [], []], ""],), methodresponse=True).encode()
+
+
 def long_text(inside):
     return b"<methodResponse><params><param><value>" + inside + b"</value></param></params></methodResponse>"
 
@@ -49,15 +62,24 @@ def body_of(uri, name):
 
 
 def server(port, uri, name):
-    body, packed = body_of(uri, name)
+    quick = kind in ("changes", "wholes")
+    body, packed = (b"", False) if quick else body_of(uri, name)
+    methods = xmlrpc.client.dumps((["rosfleetDifferences"],), methodresponse=True).encode()
 
     class Handler(http.server.BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1" if quick else "HTTP/1.0"
+
         def do_POST(self):
             wanted = self.rfile.read(int(self.headers["Content-Length"]))
             if b"masterContacts" in wanted:
                 stamp = f"{time.time():.9f}"
                 contact = [stamp, uri, name, "/master_discovery", f"http://{host}:{port}/"]
                 self.answer(xmlrpc.client.dumps((contact,), methodresponse=True).encode(), False)
+            elif quick and b"listMethods" in wanted:
+                self.answer(methods, False)
+            elif quick:
+                asked[0] += 1
+                self.answer(differences(uri, name, asked[0]), False)
             else:
                 asked[0] += 1
                 self.answer(body, packed)

@@ -140,10 +140,11 @@ def _whole(value: Any) -> Any:
 
 def _tells_changes(rpc: Rpc) -> bool:
     try:
-        methods = rpc.call("system.listMethods")
+        return bool(
+            rpc.call("system.listMethods", read=lambda methods: isinstance(methods, list) and DIFFERENCES in methods)
+        )
     except Fault:
         return False
-    return isinstance(methods, list) and DIFFERENCES in methods
 
 
 def _without_changes(rpc: Rpc, wanted: Any, read: Callable[[Any], State]) -> State:
