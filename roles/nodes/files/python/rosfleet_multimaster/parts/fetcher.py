@@ -39,7 +39,7 @@ class Fetcher:
         core: Sync,
         limited: program.Limited,
         fetched: Callable[[str], None],
-        changed: Callable[[str, Set[Registration]], None],
+        changed: Callable[[str, Set[Registration]], None] = lambda _uri, _items: None,
         differences: bool = True,
     ) -> None:
         """`fetched(uri)`: there is a new state of this master; `changed(uri, items)`: of which these may be others.
