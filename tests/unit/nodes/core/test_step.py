@@ -59,7 +59,7 @@ def test_a_step_is_what_a_round_would_do(before, now, own):
     first = plan([want(item) for item in one_provider(before)], roscore(own), {})
     view = roscore(own, first.held)
     wanted = [want(item) for item in one_provider(now)]
-    touched = {item.registration for item in wanted} ^ {*first.held, *before}
+    touched = {item.registration for item in wanted} ^ {*first.held, *one_provider(before)}
     found = step(
         touched,
         {item.registration: item for item in wanted if item.registration in touched},
