@@ -20,6 +20,6 @@ while missing:
     calls = [{"methodName": "lookupNode", "params": ["/crowd", node]} for node in missing]
     found = roscore.system.multicall(calls)
     missing = [node for node, (answer,) in zip(missing, found) if answer[0] != 1]
-while sum(topic.startswith("/crowd_") for topic, _ in roscore.getSystemState("/crowd")[2][0]) < robots * each:
+while sum(topic.startswith("/crowd_") for topic, _nodes in roscore.getSystemState("/crowd")[2][0]) < robots * each:
     time.sleep(0.1)
 print(f"{time.monotonic():.3f}", flush=True)

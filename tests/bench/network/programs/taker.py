@@ -54,7 +54,8 @@ if sys.argv[3] == "fill":
     _before, after = giver.ask("register", wanted)
     print(
         until(
-            lambda: sum("/full_" in topic for topic, _ in roscore.getSystemState("/taker")[2][0]) == len(wanted), after
+            lambda: sum("/full_" in topic for topic, _nodes in roscore.getSystemState("/taker")[2][0]) == len(wanted),
+            after,
         )
     )
     sys.exit()

@@ -52,7 +52,6 @@ class MasterDiscovery:
         self.network_problem = ""
         self.malformed_requests = 0
         self.ended = Ended()
-        self.changes = Told(lambda: self.own.current())
 
     def main(self) -> int:
         """Start, run, end."""
@@ -85,6 +84,7 @@ class MasterDiscovery:
 
     def _wire(self, values: Dict[str, Any]) -> None:
         """Make the core and what is around it. There may be no network yet."""
+        self.changes = Told(self.own.current)
         self.datagrams = Datagrams(values, self.loop, self.resolvers, self.limited, self.errors)
         self.roscore.ask(("setParam", "/mastername", self.own.name))
         self.datagrams.start()

@@ -35,7 +35,12 @@ def output(command: Sequence[str], seconds: float) -> str:
     """What a program prints, "" where it fails."""
     try:
         done = subprocess.run(
-            list(command), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=seconds
+            list(command),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            timeout=seconds,
+            check=False,
         )
     except (OSError, subprocess.SubprocessError):
         return ""

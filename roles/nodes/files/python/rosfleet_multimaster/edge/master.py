@@ -8,6 +8,7 @@ seen where it is made, and all changes of one call are handed on together before
 
 import socket
 import threading
+from socket import socket as Socket
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import rosgraph.names
@@ -479,8 +480,8 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
     """rosgraph's, on a socket that systemd may have held."""
 
     calls: Any = None
-    held: List[socket.socket] = []
-    socket: socket.socket
+    held: List[Socket] = []
+    socket: Socket
     server_address: Any
 
     def __init__(self, *arguments: Any) -> None:

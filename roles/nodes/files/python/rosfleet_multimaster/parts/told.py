@@ -70,7 +70,7 @@ class Told:
         with self._changed:
             self._filters[caller, epoch] = (wanted, size)
             self._filters.move_to_end((caller, epoch))
-            while len(self._filters) > MOST_FILTERS or sum(size for _, size in self._filters.values()) > MOST_TEXT:
+            while len(self._filters) > MOST_FILTERS or sum(held for _rules, held in self._filters.values()) > MOST_TEXT:
                 self._filters.popitem(last=False)
 
     def answer(
