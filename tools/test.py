@@ -165,7 +165,17 @@ SECONDS = {
 #: Files of tests/systems that have one lab in common, named "systems". All others have one each: "systems-NAME".
 #: In this order: the first tests of `faults` need a lab that site.yml has not seen yet, `kernel_settings` and `cloud_init`
 #: boot a computer, and the README ends with the teardown.
-IN_COMMON = ("faults", "router_config", "strangers", "sandbox", "root", "kernel_settings", "cloud_init", "readme")
+IN_COMMON = (
+    "faults",
+    "router_config",
+    "strangers",
+    "sandbox",
+    "root",
+    "kernel_settings",
+    "cloud_init",
+    "roscore",
+    "readme",
+)
 
 #: Tests that mostly wait.
 WAITING = {"clock", "exchanges"}

@@ -39,7 +39,9 @@ options:
     type: int
     required: true
   programs:
-    description: The lines C(unit) and C(service) of the units of C(discovery) and C(sync), which differ by provider.
+    description:
+      - The lines C(unit) and C(service) of the units of C(roscore), C(discovery) and C(sync), which differ by provider.
+      - Without those of C(roscore) it is O(roscore_command).
     type: dict
     required: true
   environment_digest:

@@ -80,7 +80,7 @@ def _provided(plan: ComputerPlan, info: Mapping[str, Any], found: providers.Foun
     """Return the plan with the nodes' programs and the packages to install."""
     ready = plan.is_master and not found.problems
     python = info["ros"]["chosen"]["python"]
-    programs = units.programs(plan.provider, python, found.paths) if ready else units.NO_PROGRAMS
+    programs = units.programs(plan.provider, python, found.paths, plan.roscore_port) if ready else units.NO_PROGRAMS
     return replace(plan, programs=programs, packages=() if found.problems else tuple(found.packages))
 
 

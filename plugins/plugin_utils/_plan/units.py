@@ -159,10 +159,7 @@ StartLimitIntervalSec=0
 """
     + _SERVICE
     + """\
-# More workers than three, and a timeout: unreachable subscribers of other robots must not block the robot's own nodes.
-ExecStart={command} -p {port} -w 16 -t 3
-# Started means that it answers, so what is ordered after it finds it.
-ExecStartPost={wait} --timeout 60
+{program}
 KillSignal=SIGINT
 # Its folder is in memory, so a log of rosout would count.
 Environment=ROSOUT_DISABLE_FILE_LOGGING=1
@@ -172,6 +169,12 @@ TasksMax=2048
 """
     + _INSTALL
 )
+# The roscore of ROS itself.
+_PLAIN_ROSCORE = """\
+# More workers than three, and a timeout: unreachable subscribers of other robots must not block the robot's own nodes.
+ExecStart={command} -p {port} -w 16 -t 3
+# Started means that it answers, so what is ordered after it finds it.
+ExecStartPost={wait} --timeout 60"""
 _NODE = (
     """\
 # Managed by rosfleet.multimaster: {task}, for the robot {robot}
@@ -235,9 +238,7 @@ def services(
         elif name == "roscore":
             text = _ROSCORE.format(
                 robot=quoting.text(robot),
-                command=quoting.program(roscore.command),
-                port=roscore.port,
-                wait=WAIT,
+                program=_roscore_lines(roscore, programs),
                 inputs=quoting.text(inputs.roscore),
                 configuration=CONFIGURATION,
             )
@@ -253,6 +254,13 @@ def services(
             )
         made.append(Unit(f"multimaster-{name}.service", text))
     return made
+
+
+def _roscore_lines(roscore: Roscore, programs: Mapping[str, UnitLines]) -> str:
+    """The program of the roscore: the one of the provider, or the roscore of ROS."""
+    if "roscore" in programs:
+        return programs["roscore"].service
+    return _PLAIN_ROSCORE.format(command=quoting.program(roscore.command), port=roscore.port, wait=WAIT)
 
 
 # The end of connections with lost robots
@@ -318,6 +326,18 @@ NotifyAccess=main
 WatchdogSec=30
 ExecStart={python} -m rosfleet_multimaster.{node} --parameters {configuration}/{node}.json
 TimeoutStartSec=80"""
+_REMEMBERING = """\
+# rosmaster with a memory: docs/roscore.md. Started means that it answers, with what it knew.
+Type=notify
+NotifyAccess=main
+WatchdogSec=30
+ExecStart={python} -m rosfleet_multimaster.roscore --port {port}
+StateDirectory=%N
+# systemd holds its socket while it is started again, so calls wait and do not fail.
+FileDescriptorStoreMax=1
+# It ends rosout itself. Where it was killed, rosout is too: it would wait for the answer to its farewell.
+KillMode=mixed
+TimeoutStartSec=60"""
 _WATCHED = """\
 Environment=ROS_PYTHON_LOG_CONFIG_FILE={library}/python/rosfleet_multimaster/logging.conf
 ExecStartPre={wait} --set /{node} {configuration}/{node}.json
@@ -328,9 +348,13 @@ TimeoutStartSec=150
 RestartSec=1"""
 _UPSTREAM = {"discovery": UnitLines(_PART_OF, _WATCHED), "sync": UnitLines(_PART_OF, _WATCHED)}
 
-#: provider -> node -> the lines of its unit
+#: provider -> node or roscore -> the lines of its unit; without those of the roscore it is that of ROS
 PROGRAMS: dict[str, dict[str, UnitLines]] = {
-    "bundled": {"discovery": UnitLines("", _NOTIFYING), "sync": UnitLines(_ENDER, _GROUP + _NOTIFYING)},
+    "bundled": {
+        "roscore": UnitLines("", _REMEMBERING),
+        "discovery": UnitLines("", _NOTIFYING),
+        "sync": UnitLines(_ENDER, _GROUP + _NOTIFYING),
+    },
     "fkie_apt": _UPSTREAM,
     "fkie_existing": _UPSTREAM,
 }
@@ -338,16 +362,18 @@ PROGRAMS: dict[str, dict[str, UnitLines]] = {
 NO_PROGRAMS = {name: UnitLines() for name in NODES}
 
 
-def programs(provider: str, python: str, paths: Mapping[str, str]) -> dict[str, UnitLines]:
-    """The lines that differ, by node; `paths` are upstream's executables, by node."""
+def programs(provider: str, python: str, paths: Mapping[str, str], port: int) -> dict[str, UnitLines]:
+    """The lines that differ, by node; `paths` are upstream's executables, by node; `port` is that of the roscore."""
     made = {}
     for name, program in PROGRAMS[provider].items():
+        node = NODES.get(name)
         lines = program.service.format(
             python=quoting.program(python),
             wait=WAIT,
-            node=NODES[name].name,
+            port=port,
+            node=node.name if node else "",
             path=quoting.program(paths[name]) if name in paths else "",
-            service=NODES[name].service,
+            service=node.service if node else "",
             configuration=CONFIGURATION,
             library=LIBRARY,
         )

@@ -92,7 +92,7 @@ def compare(change=None, **plan):
 
 
 def test_a_machine_like_its_plan():
-    programs = units.programs("bundled", "/usr/bin/python3", {})
+    programs = units.programs("bundled", "/usr/bin/python3", {}, 11311)
     plan = dataclasses.replace(
         from_plain(ComputerPlan, PLAN),
         programs=programs,

@@ -18,7 +18,7 @@ INTERFACES = ["eth1", "eth0"]
 
 
 def made(names, inputs):
-    programs = units.programs("bundled", "/usr/bin/python3", {})
+    programs = units.programs("bundled", "/usr/bin/python3", {}, 11311)
     return {unit.name: unit.content for unit in units.services(names, "tibi", ADDRESS, ROSCORE, programs, inputs)}
 
 
@@ -82,7 +82,7 @@ def test_names_of_interfaces_are_arguments_and_no_commands():
 @pytest.mark.parametrize("path", ["+/bin/sh", "/tmp/x\nExecStartPre=+/bin/sh", "bin/roscore", ""])
 def test_a_path_that_systemd_would_read_otherwise_is_refused(path):
     with pytest.raises(quoting.Unquotable, match="expected an absolute path"):
-        units.programs("fkie_existing", "/usr/bin/python3", {"discovery": path, "sync": "/opt/sync"})
+        units.programs("fkie_existing", "/usr/bin/python3", {"discovery": path, "sync": "/opt/sync"}, 11311)
     with pytest.raises(quoting.Unquotable, match="expected an absolute path"):
         units.services(["roscore"], "tibi", ADDRESS, units.Roscore(path, 11311), {}, units.Inputs("", ""))
 
@@ -92,6 +92,16 @@ def test_the_name_of_a_robot_is_a_text():
     assert "Description=ROS master of 50%%h (roscore)\n" in unit.content
     with pytest.raises(quoting.Unquotable, match="on one line"):
         units.services(["roscore"], "tibi\n[Service]", ADDRESS, ROSCORE, {}, units.Inputs("", ""))
+
+
+def test_the_bundled_roscore_remembers_and_with_upstream_it_is_that_of_ros():
+    bundled = units.programs("bundled", "/opt/python3", {}, 11411)
+    text = units.services(["roscore"], "tibi", ADDRESS, ROSCORE, bundled, units.Inputs("", ""))[0].content
+    assert "\nExecStart=/opt/python3 -m rosfleet_multimaster.roscore --port 11411\n" in text
+    assert "\nStateDirectory=%N\n" in text and "ExecStartPost" not in text and "/usr/bin/roscore" not in text
+    upstream = units.programs("fkie_apt", "/opt/python3", dict.fromkeys(units.NODES, "/opt/node"), 11411)
+    text = units.services(["roscore"], "tibi", ADDRESS, ROSCORE, upstream, units.Inputs("", ""))[0].content
+    assert "\nExecStart=/usr/bin/roscore -p 11311 -w 16 -t 3\n" in text and "StateDirectory" not in text
 
 
 #: unit -> the worst rating of `systemd-analyze security` that it may have; tests/systems has the same of running ones
@@ -111,13 +121,13 @@ def analyzed(*words):
 def _files(tmp_path, monkeypatch):
     """All units as files, with programs that every machine has."""
     monkeypatch.setattr(units, "WAIT", "/bin/true")
-    programs = units.programs("bundled", "/bin/true", {})
+    programs = units.programs("bundled", "/bin/true", {}, 11311)
     inputs, roscore = units.Inputs("a", "b"), units.Roscore("/bin/true", 11311)
-    made = units.services([*units.OTHERS, *programs], "tibi", ADDRESS, roscore, programs, inputs)
-    upstream = units.programs("fkie_apt", "/bin/true", dict.fromkeys(programs, "/bin/true"))
+    made = units.services(list(dict.fromkeys([*units.OTHERS, *programs])), "tibi", ADDRESS, roscore, programs, inputs)
+    upstream = units.programs("fkie_apt", "/bin/true", dict.fromkeys(programs, "/bin/true"), 11311)
     made += [
         units.Unit(unit.name.replace(".service", "-upstream.service"), unit.content)
-        for unit in units.services(list(upstream), "tibi", ADDRESS, roscore, upstream, inputs)
+        for unit in units.services(["roscore", *upstream], "tibi", ADDRESS, roscore, upstream, inputs)
     ]
     made.append(units.multicast_router("tibi", "239.255.11.11", INTERFACES, "/bin/true", "feed"))
     for unit in made:

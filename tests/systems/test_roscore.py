@@ -1,0 +1,216 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The roscore that remembers: killed, restarted, with names that come twice, with nodes that say nothing."""
+
+import json
+import time
+
+import pytest
+
+FIRST, SECOND = "kobuki1computer", "kobuki2computer"
+UNIT = "multimaster-roscore.service"
+ROSCPP = "/usr/lib/rosout/rosout __name:=native"  # a roscpp node: topics, services, a parameter that it listens to
+
+#: What a roscore knows, but for its own node rosout, which it starts again, and for nodes of the collection.
+STATE = r"""
+import json, os, sys, xmlrpc.client
+roscore = xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"])
+other = ("/rosout", "/master_discovery", "/master_sync", "/rostopic", "/rosservice")
+def nodes(users):
+    return sorted(user for user in users if not user.startswith(other))
+def state():
+    parts = roscore.getSystemState("/test")[2]
+    topics = [sorted((name, nodes(users)) for name, users in part if nodes(users)) for part in parts]
+    names = sorted({user for part in topics for _name, users in part for user in users})
+    uris = [roscore.lookupNode("/test", name)[2] for name in names]
+    services = [roscore.lookupService("/test", name)[2] for name, _users in topics[2]]
+    tree = {name: roscore.getParam("/test", name)[2] for name in ("/run_id", "/alpha", "/rosdistro")}
+    types = dict(roscore.getTopicTypes("/test")[2])
+    return json.dumps([topics, uris, services, tree, [types.get(name) for name, _users in topics[0]]])
+"""
+#: Kill the roscore, and a node with it; then how long it takes until all is as it was, without that node.
+KILL = (
+    STATE
+    + r"""
+import signal, subprocess, time
+unit, doomed = sys.argv[1:3]
+before = json.loads(state())
+def without(found):
+    return [[[name, [user for user in users if user != "/" + doomed]] for name, users in part] for part in found[0]]
+want = [[entry for entry in part if entry[1]] for part in without(before)]
+def pid(name):
+    return int(subprocess.check_output(["systemctl", "show", "--value", "-p", "MainPID", name]))
+killed = [pid(unit)] + ([pid(doomed)] if doomed else [])
+for each in killed:
+    os.kill(each, signal.SIGKILL)
+began = time.monotonic()
+roscore.getPid("/test")
+answered = time.monotonic() - began
+while json.loads(state())[0] != want and time.monotonic() - began < 30:
+    time.sleep(0.01)
+found = json.loads(state())
+print(json.dumps({
+    "answered": answered, "restored": time.monotonic() - began, "want": want, "found": found[0],
+    "parameters": [before[3], found[3]], "killed": killed[0], "pid": roscore.getPid("/test")[2],
+    "uris": [uri in before[1] for uri in found[1]], "types": [before[4], found[4]]}))
+"""
+)
+
+
+@pytest.fixture(scope="module")
+def nodes(lab):
+    """A rospy and a roscpp node, and one that is to die."""
+    lab.start(FIRST, "alpha", "python3 {script} alpha", "all_sorts.py")
+    lab.start(FIRST, "native", ROSCPP)
+    wait(lab, "/alpha/serve /native/get_loggers")
+    yield lab
+    lab.stop(FIRST, "alpha", "native")
+
+
+def wait(lab, services, host=FIRST):
+    """Wait until services are there."""
+    look = f"for service in {services}; do until rosservice list | grep -qx $service; do sleep 0.2; done; done"
+    lab.run(host, f"timeout 60 bash -c '{look}'")
+
+
+def killed(lab, doomed="''"):
+    return json.loads(lab.run(FIRST, f"python3 - {UNIT} {doomed}", stdin=KILL))
+
+
+def judge(found, busy):
+    print("\nfirst answer after %.2f s, all is as before after %.2f s" % (found["answered"], found["restored"]))
+    assert found["found"] == found["want"] and found["pid"] != found["killed"]
+    assert found["parameters"][0] == found["parameters"][1] and all(found["uris"])
+    assert found["types"][0][: len(found["types"][1])] or found["types"][1] == []
+    assert found["restored"] < 2.0 + busy
+
+
+def test_killed_it_comes_back_with_all_that_is_alive(nodes, slack):
+    began = time.monotonic()
+    for _kill in range(3):
+        found = killed(nodes)
+        judge(found, 3 * slack(began))
+    assert "/alpha" in json.dumps(found["found"]) and "/native" in json.dumps(found["found"])
+
+
+def test_a_node_that_died_meanwhile_is_gone(nodes, slack):
+    began = time.monotonic()
+    nodes.start(FIRST, "doomed", "python3 {script} doomed", "all_sorts.py")
+    wait(nodes, "/doomed/serve")
+    judge(killed(nodes, "doomed"), 3 * slack(began))
+    assert "unknown node" in nodes.run(FIRST, "rosnode info /doomed 2>&1; true").lower()
+
+
+def test_what_the_nodes_have_still_works(nodes):
+    nodes.run(FIRST, "rosparam set /alpha/word second")
+    nodes.run(FIRST, "timeout 20 bash -c 'until grep -q \"word second\" /run/alpha.out; do sleep 0.1; done'")
+    assert "alpha" in nodes.run(FIRST, "timeout 20 rostopic echo -n 1 /alpha/out")
+    assert "success: True" in nodes.run(FIRST, "rosservice call /alpha/serve").replace('"', "")
+    nodes.run(FIRST, "timeout 20 rostopic pub -1 /alpha/in std_msgs/String hello")
+    assert "heard hello" in nodes.run(FIRST, "cat /run/alpha.out")
+
+
+def test_a_restart_of_the_service_is_no_loss_either(nodes):
+    before = nodes.run(FIRST, "python3 -", stdin=STATE + "print(state())")
+    nodes.run(FIRST, f"systemctl restart {UNIT}")
+    for _try in range(100):
+        after = nodes.run(FIRST, "python3 -", stdin=STATE + "print(state())")
+        if after == before:
+            break
+        time.sleep(0.1)
+    assert after == before
+
+
+LAUNCH = (
+    """<launch><node pkg="rosout" type="rosout" name="launched"/><param name="launched_word" value="7"/></launch>"""
+)
+
+
+def test_roslaunch_joins_and_tools_notice_nothing(nodes):
+    run_id = nodes.run(FIRST, "rosparam get /run_id")
+    nodes.run(FIRST, "cat > /tmp/test.launch", stdin=LAUNCH)
+    nodes.start(FIRST, "launch", "roslaunch /tmp/test.launch")
+    wait(nodes, "/launched/get_loggers")
+    assert nodes.run(FIRST, "rosparam get /launched_word").strip() == "7"
+    assert nodes.run(FIRST, "rosparam get /run_id") == run_id
+    assert "running" not in nodes.run(FIRST, "journalctl -u launch -o cat | grep -i error; true")
+    nodes.run(FIRST, "systemctl kill --kill-who=main -s INT launch")
+    nodes.run(FIRST, "timeout 30 bash -c 'while systemctl is-active -q launch; do sleep 0.2; done'")
+    assert "launched" not in nodes.run(FIRST, "rosnode list")
+    listed = nodes.run(FIRST, "rosparam list; rosnode ping -c 1 /rosout; rosnode info /rosout")
+    for text in ("/rosversion", "/rosdistro", "/run_id", "/roslaunch/uris/host_", "/rosout_agg", "xmlrpc reply"):
+        assert text in listed
+    processes = "import roslaunch.netapi as n; print([(p.name, p.is_alive) for p in n.list_processes()])"
+    assert "('rosout-1', True)" in nodes.run(FIRST, f'python3 -c "{processes}"')
+
+
+SILENT = r"""
+import os, socket, sys, threading, time, xmlrpc.client, xmlrpc.server
+roscore = xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"])
+here = "127.0.0.1"
+silent = [socket.create_server((here, 0)) for _number in range(20)]
+told = threading.Event()
+class Server(xmlrpc.server.SimpleXMLRPCServer):
+    def _dispatch(self, method, arguments):
+        told.at = time.monotonic()
+        told.set()
+        return [1, "", 0]
+server = Server((here, 0), logRequests=False)
+threading.Thread(target=server.serve_forever, daemon=True).start()
+uris = ["http://%s:%d/" % (here, each.getsockname()[1]) for each in silent]
+own = "http://%s:%d/" % server.server_address
+for number, uri in enumerate(uris):
+    roscore.registerSubscriber("/silent_%d" % number, "/quick", "std_msgs/String", uri)
+roscore.registerSubscriber("/quick_node", "/quick", "std_msgs/String", own)
+times = []
+for number in range(9):
+    told.clear()
+    began = time.monotonic()
+    roscore.registerPublisher("/publisher_%d" % number, "/quick", "std_msgs/String", own)
+    assert told.wait(20)
+    times.append(told.at - began)
+    time.sleep(1.2)
+for number, uri in enumerate(uris):
+    roscore.unregisterSubscriber("/silent_%d" % number, "/quick", uri)
+roscore.unregisterSubscriber("/quick_node", "/quick", own)
+for number in range(9):
+    roscore.unregisterPublisher("/publisher_%d" % number, "/quick", own)
+print(sorted(times)[4], max(times))
+"""
+
+
+def test_subscribers_that_say_nothing_delay_no_other(lab, slack):
+    began = time.monotonic()
+    median, worst = map(float, lab.run(FIRST, "python3 -", stdin=SILENT).split())
+    print(f"\ntold after {1000 * median:.1f} ms, at worst {1000 * worst:.1f} ms, beside 20 that say nothing")
+    assert median < 0.05 + slack(began) and worst < 1.0 + slack(began)
+
+
+def test_an_own_node_takes_the_name_of_an_import_and_the_other_robots_node_lives(lab):
+    lab.start(SECOND, "camera", "python3 {script} camera", "all_sorts.py")
+    wait(lab, "/camera/serve")
+    uri = lab.run(FIRST, "rosnode info /camera | grep -m 1 -o 'http://[^ ]*'")
+    lab.start(FIRST, "camera", "python3 {script} camera", "all_sorts.py")
+    changed = f"timeout 60 bash -c 'until ! rosnode info /camera | grep -q {uri.strip()}; do sleep 0.2; done'"
+    lab.run(FIRST, changed)
+    time.sleep(3)
+    assert lab.run(FIRST, "systemctl is-active camera", check=False).strip() == "active"
+    assert lab.run(SECOND, "systemctl is-active camera", check=False).strip() == "active"
+    assert "shutdown request" not in lab.run(SECOND, "journalctl -u camera -o cat; cat /run/camera.out")
+    assert "/camera" in lab.run(SECOND, "rosnode list")
+    assert uri.strip() not in lab.run(FIRST, "rosnode info /camera")
+    assert "an own node at" in lab.run(FIRST, f"journalctl -u {UNIT} -o cat | grep 'camera.*is refused'")
+    lab.stop(FIRST, "camera")
+    lab.stop(SECOND, "camera")
+
+
+def test_it_forgets_when_it_is_asked_to(nodes):
+    run_id = nodes.run(FIRST, "rosparam get /run_id")
+    nodes.run(FIRST, f"rosparam set /stale 1 && systemctl kill --kill-who=main -s USR1 {UNIT}")
+    changed = (
+        f'until [ -n "$(rosparam get /run_id)" -a "$(rosparam get /run_id)" != {run_id.strip()} ]; do sleep 0.2; done'
+    )
+    nodes.run(FIRST, f"timeout 30 bash -c '{changed}'")
+    assert "/stale" not in nodes.run(FIRST, "rosparam list") and "/alpha" not in nodes.run(FIRST, "rosnode list")
+    wait(nodes, "/master_discovery/list_masters /master_sync/get_sync_info")
