@@ -35,8 +35,12 @@ multimaster_common_address: 192.168.1.204
 multimaster_master: kinton-visio
 """
 GATEWAY = "192.168.1.204"
-# Where the collection keeps things, and where it may leave them.
-TRACES = "grep -rlE 'kinton|192\\.168\\.13\\.|192\\.168\\.1\\.204' /etc /var/lib /run /usr/local --exclude-dir=journal --exclude=*.log"
+# Where the collection keeps things, and where it may leave them. Not logs; what the roscore remembers is one, until it is
+# written anew: a line for each change.
+TRACES = (
+    "grep -rlE 'kinton|192\\.168\\.13\\.|192\\.168\\.1\\.204' /etc /var/lib /run /usr/local"
+    " --exclude-dir=journal --exclude=*.log --exclude=registrations"
+)
 
 
 def change(inventory, edit):
