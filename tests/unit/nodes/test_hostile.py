@@ -189,6 +189,21 @@ def test_spoofed_stamps_cost_one_fetch_a_second():
     assert 1 <= fetches <= 11
 
 
+def test_spoofed_stamps_of_a_master_that_is_followed_cost_one_fetch_in_ten_seconds():
+    """It tells its changes itself, so a stamp that it has not told is somebody else's, or its connection is dead."""
+    sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.of(MEMBERS))
+    fetched = []
+    for step in range(4100):
+        now = step / 100
+        if step % 4 == 0:
+            sync.announced(announced(5.0 if step % 8 == 0 else 1000.0 + step), now)
+        for fetch in sync.due(now):
+            fetched.append(now)
+            sync.fetched(fetch, State(URI, "tibi-visio", 5.0, 5.0), "", now + 0.005, following=True)
+    pauses = [later - earlier for earlier, later in zip(fetched[1:], fetched[2:])]
+    assert 4 <= len(fetched) <= 6 and min(pauses) >= 10.0
+
+
 def test_whatever_discovery_lists_a_master_is_taken_at_its_planned_address_alone():
     sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.of(MEMBERS))
     sync.listed([announced(5.0, address=ROGUE), announced(5.0, "rogue", "http://rogue:11311/", ROGUE)], 0.0)

@@ -21,7 +21,8 @@ from .places import Places, host_of
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
 PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anybody can announce a change
 RETRY = (0.2, 1.0, 3.0, 10.0, 30.0)  # seconds after failed fetches
-PATIENCE = 1.0  # seconds that a change may be announced before a master that is followed tells it
+PATIENCE = 1.0  # seconds that a change may be announced before a master that is followed tells it,
+DOUBT = 10.0  # and from one fetch to the next where it told of none: anybody can write a stamp
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
 
 LONG_AGO = float("-inf")
@@ -371,7 +372,7 @@ class Sync:
 
     def _fetch_soon(self, remote: Remote, news: bool, now: float) -> None:
         if remote.due is None:
-            remote.due, remote.failures = now + PATIENCE if remote.following else _soon(remote, now), 0
+            remote.due, remote.failures = _soon(remote, now, remote.following), 0
         elif remote.failures and news:
             remote.due = min(remote.due, _soon(remote, now))
 
@@ -430,7 +431,7 @@ class Sync:
             remote.selected = self._select(remote, state)
             remote.quick, remote.following, remote.lapsed = quick, following, False
             if self._outdated(remote):  # changed again meanwhile
-                remote.due = now + PATIENCE if following else _soon(remote, now)
+                remote.due = _soon(remote, now, following)
         elif remote.announced.online:
             remote.due = now + RETRY[min(remote.failures, len(RETRY) - 1)]
             remote.failures += 1
@@ -592,6 +593,8 @@ class Sync:
         )
 
 
-def _soon(remote: Remote, now: float) -> float:
-    """The time of a fetch after news: at once, unless the last one was in vain."""
+def _soon(remote: Remote, now: float, following: bool = False) -> float:
+    """The time of a fetch after news: at once, unless the last one was in vain. Who is followed has time to tell it."""
+    if following:
+        return max(now + PATIENCE, remote.began + DOUBT) if remote.vain else now + PATIENCE
     return max(now + COALESCE, remote.began + PAUSE) if remote.vain else now + COALESCE
