@@ -254,7 +254,7 @@ SUITES = [
         "pytest",
         "tests/long",
         labs=(
-            *("long-links", "long-fuzz", "long-alone", "long-hostile", "long-strangers", "long-roscore"),
+            *("long-links", "long-fuzz", "long-alone", "long-hostile", "long-strangers", "long-roscore", "long-soak"),
             *("long-firewall", "long-firewall-broken-off", "long-gateways"),
         ),
         limit=LONG_LIMIT,

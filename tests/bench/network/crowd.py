@@ -13,7 +13,7 @@ from pathlib import Path
 
 from links import SILENT, until
 from measures import held, usage
-from subject import Lab, lab_of
+from subject import NODES, Lab, lab_of
 from systems import GIVER, HERE, MANAGED, PORT, TAKER
 
 ROBOTS, TOPICS = 20, 100
@@ -58,7 +58,7 @@ def meet(folder: Path, say: Callable[[str], None]) -> float:
 
 def fill(lab: Lab, number: int, name: str) -> None:
     """A node with all topics of a robot."""
-    lab.run(name, "cat > /run/giver.py", stdin=(HERE / "programs" / "giver.py").read_text())
+    lab.run(name, "cat > /run/giver.py", stdin=(NODES / "giver.py").read_text())
     lab.start(name, "giver", f"python3 /run/giver.py {ADDRESSES[name]} {PORT}")
     until(lambda: "ready" in lab.run(name, "cat /run/giver.out", check=False), 60, "the giver")
     wanted = [[f"/crowd_{number}", f"/crowd_{number}/topic_{topic}"] for topic in range(TOPICS)]

@@ -11,13 +11,13 @@ import time
 from collections.abc import Iterator
 
 from links import LOSSY, cut, mend, until
-from subject import Lab
+from subject import NODES, Lab
 from systems import ADDRESSES, GIVER, HERE, TAKER, System, take
 
 PAUSE = {False: 0.1, True: 0.5}  # before each change; upstream polls each two seconds
 FIRST = 30  # publishers for the first message
 IDLE = 30.0  # seconds
-NODES, TOPICS = 30, 100  # of the large graph: 3,000 topics
+FULL_NODES, FULL_TOPICS = 30, 100  # of the large graph: 3,000 topics
 LOSS = 30  # per cent
 
 
@@ -31,7 +31,7 @@ def changes(lab: Lab, system: System, count: int) -> dict[str, list[float]]:
 
 def fill(lab: Lab) -> float:
     """Make the graph large; seconds until the other roscore has it."""
-    (seconds,) = take(lab, "fill", NODES, TOPICS)
+    (seconds,) = take(lab, "fill", FULL_NODES, FULL_TOPICS)
     assert seconds is not None, "the topics did not come"
     return seconds
 
@@ -123,7 +123,7 @@ def bytes_per_change(lab: Lab, system: System, count: int) -> float:
 
 def usage(lab: Lab, system: System, kind: str) -> dict[str, float]:
     """Processor time, memory and number of the processes of a robot's "nodes" or "roscore"."""
-    text = (HERE / "programs" / "usage.py").read_text()
+    text = (NODES / "usage.py").read_text()
     found = json.loads(lab.run(TAKER, f"python3 - {' '.join(system.units[kind])}", stdin=text))
     assert found["processes"], f"there is no process of {system.units[kind]}"
     return found

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from layout import Extra
 from links import until
-from subject import Lab, lab_of
+from subject import NODES, Lab, lab_of
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
@@ -88,7 +88,7 @@ def listed(lab: Lab, host: str) -> str:
 
 def start_giver(lab: Lab) -> None:
     """Start the program that registers what it is told."""
-    text = (HERE / "programs" / "giver.py").read_text()
+    text = (NODES / "giver.py").read_text()
     lab.run(GIVER, "cat > /run/giver.py", stdin=text)
     lab.start(GIVER, "giver", f"python3 /run/giver.py {ADDRESSES[GIVER]} {PORT}")
     until(lambda: "ready" in lab.run(GIVER, "cat /run/giver.out", check=False), 30, "the giver")

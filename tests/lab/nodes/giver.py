@@ -7,6 +7,7 @@ giver.py ADDRESS PORT : lines are ["register" or "unregister", [[NODE, TOPIC], .
 of the kernel's steady clock, which all containers share. Its nodes have one server for all, and answer as nodes do.
 """
 
+import http.client
 import json
 import os
 import socketserver
@@ -20,6 +21,7 @@ from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 ADDRESS, PORT = sys.argv[1], int(sys.argv[2])
 TYPE = "std_msgs/String"
 topics = {}  # of the nodes
+own = {}  # thread -> its connection to the roscore
 
 
 class Handler(SimpleXMLRPCRequestHandler):
@@ -40,20 +42,38 @@ class Node(ThreadingMixIn, SimpleXMLRPCServer):
         return [1, "", answers.get(method, 0)]
 
 
+def call(method, *arguments):
+    """A call to the roscore, tried again for a while where it does not answer, as nodes do."""
+    for attempt in range(100):
+        try:
+            done = getattr(roscore(), method)(*arguments)
+            break
+        except (OSError, http.client.HTTPException):
+            own.clear()
+            if attempt == 99:
+                raise
+            time.sleep(0.2)
+    assert done[0] == 1, done
+
+
+def roscore():
+    """The connection of this thread, which stays open."""
+    own.setdefault(threading.get_ident(), xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"]))
+    return own[threading.get_ident()]
+
+
 class Orders(socketserver.StreamRequestHandler):
     def handle(self):
-        roscore = xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"])
         for line in self.rfile:
             order, wanted = json.loads(line)
             before = time.monotonic()
             for node, topic in wanted:
                 if order == "register":
                     topics.setdefault(node, set()).add(topic)
-                    done = roscore.registerPublisher(node, topic, TYPE, uri)
+                    call("registerPublisher", node, topic, TYPE, uri)
                 else:
                     topics.get(node, set()).discard(topic)
-                    done = roscore.unregisterPublisher(node, topic, uri)
-                assert done[0] == 1, done
+                    call("unregisterPublisher", node, topic, uri)
             self.wfile.write(json.dumps([before, time.monotonic()]).encode() + b"\n")
 
 
