@@ -185,7 +185,7 @@ TIMED = {"links", "data_flow", "alone"}
 
 #: Files of tests/systems and Molecule scenarios that are part of 'make test-long', since they take minutes. The demonstration
 #: of the multi-computer layout shows the same fleet in every run, but for its restart and its teardown.
-COSTLY = {"alone", "links", "multi_computer"}
+COSTLY = {"links", "multi_computer"}
 
 
 def scenarios() -> list[Suite]:
