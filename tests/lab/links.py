@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 #: What is silent and changes nothing: no error for who sends, no interface that is down. (A frame that is dropped on its way
 #: out would be reported to TCP, which then tries again at once, as no radio link makes it do.)
@@ -19,7 +19,7 @@ table netdev lost {
 """
 LOSSY = """
 table netdev lost {
-  chain in { type filter hook ingress device "eth0" priority 0; numgen random mod 100 < %d drop; }
+  chain in { type filter hook ingress device "eth0" priority 0; %s numgen random mod 100 < %d drop; }
 }
 """
 
@@ -38,10 +38,10 @@ def mend(lab, host: str) -> float:
 
 
 @contextlib.contextmanager
-def lossy(lab, hosts: list[str], percent: int) -> Iterator[None]:
-    """Every computer loses this part of what comes in, of every kind."""
+def lossy(lab, hosts: Iterable[str], percent: int, kind: str = "") -> Iterator[None]:
+    """Every computer loses this part of what comes in: of every kind, or what a match of nftables names."""
     for host in hosts:
-        lab.run(host, "nft -f -", stdin=LOSSY % percent)
+        lab.run(host, "nft -f -", stdin=LOSSY % (kind, percent))
     try:
         yield
     finally:

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from links import SILENT, until
 from measures import held, usage
-from subject import NODES, Lab, lab_of
-from systems import GIVER, HERE, MANAGED, PORT, TAKER
+from subject import Lab, lab_of
+from systems import GIVER, HERE, MANAGED, PORT, TAKER, start_giver
 
 ROBOTS, TOPICS = 20, 100
 MASTERS, EXPORTED = (10, 30, 100), 50
@@ -58,9 +58,7 @@ def meet(folder: Path, say: Callable[[str], None]) -> float:
 
 def fill(lab: Lab, number: int, name: str) -> None:
     """A node with all topics of a robot."""
-    lab.run(name, "cat > /run/giver.py", stdin=(NODES / "giver.py").read_text())
-    lab.start(name, "giver", f"python3 /run/giver.py {ADDRESSES[name]} {PORT}")
-    until(lambda: "ready" in lab.run(name, "cat /run/giver.out", check=False), 60, "the giver")
+    start_giver(lab, name, ADDRESSES[name])
     wanted = [[f"/crowd_{number}", f"/crowd_{number}/topic_{topic}"] for topic in range(TOPICS)]
     order = json.dumps(["register", wanted])
     ask = f"import socket; s = socket.create_connection(('{ADDRESSES[name]}', {PORT})).makefile('rw'); "
@@ -70,8 +68,7 @@ def fill(lab: Lab, number: int, name: str) -> None:
 
 def alone(lab: Lab, name: str) -> bool:
     """Whether the roscore has the topics of its own robot alone."""
-    ask = "import os, xmlrpc.client as x; print(x.ServerProxy(os.environ['ROS_MASTER_URI']).getSystemState('/bench')[2][0])"
-    return lab.run(name, f'python3 -c "{ask}"').count("/topic_") == TOPICS
+    return held(lab, name).count("/topic_") == TOPICS
 
 
 def said(lab: Lab, name: str) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 Samples = Sequence[float]
 Found = Mapping[str, Mapping[str, Samples]]  # system -> measurement -> samples
@@ -138,11 +138,6 @@ def _many(cells: Sequence[Cell | None]) -> bool:
 
 def _shown(value: Cell, unit: str) -> str:
     return written(value.value, unit) if value.good else f"**{written(value.value, unit)}**"
-
-
-def measured(report: Mapping[str, Any]) -> Found:
-    """The samples of a report."""
-    return report["systems"]
 
 
 def crowd_table(rows: Sequence[Mapping[str, float]]) -> str:

@@ -8,9 +8,8 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections.abc import Iterator
 
-from links import LOSSY, cut, mend, until
+from links import cut, mend, until
 from subject import NODES, Lab
 from systems import ADDRESSES, GIVER, HERE, TAKER, System, take
 
@@ -18,7 +17,6 @@ PAUSE = {False: 0.1, True: 0.5}  # before each change; upstream polls each two s
 FIRST = 30  # publishers for the first message
 IDLE = 30.0  # seconds
 FULL_NODES, FULL_TOPICS = 30, 100  # of the large graph: 3,000 topics
-LOSS = 30  # per cent
 
 
 def changes(lab: Lab, system: System, count: int) -> dict[str, list[float]]:
@@ -34,19 +32,6 @@ def fill(lab: Lab) -> float:
     (seconds,) = take(lab, "fill", FULL_NODES, FULL_TOPICS)
     assert seconds is not None, "the topics did not come"
     return seconds
-
-
-@contextlib.contextmanager
-def loss(lab: Lab, kind: str) -> Iterator[None]:
-    """Both computers lose 30 % of what comes in: "udp" or "all"."""
-    rule = LOSSY.replace("numgen", "meta l4proto udp numgen") if kind == "udp" else LOSSY
-    for host in ADDRESSES:
-        lab.run(host, "nft -f -", stdin=rule % LOSS)
-    try:
-        yield
-    finally:
-        for host in ADDRESSES:
-            mend(lab, host)
 
 
 def first_messages(lab: Lab) -> list[float]:
@@ -93,10 +78,10 @@ def losses(lab: Lab, repetitions: int) -> dict[str, list[float]]:
     return {"lost": gone, "back": back}
 
 
-def held(lab: Lab) -> str:
-    """The publishers that the taker's roscore knows."""
+def held(lab: Lab, host: str = TAKER) -> str:
+    """The publishers that a roscore knows."""
     ask = "import os, xmlrpc.client as x; print(x.ServerProxy(os.environ['ROS_MASTER_URI']).getSystemState('/bench')[2][0])"
-    return lab.run(TAKER, f'python3 -c "{ask}"')
+    return lab.run(host, f'python3 -c "{ask}"')
 
 
 def first_after(lab: Lab, moment: float) -> float:

@@ -30,12 +30,15 @@ import crowd  # noqa: E402
 import figures  # noqa: E402
 import measures  # noqa: E402
 import systems  # noqa: E402
+from links import lossy  # noqa: E402
 from podman import LabError  # noqa: E402
 from subject import Lab  # noqa: E402
 from systems import System  # noqa: E402
 
 WORK = ROOT / ".work" / "bench"
 DOCS = ROOT / "docs" / "performance"
+#: what gets lost -> how nftables matches it
+LOST = {"udp": "meta l4proto udp", "all": ""}
 SYSTEMS = {system.name: system for system in (systems.MANAGED, systems.EXISTING, systems.UPSTREAM)}
 
 
@@ -60,8 +63,8 @@ def measure(system: System, fkie: Path | None, scale: float) -> dict[str, list[f
         note(lab, "memory", lambda: measures.memory(lab, system))
         note(lab, "", lambda: measures.changes(lab, system, count))
         note(lab, "first", lambda: measures.first_messages(lab))
-        for kind in ("udp", "all"):
-            with measures.loss(lab, kind):
+        for kind, match in LOST.items():
+            with lossy(lab, systems.ADDRESSES, 30, match):
                 note(lab, f"new_{kind}", lambda: measures.changes(lab, system, max(5, count // 5))["new"])
         note(lab, "", lambda: measures.losses(lab, 1 if system.upstream or scale < 1 else 5))
         note(lab, "cpu", lambda: idle(lab, system))
@@ -134,7 +137,7 @@ def main() -> int:
     except (AssertionError, LabError) as problem:
         print(f"bench: {problem}", file=sys.stderr)
         return 1
-    found = figures.measured(report)
+    found = report["systems"]
     text = figures.table(found, report["titles"]) + figures.crowd_table(report.get("crowd", []))
     print(f"\n{text}", flush=True)
     for folder in (WORK, DOCS) if options.keep else (WORK,):

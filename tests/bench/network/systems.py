@@ -64,7 +64,7 @@ def running(system: System, fkie: Path | None = None) -> Iterator[Lab]:
             replace(lab, host)
         for host, other in ((GIVER, "bob_pc"), (TAKER, "ana_pc")):
             until(lambda host=host, other=other: other in listed(lab, host), 60, f"{host} knows the other master")
-        start_giver(lab)
+        start_giver(lab, GIVER, ADDRESSES[GIVER])
         yield lab
 
 
@@ -86,12 +86,11 @@ def listed(lab: Lab, host: str) -> str:
     return said.replace("-", "_") if said.count("online: True") == len(ADDRESSES) else ""
 
 
-def start_giver(lab: Lab) -> None:
-    """Start the program that registers what it is told."""
-    text = (NODES / "giver.py").read_text()
-    lab.run(GIVER, "cat > /run/giver.py", stdin=text)
-    lab.start(GIVER, "giver", f"python3 /run/giver.py {ADDRESSES[GIVER]} {PORT}")
-    until(lambda: "ready" in lab.run(GIVER, "cat /run/giver.out", check=False), 30, "the giver")
+def start_giver(lab: Lab, host: str, address: str) -> None:
+    """Start the program that registers on a computer as it is told."""
+    lab.run(host, "cat > /run/giver.py", stdin=(NODES / "giver.py").read_text())
+    lab.start(host, "giver", f"python3 /run/giver.py {address} {PORT}")
+    until(lambda: "ready" in lab.run(host, "cat /run/giver.out", check=False), 30, "the giver")
 
 
 def take(lab: Lab, *words: object) -> list[object]:
