@@ -117,7 +117,7 @@ def test_a_run_that_is_confirmed_stays(lab, host):
 
 
 def is_whole(host, rules, good):
-    """Whether a killed run has left the old rules or the new ones. ufw takes them one by one: who is let in comes first."""
+    """True where a killed run has left the old rules or the new ones. ufw takes them one by one: who is let in comes first."""
     if host != "bob-pc":
         return rules in ("", good)
     ours, wanted = ({line for line in text.splitlines() if "1024" in line} for text in (rules, good))

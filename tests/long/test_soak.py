@@ -136,7 +136,7 @@ def soaked():
 
 
 def draw(samples, path):
-    """What each service of each robot held over the time."""
+    """The holdings of each service of each robot over the time."""
     import matplotlib
 
     matplotlib.use("svg")

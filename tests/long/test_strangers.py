@@ -167,7 +167,7 @@ def attack(lab, script, *arguments):
 
 
 def result(name, running):
-    """What a script has counted."""
+    """The counts of a script."""
     output, _errors = running.communicate(timeout=60)
     print(f"\n{name}:", output.strip())
     assert running.returncode == 0

@@ -35,7 +35,7 @@ def processors():
 
 
 def _transfers():
-    """What the workers have noted."""
+    """The notes of the workers."""
     try:
         with open(os.environ["TASK_TIMES_FILE"] + ".ssh", encoding="ascii") as stream:
             return sum(map(float, stream))

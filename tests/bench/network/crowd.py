@@ -67,12 +67,12 @@ def fill(lab: Lab, number: int, name: str) -> None:
 
 
 def alone(lab: Lab, name: str) -> bool:
-    """Whether the roscore has the topics of its own robot alone."""
+    """True where the roscore has the topics of its own robot alone."""
     return held(lab, name).count("/topic_") == TOPICS
 
 
 def said(lab: Lab, name: str) -> str:
-    """What all_there.py has printed."""
+    """The output of all_there.py."""
     return lab.run(name, "cat /run/all-there.out", check=False)
 
 
@@ -101,7 +101,7 @@ def simulated(say: Callable[[str], None]) -> list[dict[str, float]]:
 
 
 def steady(lab: Lab, count: int) -> dict[str, float]:
-    """What a robot takes while nothing changes: share of a core, bytes, packets a second."""
+    """The costs of a robot while nothing changes: share of a core, bytes, packets a second."""
 
     def packets() -> int:
         return sum(map(int, lab.run(TAKER, "cat /sys/class/net/eth0/statistics/[rt]x_packets").split()))

@@ -60,7 +60,7 @@ COSTS = {
 
 
 def draw_crowd(report: Mapping[str, Any], path: Path) -> None:
-    """What one robot takes beside 10, 30 and 100 masters."""
+    """The costs of one robot beside 10, 30 and 100 masters."""
     rows = report["crowd"]
     figure, places = pyplot.subplots(1, len(COSTS), figsize=(9, 2.4), layout="constrained")
     for place, (cost, (title, factor)) in zip(places, COSTS.items(), strict=True):

@@ -74,7 +74,7 @@ class Cell(NamedTuple):
 
     @property
     def good(self) -> bool:
-        """Whether it is as asked for."""
+        """True where it is as asked for."""
         return self.limit is None or self.value <= self.limit
 
 
@@ -141,7 +141,7 @@ def _shown(value: Cell, unit: str) -> str:
 
 
 def crowd_table(rows: Sequence[Mapping[str, float]]) -> str:
-    """What one robot takes beside many simulated masters, as a table of Markdown; nothing where it was not measured."""
+    """The costs of one robot beside many simulated masters, as a table of Markdown; nothing where it was not measured."""
     if not rows:
         return ""
     lines = [

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is measured: two robots in the lab, with the nodes and roscores of each kind."""
+"""The systems that are measured: two robots in the lab, with the nodes and roscores of each kind."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def start_giver(lab: Lab, host: str, address: str) -> None:
 
 
 def take(lab: Lab, *words: object) -> list[object]:
-    """What taker.py prints, line by line."""
+    """Run taker.py; its output, line by line."""
     text = (HERE / "programs" / "taker.py").read_text()
     lab.run(TAKER, "cat > /run/taker.py", stdin=text)
     arguments = " ".join(map(str, words))

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a fleet costs the controller as it grows: plan, second run of site.yml, judgement of a full verification.
+"""The costs of a fleet for the controller as it grows: plan, second run of site.yml, judgement of a full verification.
 
 python tests/bench/site/growth.py [--keep]
 
@@ -73,7 +73,7 @@ def second_run(computers: int) -> dict[str, float]:
 
 
 def spent(function: Callable[[], Any]) -> tuple[Any, float]:
-    """What a function returns, and the seconds of a processor that it takes."""
+    """Call a function: its result, and the seconds of a processor that it takes."""
     began = time.process_time()
     result = function()
     return result, round(time.process_time() - began, 2)
@@ -101,7 +101,7 @@ def functions(robots: int) -> dict[str, float]:
 
 
 def machine() -> dict[str, Any]:
-    """What the figures were measured on, and with."""
+    """The machine that the figures were measured on, and with."""
     version = subprocess.run(["git", "describe", "--always"], cwd=ROOT, capture_output=True, text=True, check=False)
     ansible = subprocess.run(
         [str(Path(sys.executable).with_name("ansible")), "--version"], capture_output=True, text=True, check=False

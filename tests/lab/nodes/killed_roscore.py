@@ -141,7 +141,7 @@ class Test:
         return time.monotonic() - began
 
     def wrong(self, dead):
-        """What is not as it should be; empty where all is right."""
+        """The mistakes; empty where all is right."""
         roscore = xmlrpc.client.ServerProxy(URI)
         parts = roscore.getSystemState("/test")[2]
         held = {
@@ -165,7 +165,7 @@ class Test:
         return found[:5]
 
     def mend(self):
-        """What is in doubt is said again, as a node does it whose call failed."""
+        """Say again what is in doubt, as a node does it whose call failed."""
         roscore = xmlrpc.client.ServerProxy(URI)
         for node in self.nodes:
             for key in list(node.doubtful):

@@ -80,7 +80,7 @@ def answers(addresses):
 
 
 def each(look, addresses):
-    """What `look` finds at all addresses at the same time, a process for each."""
+    """Call `look` for all addresses at the same time, a process for each."""
     children = []
     for address in addresses:
         reader, writer = os.pipe()

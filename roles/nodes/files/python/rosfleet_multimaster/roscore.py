@@ -74,7 +74,7 @@ class Roscore:
         return self._master.call(method, *arguments)
 
     def _hand_on(self, records: List[Record]) -> None:
-        """What one call changed; the lock of the registrations is held."""
+        """Hand on the changes of one call; the lock of the registrations is held."""
         if self._store is not None:
             self._store.add([record for record in records if record[0] not in ("refused", "parameter")])
         self._changes.add(records)
@@ -85,7 +85,7 @@ class Roscore:
     # The start
 
     def _before(self) -> Optional[Registry]:
-        """What an earlier life knew, as far as it counts."""
+        """The knowledge of an earlier life, as far as it counts."""
         found = store.read(self._options.store) if self._options.store else None
         if found is None:
             return None

@@ -50,7 +50,7 @@ class Difference(NamedTuple):
 
 
 def changes(before: State, after: State) -> Dict[str, Dict[str, Any]]:
-    """What has changed: part -> name -> what it was. Quick where both states share their parts."""
+    """The changes: part -> name -> what it was. Quick where both states share their parts."""
     found = {}
     for part in PARTS:
         old, new = getattr(before, part), getattr(after, part)
@@ -126,7 +126,7 @@ class Stamps:
 
 
 class History:
-    """What the latest changes replaced, as far back as there is room."""
+    """The rows that the latest changes replaced, as far back as there is room."""
 
     def __init__(self) -> None:
         self.revision = 1
@@ -142,7 +142,7 @@ class History:
             self._size -= _size(self._records.popleft()[1])
 
     def since(self, revision: int) -> Optional[Undo]:
-        """What all changes after this one replaced; None where it is not known any more."""
+        """The rows that all changes after this one replaced; None where it is not known any more."""
         if revision > self.revision or revision < self.revision - len(self._records):
             return None
         merged: Dict[str, Dict[str, Any]] = {}
@@ -159,13 +159,13 @@ def _size(undo: Undo) -> int:
 
 
 def told(state: State, undo: Undo, view: Callable[[State], Sequence[Any]]) -> Optional[Difference]:
-    """What changes mean to somebody who sees a state as `view(state)`, a document; None where it takes the whole."""
+    """The meaning of changes to somebody who sees a state as `view(state)`, a document; None where it takes the whole."""
     names = names_of(undo, state)
     return difference(view(excerpt(state, names, undo)), view(excerpt(state, names, {})))
 
 
 def difference(before: Sequence[Any], after: Sequence[Any]) -> Optional[Difference]:
-    """What is another in a document. None where that cannot be told: something is gone, and who used it is not."""
+    """The difference of two documents. None where that cannot be told: something is gone, and who used it is not."""
     rows_told: List[Any] = list(after[:_FIRST])
     gone: List[List[str]] = []
     used: Set[str] = set()

@@ -22,7 +22,7 @@ class Feed:
         self._history: Deque[List[List[Any]]] = deque()  # the last one is that of `revision`
 
     def add(self, records: Sequence[List[Any]]) -> None:
-        """What one call changed."""
+        """Note the changes of one call."""
         self.revision += 1
         self._history.append(list(records))
         self._held += len(records)

@@ -19,7 +19,7 @@ _WIDTH = {"publisher": 4, "subscriber": 4, "service": 4, "type": 3, "node": 3, "
 
 
 class Mirror:
-    """What a roscore has."""
+    """The registrations of a roscore."""
 
     def __init__(self, uri: str, name: str) -> None:
         """`uri` and `name` are those of the master."""

@@ -14,7 +14,7 @@ MOST = 1000  # replaced nodes that are remembered
 
 
 class Verdict(NamedTuple):
-    """What is to be done with a registration."""
+    """The decision about a registration."""
 
     refused: str = ""  # why it is not made
     takes_over: bool = False  # it takes the name of another one,
@@ -40,7 +40,7 @@ class NameGuard:
         self._imports = set(nodes)
 
     def is_import(self, name: str, uri: str) -> bool:
-        """Whether this is a node of another robot."""
+        """True where this is a node of another robot."""
         return (name, uri) in self._imports or self._foreign.get(name) == uri
 
     def judge(self, name: str, held: str, uri: str, now: float) -> Verdict:

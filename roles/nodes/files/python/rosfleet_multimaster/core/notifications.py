@@ -107,7 +107,7 @@ class Notifications:
             del self._nodes[call.uri]
 
     def waits(self) -> bool:
-        """Whether there is a node with something that waits, and no call under way."""
+        """True where there is a node with something that waits, and no call under way."""
         return bool(self._ready)
 
     def tidy(self, now: float) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a roscore knows, as records: one for each thing that was changed. The store keeps them, the feed tells of them.
+"""The knowledge of a roscore, as records: one for each thing that was changed. The store keeps them, the feed tells of them.
 
 A record is a list, its kind first:
 
@@ -177,7 +177,7 @@ def told_whole(registry: Registry, parameters: Sequence[str]) -> List[Record]:
 
 
 def touches(name: str, parameter: str) -> bool:
-    """Whether a change of the parameter `name` may change `parameter`: it is above, the same, or below."""
+    """True where a change of the parameter `name` may change `parameter`: it is above, the same, or below."""
     changed, other = _parts(name), _parts(parameter)
     short = min(len(changed), len(other))
     return changed[:short] == other[:short]

@@ -38,7 +38,7 @@ class Special(NamedTuple):
         raise TypeError(f"a {kind} cannot be kept")
 
     def content(self) -> Any:
-        """What the class is made of again."""
+        """The text or bytes that the class is made of again."""
         return base64.b64decode(self.text) if self.kind == "Binary" else self.text
 
 
@@ -46,7 +46,7 @@ _SPECIAL = "\0special"  # XML has no such character, so no mapping of a paramete
 
 
 class Remembered(NamedTuple):
-    """What a store has."""
+    """The content of a store."""
 
     registry: Registry
     boot: str
@@ -74,7 +74,7 @@ def whole(registry: Registry, boot: str) -> Iterable[bytes]:
 
 
 def read(data: bytes, special: Any = lambda value: value) -> Optional[Remembered]:
-    """What a store has; None where it is none, or of another format. `special` makes values of Special ones."""
+    """Read a store; None where it is none, or of another format. `special` makes values of Special ones."""
     lines = data.split(b"\n")
     first = _content(lines[0], 0, special)
     if len(lines) < 2 or not isinstance(first, dict) or first.get("format") != FORMAT:
@@ -121,5 +121,5 @@ def _revived(found: Dict[str, Any], special: Any) -> Any:
 
 
 def grown(size: int, base: int) -> bool:
-    """Whether a store of this size is written anew; `base`: its size when it was."""
+    """True where a store of this size is written anew; `base`: its size when it was."""
     return size > base + SLACK and size > FACTOR * base

@@ -15,7 +15,7 @@ from .sync import Claims, NodeKey, Plan, Registration, View, Wanted
 
 
 class Known(NamedTuple):
-    """What is known since the last round."""
+    """The knowledge since the last round."""
 
     view: View
     claims: Claims
@@ -86,7 +86,7 @@ def _is_free(item: Registration, master: str, known: Known, contested: Callable[
 
 
 def names(todo: Plan, claims: Mapping[NodeKey, str]) -> Names:
-    """What must be so that a plan may be carried out: nobody else has taken a name meanwhile."""
+    """The condition under which a plan may be carried out: nobody else has taken a name meanwhile."""
     same = {item.node: item.node_uri for item in todo.register if item.of in claims}
     free: Set[Tuple[str, ...]] = {("lookupNode", item.node) for item in todo.register if item.node not in same}
     free.update(("lookupService", item.name) for item in todo.register if item.kind == "service")
@@ -94,7 +94,7 @@ def names(todo: Plan, claims: Mapping[NodeKey, str]) -> Names:
 
 
 def after(todo: Plan, view: View) -> View:
-    """What the roscore holds after a plan."""
+    """The registrations of the roscore after a plan."""
     tables: Dict[str, Dict[str, Tuple[str, ...]]] = {}
     node_uris, service_uris = dict(view.node_uris), dict(view.service_uris)
     for item in (*todo.unregister, *todo.register):

@@ -466,7 +466,7 @@ class Sync:
         return {item for item in {*old, *new} if old.get(item) != new.get(item)}
 
     def _select(self, remote: Remote, state: State) -> Dict[Registration, str]:
-        """What is wanted of a state, or of a part of one, and may be where it is."""
+        """The registrations of a state, or of a part of one, that are wanted and may be where they are."""
         return {
             item: "*" if state.types.get(item.name, "") in UNKNOWN_TYPES else state.types[item.name]
             for item in select(state, remote.rules, self.own_uri, self.sync_remote_nodes)

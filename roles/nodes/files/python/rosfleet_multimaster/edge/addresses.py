@@ -145,6 +145,6 @@ def own_hosts() -> Set[str]:
 
 
 def leads_to(uri: str, hosts: Set[str]) -> bool:
-    """Whether a URI leads to one of these hosts."""
+    """True where a URI leads to one of these hosts."""
     host = urlsplit(uri).hostname or ""
     return host in hosts or host.startswith("127.") or addresses_of_all([host]).get(host, host) in hosts

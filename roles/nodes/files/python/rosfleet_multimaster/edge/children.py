@@ -14,7 +14,7 @@ class Child:
         self._process: Optional[subprocess.Popen[bytes]] = None
 
     def runs(self) -> bool:
-        """Whether it is there."""
+        """True where it is there."""
         return self._process is not None and self._process.poll() is None
 
     def start(self, command: Sequence[str]) -> None:
@@ -32,7 +32,7 @@ class Child:
 
 
 def output(command: Sequence[str], seconds: float) -> str:
-    """What a program prints, "" where it fails."""
+    """The output of a program, "" where it fails."""
     try:
         done = subprocess.run(
             list(command),

@@ -61,7 +61,7 @@ class Caller(NamedTuple):
 
     @property
     def own(self) -> bool:
-        """Whether it is on this computer."""
+        """True where it is on this computer."""
         return self.address.startswith("127.") or self.address in ("::1", self.here)
 
 

@@ -25,7 +25,7 @@ _LINES, _REST = 200, 0.002  # lines that are made at once while calls are answer
 
 
 class Found(NamedTuple):
-    """What was kept, and whether this computer was started since."""
+    """The registry that was kept, and whether this computer was started since."""
 
     registry: Registry
     another_boot: bool
@@ -41,7 +41,7 @@ def boot() -> str:
 
 
 def read(folder: str) -> Optional[Found]:
-    """What the store of this folder has. What is damaged is put aside, with a warning."""
+    """Read the store of this folder. A damaged one is put aside, with a warning."""
     path = os.path.join(folder, remembered.FILE)
     try:
         with open(path, "rb") as file:
@@ -100,7 +100,7 @@ class Store:
         threading.Thread(target=self._keep, name="store", daemon=True).start()
 
     def add(self, records: Sequence[Record]) -> None:
-        """What one call changed."""
+        """Add the changes of one call."""
         if self._meanwhile is not None:
             self._meanwhile.append(records)
         if self._file is None:
@@ -212,7 +212,7 @@ class Store:
             os.fsync(self._guard)
 
     def _failed(self, problem: Exception) -> None:
-        """What is in the file stays, as it was up to now; a new one is tried later."""
+        """Give the file up: it stays as it was up to now; a new one is tried later."""
         if self._file is not None:
             os.close(self._file)
             self._file = None

@@ -40,7 +40,7 @@ class Changes:
         self._waiting = 0
 
     def add(self, records: Sequence[Record]) -> None:
-        """What one call changed. The lock of the registrations is held."""
+        """Take the changes of one call. The lock of the registrations is held."""
         found = [record if record[0] in _WHOLE_LATER else told(record) for record in records]
         records = [record for record in found if record]
         if records:
@@ -75,7 +75,7 @@ class Changes:
         return self._whole()
 
     def _wait(self, epoch: str, revision: int, end: float, caller: Any) -> Any:
-        """What comes until then. The lock of the feed is held, but not while this sleeps."""
+        """Wait for records until then. The lock of the feed is held, but not while this sleeps."""
         records: Any = []
         while records == [] and monotonic() < end and not caller.gone():
             self._changed.wait(min(LOOK, max(0.0, end - monotonic())))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What `roscore` brings along beside rosmaster: the parameters that roslaunch reads, and the node rosout."""
+"""The things that `roscore` brings along beside rosmaster: the parameters that roslaunch reads, and the node rosout."""
 
 import logging
 import os

@@ -118,7 +118,7 @@ class Served:
     def _differences(
         self, told: Told, caller: str, may_wait: bool, filters: Any, epoch: Any, revision: Any, wait: Any
     ) -> List[Any]:
-        """What is new since a revision: [epoch, revision, whole, document, gone, digest]. Waits for it, so many seconds at most."""
+        """Tell the news since a revision: [epoch, revision, whole, document, gone, digest]. Waits for it, so many seconds at most."""
         if not isinstance(epoch, str) or not isinstance(revision, int) or not isinstance(wait, (int, float)):
             raise Refused(f"{DIFFERENCES} takes a filter, an epoch (text), a revision (number) and a wait (seconds)")
         wanted = told.filter_of(caller, epoch) if filters == [] else _wanted(filters)
@@ -151,7 +151,7 @@ class Served:
         return self._viewer(caller)(self._own.current())
 
     def _viewer(self, caller: str) -> Viewer:
-        """What a caller may see of a state, and the rules by which it is told of that."""
+        """The part of a state that a caller may see, and the rules by which it is told of that."""
         if self._is_here(caller):
             return lambda state: self._policy.view(state, None)
         try:

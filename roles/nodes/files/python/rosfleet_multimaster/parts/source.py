@@ -29,7 +29,7 @@ SHARE, SLOWEST = 20, 5.0  # a poll takes at most one part in so many of the time
 
 
 class PollInstead(Exception):
-    """What the roscore tells is not enough."""
+    """The answers of the roscore are not enough."""
 
 
 class Follower:

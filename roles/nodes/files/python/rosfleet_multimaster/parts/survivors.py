@@ -28,7 +28,7 @@ CALLER = "/master"
 
 
 class State(enum.Enum):
-    """What became of a node."""
+    """The fate of a node."""
 
     ALIVE = "alive"
     GONE = "gone"
@@ -43,14 +43,14 @@ class Found(NamedTuple):
 
 
 class Had(NamedTuple):
-    """What a node had registered."""
+    """The registrations of a node."""
 
     topics: Dict[str, Set[str]]  # "publisher" and "subscriber" -> topics
     services: Dict[str, str]  # service -> its URI
 
 
 def had(registry: Registry) -> Dict[Tuple[str, str], Had]:
-    """What each node had, by name and URI."""
+    """The registrations of each node, by name and URI."""
     found = {of: Had({"publisher": set(), "subscriber": set()}, {}) for of in registry.nodes.items()}
     for kind, table in (("publisher", registry.publishers), ("subscriber", registry.subscribers)):
         for topic, users in table.items():
@@ -64,7 +64,7 @@ def had(registry: Registry) -> Dict[Tuple[str, str], Had]:
 
 
 def ask(name: str, uri: str, held: Had) -> Found:
-    """What became of a node."""
+    """The fate of a node."""
     try:
         rpc = Rpc(uri, TIMEOUT, NODE)
         try:
@@ -107,7 +107,7 @@ def _topics(rpc: Rpc, method: str) -> Optional[Set[str]]:
 
 
 def _provides(name: str, service: str, uri: str) -> bool:
-    """Whether a node still provides a service; true where nobody can tell."""
+    """True where a node still provides a service; true where nobody can tell."""
     try:
         return provider(uri, service, TIMEOUT) == name
     except ConnectionRefusedError:
@@ -126,7 +126,7 @@ class Survivors:
         end_node: Callable[[str, str], None],
         end_registration: Callable[[Record], bool],
     ) -> None:
-        """What is not true any more is ended by these two."""
+        """Take the two functions that end what is not true any more."""
         self._workers, self._end_node, self._end_registration = workers, end_node, end_registration
         self._left: Set[Tuple[str, str]] = set()
         self._alive = self._gone = 0

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What others are told of changes: they ask, and have the answer as soon as there is something new for them.
+"""Changes, as others are told of them: they ask, and have the answer as soon as there is something new for them.
 
 Nothing is kept about a caller but its filter. Epoch and revision in its question say what it has. The epoch names this
 start, the rules that the caller is told by, and its filter: with other rules nothing is told but the whole.
@@ -24,7 +24,7 @@ Key = Tuple[str, str]  # caller, epoch
 
 
 class Look(NamedTuple):
-    """What a caller sees now: the rules, as something to compare, and the document that they make of a state."""
+    """The present view of a caller: the rules, as something to compare, and the document that they make of a state."""
 
     rules: Hashable
     document: Callable[[State], List[Any]]
