@@ -124,6 +124,10 @@ class Rpc:
         limit.start()
         try:
             return self._exchange(self._connection, body, deadline)
+        except (OSError, http.client.HTTPException):
+            if monotonic() < deadline:
+                raise
+            raise OSError(f"{self.uri} answers too slowly") from None  # a reset, or half an answer: it was cut off here
         finally:
             limit.cancel()
 
