@@ -1,0 +1,452 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The parts of a fleet: what a person can mend, and the ways in which each may be broken. One table, FAULTS.
+
+A part is what (`kind`), where (`place`), and how it is broken (`mode`). `what` narrows it where a place has several: the
+network of a link or a route, the name that is looked up, the port of a packet filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+
+class Fault(NamedTuple):
+    """How a part of a kind may be broken: in a sentence, what to do, and the command that shows it.
+
+    Texts have {place} and {what}. `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
+    A `hard` fault lets nothing pass, so a success that needs the part clears it; of another one a success says little.
+    """
+
+    sentence: str
+    remedy: str
+    decide: str = ""  # empty: the remedy shows it, too
+    cost: float = 3.0
+    hard: bool = True
+    what: str = ""  # stands for a part's `what` where it has none
+
+
+class Part(NamedTuple):
+    """A part that may be broken in one way."""
+
+    kind: str
+    place: str  # a computer, a robot, a network, or two of them: both(one, other)
+    mode: str
+    what: str = ""
+
+    @property
+    def fault(self) -> Fault:
+        """The row of the table."""
+        return FAULTS[self.kind, self.mode]
+
+    def sentence(self) -> str:
+        """Say what is wrong."""
+        return self._filled(self.fault.sentence)
+
+    def remedy(self) -> str:
+        """Say what to do, with the command to paste."""
+        return self._filled(self.fault.remedy)
+
+    def decide(self) -> str:
+        """Return the command that shows whether it is this."""
+        return self._filled(self.fault.decide or self.fault.remedy)
+
+    def _filled(self, text: str) -> str:
+        return text.format(place=self.place, what=self.what or self.fault.what)
+
+
+def both(one: str, other: str) -> str:
+    """Name a place that is two of them."""
+    return " and ".join(sorted((one, other)))
+
+
+SITE = "run site.yml"
+RULES = "on {place}: nft list ruleset; iptables -S"
+FORWARDED = "on {place}: nft list ruleset; iptables -S FORWARD"
+ADDRESSES = "on {place}: ip -br address; ip -s link"
+ROUTES = "on {place}: ip route"
+DISCOVERY = "on {place}: systemctl status multimaster-discovery; journalctl -b -u multimaster-discovery"
+SYNC = "on {place}: systemctl status multimaster-sync; journalctl -b -u multimaster-sync"
+ROSCORE = "on {place}: systemctl status multimaster-roscore (or the unit of your own roscore)"
+HOSTS = "on {place}: getent ahostsv4 {what}; cat /etc/hosts"
+
+# What a packet filter may drop: mode -> what it is, and what to allow.
+DROPPED = {
+    "icmp": ("ICMP", "ICMP echo requests and replies"),
+    "udp": ("UDP port {what}", "UDP port {what}"),
+    "group": ("what is sent to the multicast group", "the multicast group, and IGMP"),
+    "rpc": ("TCP port {what} of the discovery node", "TCP port {what}"),
+    "roscore": ("TCP port {what} of the roscore", "TCP port {what}"),
+    "nodes": ("the TCP ports of nodes", "all TCP ports above 1024"),
+}
+# Where: word of the mode -> how it is said, and what it costs more than the plain one.
+DIRECTIONS = {"in": (" that comes in", 0.2), "out": (" that goes out", 0.8), "": (", coming in and going out", 0.4)}
+
+FILTERS: Mapping[tuple[str, str], Fault] = {
+    ("filter", f"{mode} {direction}".strip()): Fault(
+        f"a packet filter on {{place}} drops {dropped}{said}",
+        f"allow {allowed} between the computers of the fleet; see {RULES}",
+        RULES,
+        cost=3.0 + more,
+        what={"udp": "11511", "rpc": "11611", "roscore": "11311"}.get(mode, ""),
+    )
+    for mode, (dropped, allowed) in DROPPED.items()
+    for direction, (said, more) in DIRECTIONS.items()
+}
+
+FAULTS: Mapping[tuple[str, str], Fault] = {
+    # A computer
+    ("computer", "off"): Fault(
+        "{place} is switched off, or not on its network", f"switch it on; if it is on, see {ADDRESSES}", cost=1.0
+    ),
+    ("computer", "login"): Fault(
+        "{place} is there, but the controller cannot log in",
+        "on the controller: ansible {place} -m ansible.builtin.ping -vvv",
+        cost=2.0,
+    ),
+    ("computer", "unmeasured"): Fault(
+        "{place} could not be looked at", "on the controller: ansible-playbook playbooks/verify.yml -vv --limit {place}"
+    ),
+    ("computer", "overloaded"): Fault(
+        "{place} is overloaded",
+        "on {place}: top -b -n1; with many computers raise verify_patience",
+        cost=5.0,
+        hard=False,
+    ),
+    ("computer", "disk"): Fault("{place} has no room on {what}", "on {place}: df -h; du -xsh /var/log", what="a disk"),
+    # Names
+    ("names", "unknown"): Fault("{place} does not know {what}", f"{SITE}, which writes /etc/hosts", HOSTS, cost=2.0),
+    ("names", "loopback"): Fault(
+        "/etc/hosts on {place} binds {what} to the loopback interface",
+        f"{SITE}, which also keeps cloud-init from writing the line again at boot",
+        HOSTS,
+        cost=2.0,
+    ),
+    ("names", "old"): Fault(
+        "on {place} {what} means another address: an older line of /etc/hosts, or a name server",
+        f"{SITE}, which names the line that stands against it",
+        HOSTS,
+        cost=2.0,
+    ),
+    ("names", "several"): Fault(
+        "on {place} {what} has a second address: another line of /etc/hosts, or a name server",
+        "remove the line that is not the collection's from /etc/hosts on {place}",
+        HOSTS,
+        cost=2.0,
+    ),
+    ("names", "rights"): Fault(
+        "on {place} root alone can look up {what}: the rights of /etc/hosts or /etc/nsswitch.conf",
+        "on {place}: chmod 644 /etc/hosts /etc/nsswitch.conf",
+        "on {place}: ls -l /etc/hosts /etc/nsswitch.conf; runuser -u nobody -- getent ahostsv4 {what}",
+        what="names",
+    ),
+    ("names", "order"): Fault(
+        "{place} asks a name server before /etc/hosts, or not /etc/hosts at all",
+        "on {place}: put files first in the line hosts of /etc/nsswitch.conf",
+        "on {place}: grep ^hosts /etc/nsswitch.conf",
+    ),
+    # Interfaces and links
+    ("interface", "address"): Fault(
+        "{place} has not the address of the plan, or packets leave from another one",
+        f"correct the interface, or multimaster_address; see {ADDRESSES}",
+        ADDRESSES,
+    ),
+    ("interface", "prefix"): Fault(
+        "the network of an interface of {place} is larger or smaller than planned",
+        f"correct the prefix length; see {ADDRESSES}",
+        ADDRESSES,
+    ),
+    ("interface", "mtu"): Fault(
+        "{place} takes or sends only small packets on {what}",
+        "give its interface the MTU of the others; on {place}: ip link",
+        what="its network",
+        cost=4.0,
+    ),
+    ("interface", "duplicate"): Fault(
+        "another computer has the address of {place}, too",
+        "give one of the two another address; on another computer: arping -D -I <interface> {what}",
+        what="<its address>",
+        cost=4.5,
+    ),
+    ("interface", "multicast"): Fault(
+        "multicast of {place} leaves, or comes in, by another interface than planned",
+        f"{SITE}; set multimaster_common_address or multimaster_address to the address of the right one",
+        "on {place}: ip route get {what}; ip maddress",
+        what="<group>",
+    ),
+    ("link", "down"): Fault(
+        "the link of {place} to {what} is down, or its interface has no address there",
+        f"see {ADDRESSES}",
+        what="its network",
+        cost=2.0,
+    ),
+    ("link", "loss"): Fault(
+        "{place} loses packets on {what}",
+        "look at the signal, or at the cable; on {place}: ip -s link",
+        what="its link",
+        cost=3.5,
+        hard=False,
+    ),
+    ("link", "flapping"): Fault(
+        "the link of {place} comes and goes",
+        "look at the cable, or at the signal; on {place}: dmesg",
+        cost=4.0,
+        hard=False,
+    ),
+    # Networks
+    ("network", "dead"): Fault(
+        "{place} carries nothing between its computers, as an access point that keeps its clients apart",
+        "switch client isolation off on the access point, and look at the switch",
+        cost=2.5,
+    ),
+    ("network", "loss"): Fault(
+        "{place} loses packets", "look at the signal, or at the load of the network", cost=4.0, hard=False
+    ),
+    ("network", "multicast"): Fault(
+        "{place} does not carry the multicast group: IGMP snooping without a querier, or an access point that drops multicast",
+        "switch IGMP snooping off or a querier on; with multimaster_transport: both the robots find each other meanwhile",
+        "on two computers: rosrun fkie_multimaster_discovery, or playbooks/verify.yml with verify_watch: 15m",
+        cost=2.5,
+    ),
+    ("network", "large"): Fault(
+        "{place} loses large packets", "give all its interfaces one MTU, and look at the switch", cost=4.0
+    ),
+    # Between networks
+    ("route", "missing"): Fault(
+        "{place} has no way out of its network to {what}",
+        f"{SITE}, which sets its routes; see {ROUTES}",
+        ROUTES,
+        cost=2.0,
+        what="the others",
+    ),
+    ("route", "other"): Fault(
+        "another route of {place} to {what} comes first: a second default route, as DHCP brings it, or one set by hand",
+        f"{SITE}, which names it; see {ROUTES}",
+        ROUTES,
+        cost=2.0,
+        what="the others",
+    ),
+    ("route", "defaults"): Fault(
+        "{place} has two default routes",
+        "keep the one that leads to the other networks, or set multimaster_routes to networks for this robot, so that only "
+        f"the robots' networks go by the gateway; see {ROUTES}",
+        ROUTES,
+        cost=2.5,
+        hard=False,
+    ),
+    ("route", "circle"): Fault(
+        "{place} sends packets for {what} back to where they came from",
+        f"{SITE} on it; see there: ip route get {{what}}",
+        what="the others",
+    ),
+    ("forwarding", "off"): Fault(
+        "{place} drops what is meant for another network, so nobody gets through it",
+        f"{SITE}; if the value comes back, see on {{place}}: grep -r ip_forward /etc/sysctl.* /usr/lib/sysctl.d",
+        "on {place}: sysctl net.ipv4.ip_forward",
+        cost=2.0,
+    ),
+    ("forwarding", "large"): Fault(
+        "{place} passes small packets on and loses large ones",
+        "give both of its interfaces the MTU of their networks, and let ICMP 'fragmentation needed' pass; on {place}: ip link",
+        "from a computer behind it: ping -M do -s 1472 -c3 <another network>",
+        cost=3.5,
+    ),
+    ("filter", "forward"): Fault(
+        "a packet filter on {place} drops what is meant for another network, as Docker sets it up",
+        f"let packets between the robots' networks pass there; see {FORWARDED}",
+        FORWARDED,
+        cost=2.5,
+    ),
+    ("filter", "changed"): Fault(
+        "the packet filter of {place} is not as planned",
+        f"{SITE}; if it changes again, see on {{place}} what else changes the packet filter",
+        RULES,
+        hard=False,
+    ),
+    ("filter", "pair"): Fault(
+        "something drops packets between {place}, and between nobody else: a packet filter or a route with the other's address",
+        "on both: nft list ruleset; ip route",
+        cost=6.0,
+    ),
+    ("reverse_path", "strict"): Fault(
+        "{place} drops packets that come in on another interface than the one that leads back to their source",
+        f"{SITE}, which sets net.ipv4.conf.all.rp_filter to 2; the larger value of all and the interface counts",
+        "on {place}: sysctl -a --pattern rp_filter",
+        cost=3.5,
+        hard=False,
+    ),
+    ("redirects", "sent"): Fault(
+        "{place} sends ICMP redirects, because packets turn round on the common network",
+        f"{SITE}, which sets net.ipv4.conf.*.send_redirects to 0; it is sent where all or the interface has 1",
+    ),
+    ("translation", "on"): Fault(
+        "{place} translates addresses (masquerading, NAT)",
+        "translate nothing between the robots' networks; a container or virtual machine: connect it by a bridge; "
+        "see on {place}: nft list ruleset; iptables -t nat -S",
+        "on {place}: nft list ruleset; iptables -t nat -S",
+    ),
+    # What a computer is for ROS
+    ("clock", "off"): Fault(
+        "the clock of {place} is {what}",
+        "run chrony on all computers with one of them, or a server, as the source",
+        "on {place}: chronyc tracking; date --utc +%T.%N",
+        cost=3.0,
+        what="wrong",
+    ),
+    ("environment", "service"): Fault(
+        "services of {place} run with another environment than planned: {what}",
+        f"{SITE}, which restarts them",
+        "on {place}: systemctl show --property Environment multimaster-discovery",
+        cost=2.0,
+        what="the variables of ROS",
+    ),
+    ("environment", "shell"): Fault(
+        "nodes started on {place} have another environment than planned: {what}",
+        f"{SITE} on it; remove ROS_HOSTNAME, ROS_IP and ROS_MASTER_URI from the files of its shells",
+        "on {place}: bash -lc env | grep ^ROS; grep -n ROS_ ~/.bashrc ~/.profile",
+        cost=2.0,
+        what="ROS_HOSTNAME or ROS_IP",
+    ),
+    ("roscore", "dead"): Fault("no roscore answers on {place}", f"start it; see {ROSCORE}", ROSCORE, cost=1.5),
+    ("roscore", "hung"): Fault(
+        "the roscore on {place} runs and does not answer", f"restart it; see {ROSCORE}", ROSCORE, cost=3.0
+    ),
+    ("roscore", "name"): Fault(
+        "the roscore on {place} calls itself {what}",
+        f"{SITE}; a roscore of your own needs the variables of /etc/rosfleet-multimaster/environment",
+        "on {place}: rosparam get /rosdistro; env | grep ^ROS",
+        cost=2.0,
+        what="otherwise than planned",
+    ),
+    ("discovery", "dead"): Fault(
+        "the discovery node of {place} does not run", f"start it; see {DISCOVERY}", DISCOVERY, cost=1.5
+    ),
+    ("discovery", "hung"): Fault(
+        "the discovery node of {place} runs and does not answer", f"restart it; see {DISCOVERY}", DISCOVERY
+    ),
+    ("discovery", "group"): Fault(
+        "the discovery node of {place} uses another group or port than the others",
+        f"{SITE}, so that all use one group and port; see {DISCOVERY}",
+        "on {place}: ss -lunp | grep python; rosparam get /master_discovery",
+        cost=2.8,
+    ),
+    ("discovery", "configuration"): Fault(
+        "the discovery node of {place} does not serve what is planned",
+        f"{SITE} on it; see {DISCOVERY}",
+        DISCOVERY,
+        cost=3.4,
+    ),
+    ("sync", "dead"): Fault("the sync node of {place} does not run", f"start it; see {SYNC}", SYNC, cost=1.5),
+    ("sync", "hung"): Fault(
+        "the sync node of {place} runs and registers nothing of the others",
+        f"restart it; see {SYNC}; rosservice call /master_sync/get_sync_info",
+        SYNC,
+        cost=2.5,
+    ),
+    ("sync", "configuration"): Fault(
+        "the sync node of {place} takes other topics and services than planned: {what}",
+        f"{SITE} on it; docs/providers.md says what upstream's nodes cannot leave out",
+        "on {place}: rosparam get /master_sync; rosservice call /master_sync/get_sync_info",
+        cost=3.2,
+        what="other parameters",
+    ),
+    ("sync", "stale"): Fault(
+        "the sync node of {place} has not followed the changes of {what}",
+        f"restart it; see {SYNC}",
+        SYNC,
+        cost=3.3,
+        what="another master",
+    ),
+    ("service", "down"): Fault(
+        "{what} does not run on {place}", "on {place}: journalctl -b -u {what}", cost=2.0, what="multimaster-*"
+    ),
+    ("service", "restarting"): Fault(
+        "on {place} {what} ended by itself and was started again",
+        "on {place}: journalctl -b -u {what}",
+        hard=False,
+        what="multimaster-*",
+    ),
+    ("service", "missing"): Fault("{what} was not set up on {place}", f"{SITE} on it", cost=1.0, what="multimaster-*"),
+    # What is registered and exchanged
+    ("registration", "ghost"): Fault(
+        "the roscore of {place} holds nodes that do not answer: {what}; they ended without saying so, as by kill -9",
+        "on {place}: rosnode cleanup; a node that hangs must be ended first",
+        cost=3.0,
+        what="see rosnode ping --all",
+    ),
+    ("registration", "twin"): Fault(
+        "one name, two nodes on {place}: {what}; a roscore holds one of them",
+        "give one of them another name or a namespace of its robot, or leave it out by multimaster_exports or multimaster_filters",
+        what="see rosnode list",
+    ),
+    ("registration", "talker"): Fault(
+        "the talker of the verification on {place} does not run, or has not registered: {what}",
+        "on {place}: journalctl -u multimaster-verify-talker; with many computers raise verify_lifetime",
+        cost=3.5,
+        what="rostopic pub fails there",
+    ),
+    ("registration", "listener"): Fault(
+        "the subscriber of the verification on {place} gave no result: {what}",
+        "on {place}: rostopic echo /rosout; with many computers raise verify_patience",
+        cost=3.5,
+        what="rospy fails there",
+    ),
+    ("registration", "link"): Fault(
+        "nodes on {place} are connected though nothing is exchanged between them: {what}",
+        "start these nodes again; if it comes back, run site.yml on all robots",
+        what="see rosnode info",
+    ),
+    ("declaration", "narrow"): Fault(
+        "{place} leaves out what the others need: {what}",
+        "correct multimaster_exports or multimaster_filters of the robot, and run site.yml",
+        cost=3.0,
+        what="see multimaster_exports",
+    ),
+    ("messages", "differ"): Fault(
+        "message definitions differ on {place}: {what}",
+        "install the same version of the message package on both, or give one of the topics another name",
+        what="see rosmsg md5",
+    ),
+    ("messages", "unknown"): Fault(
+        "the Python of ROS on {place} does not tell the classes of its message types: {what}",
+        "on {place}: rosmsg md5 std_msgs/String",
+        what="rospy fails there",
+    ),
+    # Others
+    ("setting", "icmp_group"): Fault(
+        "{place} does not answer pings of a group; discovery does not depend on it",
+        f"if you want the answers: {SITE} on it, which sets net.ipv4.icmp_echo_ignore_broadcasts",
+        cost=2.0,
+    ),
+    ("setting", "unread"): Fault(
+        "on {place} {what} cannot be looked at, as in some containers", "nothing", what="a value"
+    ),
+    ("stranger", "present"): Fault(
+        "{place} hears others on the group of this fleet: {what}",
+        "add them to the inventory, put their addresses into multimaster_allow, or give this fleet another "
+        "multimaster_multicast_group or port",
+        what="an unknown master",
+    ),
+    # The next boot
+    ("boot", "unit"): Fault(
+        "{what} works on {place} now, and does not start at the next boot",
+        f"{SITE} on it",
+        "on {place}: systemctl is-enabled {what}",
+        what="multimaster-*",
+    ),
+    ("boot", "sysctl"): Fault(
+        "{what} is right on {place} now, and not after the next boot",
+        f"{SITE} on it, which names the file",
+        "on {place}: grep -r {what} /etc/sysctl.conf /etc/sysctl.d /usr/lib/sysctl.d",
+        what="a kernel setting",
+    ),
+    ("boot", "route"): Fault("{place} has its routes now, and not after the next boot", f"{SITE} on it", ROUTES),
+    ("boot", "names"): Fault(
+        "/etc/hosts of {place} is right now, and is written anew at the next boot",
+        f"{SITE} on it, which keeps cloud-init from writing it",
+        "on {place}: grep -rn manage_etc_hosts /etc/cloud",
+    ),
+    **FILTERS,
+}
