@@ -30,6 +30,7 @@ ROOMS = {
         "_fleet": set(),
         "_plan": {"_fleet"},
         "_changes": {"_fleet"},
+        "_world": {"_plan", "_fleet"},
         "_verify": {"_plan", "_fleet"},
     },
     NODES: {

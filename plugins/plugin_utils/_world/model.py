@@ -1,0 +1,224 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A world as types: machines with their interfaces, routes and filters, and the links between them.
+
+It is what decides where packets go, and nothing else of a kernel. `planned` makes it of a plan, `found` of what was read on
+machines; `packets.trace` sends packets through it. Nothing here changes: another world is made with `dataclasses.replace`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from ipaddress import IPv4Address, IPv4Interface, IPv4Network
+
+LOOSE, STRICT = 2, 1  # values of rp_filter (kernel: Documentation/networking/ip-sysctl)
+NO_WAY = ("blackhole", "unreachable", "prohibit", "throw")  # kinds of routes that lead nowhere (ip-route(8))
+
+# The chains of a packet filter
+IN, OUT, FORWARD = "in", "out", "forward"
+ACCEPT, DROP, REJECT = "accept", "drop", "reject"  # rejected as firewalld does it, with "administratively prohibited"
+
+
+@dataclass(frozen=True)
+class Packet:
+    """A packet of IPv4 to one computer, or to a group."""
+
+    protocol: str  # icmp, tcp or udp
+    destination: IPv4Address
+    source: IPv4Address | None = None  # None: chosen by the route
+    port: int = 0
+    source_port: int = 40000
+    size: int = 100  # bytes, with all headers
+    whole: bool = False  # it must not be cut into fragments
+    answer: bool = False  # it answers another one: a filter that follows connections lets it pass
+    ttl: int = 64
+
+
+@dataclass(frozen=True)
+class Interface:
+    """An interface of a machine."""
+
+    name: str
+    addresses: tuple[IPv4Interface, ...] = ()
+    link: str = ""  # the wire or cell that it is in
+    mtu: int = 1500
+    up: bool = True
+    forwarding: bool = False  # of what comes in here
+    rp_filter: int = 0  # the larger value of `all` and the interface
+
+
+@dataclass(frozen=True)
+class Route:
+    """A route of the main table."""
+
+    destination: IPv4Network
+    gateway: IPv4Address | None = None
+    device: str = ""
+    metric: int = 0
+    source: IPv4Address | None = None
+    kind: str = "unicast"
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A rule of a packet filter. What is left out matches everything, and the first rule that matches decides."""
+
+    chain: str
+    verdict: str
+    protocol: str = ""
+    ports: tuple[int, int] = (0, 65535)  # of the destination, the first and the last one
+    sources: tuple[IPv4Network, ...] = ()
+    destinations: tuple[IPv4Network, ...] = ()
+    device: str = ""  # by which a packet comes in; in the chain `out` the one by which it leaves
+    new: bool = False  # only what begins something, no answers
+
+    def matches(self, chain: str, packet: Packet, device: str) -> bool:
+        """Say if this rule is for a packet."""
+        return (
+            self.chain == chain
+            and self.protocol in ("", packet.protocol)
+            and self.ports[0] <= packet.port <= self.ports[1]
+            and not (self.new and packet.answer)
+            and self.device in ("", device)
+            and _among(packet.source, self.sources)
+            and _among(packet.destination, self.destinations)
+        )
+
+
+def _among(address: IPv4Address | None, networks: Sequence[IPv4Network]) -> bool:
+    return not networks or any(address is not None and address in network for network in networks)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A computer or another device, as far as packets and names depend on it."""
+
+    name: str
+    interfaces: tuple[Interface, ...] = ()
+    routes: tuple[Route, ...] = ()  # the whole main table, with what the kernel makes for each address
+    rules: tuple[Rule, ...] = ()
+    masquerades: frozenset[str] = frozenset()  # interfaces on which the source of what leaves becomes their own address
+    groups: frozenset[IPv4Address] = frozenset()  # that it passes on between its interfaces
+    on: bool = True
+    names: Mapping[str, tuple[IPv4Address, ...]] = field(default_factory=dict)  # what each name means here
+    services: frozenset[str] = frozenset()  # that run
+    environment: Mapping[str, str] = field(default_factory=dict)  # of its services
+    clock: float = 0.0  # seconds ahead of the true time
+
+    @cached_property
+    def _by_name(self) -> Mapping[str, Interface]:
+        return {interface.name: interface for interface in self.interfaces}
+
+    @cached_property
+    def addresses(self) -> frozenset[IPv4Address]:
+        """Its own addresses; those of an interface that is down are nobody's."""
+        return frozenset(address.ip for interface in self.interfaces if interface.up for address in interface.addresses)
+
+    @cached_property
+    def _table(self) -> Sequence[tuple[int, int, Route]]:
+        """The routes as (network, mask, route), the one that counts first; as numbers, since this is asked most often."""
+        usable = [route for route in self.routes if route.kind in NO_WAY or self._usable(route)]
+        usable.sort(key=lambda route: (-route.destination.prefixlen, route.metric))
+        return [(int(route.destination.network_address), int(route.destination.netmask), route) for route in usable]
+
+    def _usable(self, route: Route) -> bool:
+        interface = self._by_name.get(route.device)
+        return interface is not None and interface.up
+
+    def interface(self, name: str) -> Interface:
+        """Its interface with this name."""
+        return self._by_name[name]
+
+    def interface_of(self, address: IPv4Address) -> Interface | None:
+        """Its interface with this address."""
+        return next((one for one in self.interfaces if any(entry.ip == address for entry in one.addresses)), None)
+
+    def route(self, destination: IPv4Address) -> Route | None:
+        """The route to an address: the longest prefix counts, then the lowest metric."""
+        number = int(destination)
+        return next((route for network, mask, route in self._table if number & mask == network), None)
+
+    def source(self, route: Route, destination: IPv4Address) -> IPv4Address | None:
+        """The address from which the kernel sends on a route: in the network of the next hop, else the first one."""
+        if route.source is not None:
+            return route.source
+        hop, own = route.gateway or destination, self.interface(route.device).addresses
+        near = [entry.ip for entry in own if hop in entry.network]
+        return next(iter(near or [entry.ip for entry in own]), None)
+
+    def verdict(self, chain: str, packet: Packet, device: str) -> str:
+        """What its packet filter does with a packet."""
+        return next((rule.verdict for rule in self.rules if rule.matches(chain, packet, device)), ACCEPT)
+
+    def with_interface(self, changed: Interface) -> Machine:
+        """The machine with another state of one interface: the kernel's routes of its addresses change with it."""
+        before = self.interface(changed.name)
+        others = [route for route in self.routes if route not in connected(before)]
+        return replace(
+            self,
+            interfaces=tuple(changed if one.name == changed.name else one for one in self.interfaces),
+            routes=(*connected(changed), *others),
+        )
+
+
+def connected(interface: Interface) -> tuple[Route, ...]:
+    """The routes that the kernel makes for the addresses of an interface."""
+    return tuple(
+        Route(address.network, device=interface.name, source=address.ip)
+        for address in interface.addresses
+        if address.network.prefixlen < 32
+    )
+
+
+@dataclass(frozen=True)
+class Link:
+    """A wire, a switch or a wireless cell: what connects interfaces without a router."""
+
+    name: str
+    up: bool = True
+    loss: float = 0.0  # the share of packets that is lost, 0 to 1
+    largest: int | None = None  # bytes; a larger packet is lost without a word
+    pruned: frozenset[IPv4Address] = frozenset()  # groups that nobody hears, as by IGMP snooping without a querier
+    apart: bool = False  # an access point that keeps its clients apart
+
+
+@dataclass(frozen=True)
+class World:
+    """All machines and links."""
+
+    machines: Mapping[str, Machine]
+    links: Mapping[str, Link]
+
+    @cached_property
+    def plugged(self) -> Mapping[str, Sequence[tuple[Machine, Interface]]]:
+        """Who is on each link."""
+        found: dict[str, list[tuple[Machine, Interface]]] = {name: [] for name in self.links}
+        for machine in self.machines.values():
+            for interface in machine.interfaces:
+                if interface.link in found:
+                    found[interface.link].append((machine, interface))
+        return found
+
+    @cached_property
+    def _holders(self) -> Mapping[tuple[str, IPv4Address], Sequence[tuple[Machine, Interface]]]:
+        found: dict[tuple[str, IPv4Address], list[tuple[Machine, Interface]]] = {}
+        for link, plugged in self.plugged.items():
+            for machine, interface in plugged:
+                for address in interface.addresses:
+                    found.setdefault((link, address.ip), []).append((machine, interface))
+        return found
+
+    def holders(self, link: str, address: IPv4Address) -> Sequence[tuple[Machine, Interface]]:
+        """Who has an address on a link, also if he is off."""
+        return self._holders.get((link, address), ())
+
+    def with_machine(self, changed: Machine) -> World:
+        """The world with another state of one machine."""
+        return replace(self, machines={**self.machines, changed.name: changed})
+
+    def with_link(self, changed: Link) -> World:
+        """The world with another state of one link."""
+        return replace(self, links={**self.links, changed.name: changed})

@@ -1,0 +1,358 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What becomes of a packet: hop by hop, as a kernel decides it. A question and its answer are two ways.
+
+Pure: a world and a packet in, a trace out. Loss is a property of the links on the way, and no matter of chance here.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from ipaddress import IPv4Address
+from typing import NamedTuple
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
+    ACCEPT,
+    FORWARD,
+    IN,
+    NO_WAY,
+    OUT,
+    REJECT,
+    STRICT,
+    Interface,
+    Machine,
+    Packet,
+    World,
+)
+
+# What becomes of a packet
+DELIVERED = "delivered"
+NO_ROUTE = "no route"
+NO_ADDRESS = "no address"
+OFF = "off"
+DOWN = "down"
+NOBODY = "nobody"
+LINK_DOWN = "link down"
+APART = "apart"
+FILTERED = "filtered"
+REJECTED = "rejected"
+NOT_FORWARDED = "not forwarded"
+REVERSE_PATH = "reverse path"
+TOO_LARGE = "too large"
+CIRCLE = "circle"
+ELSEWHERE = "elsewhere"
+PRUNED = "pruned"
+
+# What a router tells the sender of a packet that ends there, in the words of the probes (RFC 792).
+REPORTS = {
+    NO_ROUTE: "network unreachable",
+    NOBODY: "host unreachable",
+    OFF: "host unreachable",
+    DOWN: "host unreachable",
+    LINK_DOWN: "host unreachable",
+    REJECTED: "communication administratively prohibited",
+    CIRCLE: "time to live exceeded: the routers pass it round in a circle",
+}
+
+
+class Hop(NamedTuple):
+    """A machine that a packet passes, and where it leaves."""
+
+    machine: str
+    device: str = ""
+    to: IPv4Address | None = None  # the next machine; None at the end
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The way of a packet. `where` is the machine or the link at which it ends, `by` the last machine that had it."""
+
+    outcome: str
+    where: str
+    by: str
+    hops: tuple[Hop, ...]
+    packet: Packet  # as it was at the end: a translated source is the new one
+    links: tuple[str, ...] = ()  # that it has crossed
+    translations: tuple[tuple[str, IPv4Address, IPv4Address], ...] = ()  # machine, new source, the one before
+    device: str = ""  # by which it came in at its end
+
+    @property
+    def ok(self) -> bool:
+        """True if it arrived."""
+        return self.outcome == DELIVERED
+
+    def loss(self, world: World) -> float:
+        """The share of such packets that is lost on the links of the way."""
+        kept = 1.0
+        for link in self.links:
+            kept *= 1 - world.links[link].loss
+        return 1 - kept
+
+
+class End(Exception):
+    """A packet ends: what becomes of it, and where."""
+
+    def __init__(self, outcome: str, where: str) -> None:
+        super().__init__(outcome, where)
+        self.outcome, self.where = outcome, where
+
+
+class _Journey:
+    """A packet on its way."""
+
+    def __init__(self, world: World, packet: Packet, known: Mapping[tuple[str, IPv4Address], IPv4Address]) -> None:
+        self.world, self.packet, self.known = world, packet, known
+        self.hops: list[Hop] = []
+        self.links: list[str] = []
+        self.translations: list[tuple[str, IPv4Address, IPv4Address]] = []
+        self.by = self.device = ""
+
+    def run(self, machine: Machine) -> Trace:
+        self.by = machine.name
+        try:
+            if not machine.on:
+                raise End(OFF, machine.name)
+            if self._local(machine):
+                self.hops.append(Hop(machine.name))
+                raise End(DELIVERED, machine.name)
+            machine, interface = self._leave(machine, None)
+            for unused in range(self.packet.ttl):
+                machine, interface = self._arrive(machine, interface)
+            raise End(CIRCLE, self.by)
+        except End as end:
+            hops, links = tuple(self.hops), tuple(self.links)
+            return Trace(
+                end.outcome, end.where, self.by, hops, self.packet, links, tuple(self.translations), self.device
+            )
+
+    def _local(self, machine: Machine) -> bool:
+        destination = self.packet.destination
+        if destination not in machine.addresses and not destination.is_loopback:
+            return False
+        if self.packet.source is None:
+            self.packet = replace(self.packet, source=destination)
+        return True
+
+    def _leave(self, machine: Machine, incoming: Interface | None) -> tuple[Machine, Interface]:
+        """Send it from a machine to the next one."""
+        route = machine.route(self.packet.destination)
+        if route is None or route.kind in NO_WAY:
+            raise End(REJECTED if route is not None and route.kind == "prohibit" else NO_ROUTE, machine.name)
+        device, hop = machine.interface(route.device), route.gateway or self.packet.destination
+        if incoming is None:
+            source = self.packet.source or machine.source(route, self.packet.destination)
+            if source is None:
+                raise End(NO_ADDRESS, machine.name)
+            self.packet = replace(self.packet, source=source)
+            self._filter(machine, OUT, device.name)
+        else:
+            self._filter(machine, FORWARD, incoming.name)
+        self._translate(machine, device)
+        self.hops.append(Hop(machine.name, device.name, hop))
+        if self.packet.size > device.mtu and self.packet.whole:
+            raise End(TOO_LARGE, machine.name)
+        return self._cross(machine, device, hop)
+
+    def _cross(self, machine: Machine, device: Interface, hop: IPv4Address) -> tuple[Machine, Interface]:
+        """Cross a link, as one packet or as fragments that fit."""
+        link = self.world.links.get(device.link)
+        if link is None or not link.up:
+            raise End(LINK_DOWN, device.link or machine.name)
+        self.links.append(link.name)
+        following, interface = _neighbour(self.world, machine, device, hop)
+        if link.apart:
+            raise End(APART, link.name)
+        size = min(self.packet.size, device.mtu)
+        if link.largest is not None and size > link.largest:
+            raise End(TOO_LARGE, link.name)
+        if size > interface.mtu:
+            raise End(TOO_LARGE, following.name)
+        return following, interface
+
+    def _arrive(self, machine: Machine, interface: Interface) -> tuple[Machine, Interface]:
+        """Take it in at a machine: at its end, or on to the next one."""
+        self.by, self.device = machine.name, interface.name
+        packet = self.packet
+        if interface.rp_filter and packet.source is not None:
+            back = machine.route(packet.source)
+            if back is None or back.kind in NO_WAY or (interface.rp_filter == STRICT and back.device != interface.name):
+                raise End(REVERSE_PATH, machine.name)
+        before = self.known.get((machine.name, packet.destination)) if packet.answer else None
+        if before is not None:
+            packet = self.packet = replace(packet, destination=before)
+        if packet.destination in machine.addresses:
+            self.hops.append(Hop(machine.name))
+            self._filter(machine, IN, interface.name)
+            raise End(DELIVERED, machine.name)
+        if not interface.forwarding:
+            raise End(NOT_FORWARDED, machine.name)
+        self.packet = replace(packet, ttl=packet.ttl - 1)
+        return self._leave(machine, interface)
+
+    def _filter(self, machine: Machine, chain: str, device: str) -> None:
+        verdict = machine.verdict(chain, self.packet, device)
+        if verdict != ACCEPT:
+            raise End(REJECTED if verdict == REJECT else FILTERED, machine.name)
+
+    def _translate(self, machine: Machine, device: Interface) -> None:
+        source = self.packet.source
+        if device.name not in machine.masquerades or source is None or source in machine.addresses:
+            return
+        if self.packet.answer:
+            return  # of a connection that began on the other side
+        own = device.addresses[0].ip
+        self.translations.append((machine.name, own, source))
+        self.packet = replace(self.packet, source=own)
+
+
+def _neighbour(world: World, machine: Machine, device: Interface, hop: IPv4Address) -> tuple[Machine, Interface]:
+    """Who answers for an address on a link. Raises End where nobody does.
+
+    If two have it, it is a matter of chance who answers; here it depends on who asks.
+    """
+    have = [(one, interface) for one, interface in world.holders(device.link, hop) if one.name != machine.name]
+    answer = [(one, interface) for one, interface in have if one.on and interface.up]
+    if answer:
+        number = zlib.crc32(f"{machine.name} {hop}".encode()) if len(answer) > 1 else 0
+        return answer[number % len(answer)]
+    if have:
+        raise End(DOWN if have[0][0].on else OFF, have[0][0].name)
+    raise End(NOBODY, machine.name)
+
+
+def trace(
+    world: World, start: str, packet: Packet, known: Mapping[tuple[str, IPv4Address], IPv4Address] | None = None
+) -> Trace:
+    """Follow a packet from a machine. `known` are translations that are undone: (machine, address) -> the one before."""
+    return _Journey(world, packet, known or {}).run(world.machines[start])
+
+
+@dataclass(frozen=True)
+class Echo:
+    """A question and its answer."""
+
+    there: Trace
+    back: Trace | None  # None where the question did not arrive
+
+    @property
+    def ok(self) -> bool:
+        """True if the answer came back."""
+        return self.failed is None
+
+    @property
+    def failed(self) -> Trace | None:
+        """The way that ends before its end; None where both arrived."""
+        return next((way for way in (self.there, self.back) if way is not None and not way.ok), None)
+
+    def loss(self, world: World) -> float:
+        """The share of such questions without an answer."""
+        kept = 1.0
+        for way in (self.there, self.back):
+            kept *= 1 - (way.loss(world) if way else 0.0)
+        return 1 - kept
+
+
+def echo(world: World, start: str, packet: Packet) -> Echo:
+    """Follow a packet to its end, and its answer back: of a ping, or of the first packet of a connection."""
+    there = trace(world, start, packet)
+    if not there.ok:
+        return Echo(there, None)
+    arrived = there.packet
+    if arrived.source is None:  # it never left
+        return Echo(there, None)
+    answer = replace(
+        packet,
+        source=arrived.destination,
+        destination=arrived.source,
+        port=packet.source_port if packet.port else 0,
+        source_port=packet.port,
+        answer=True,
+    )
+    known = {(machine, new): before for machine, new, before in there.translations}
+    back = trace(world, there.where, answer, known)
+    if back.ok and back.where != start:
+        back = replace(back, outcome=ELSEWHERE)
+    return Echo(there, back)
+
+
+def report(world: World, start: str, way: Trace) -> str:
+    """What the sender of a packet is told of its end by ICMP, such as "192.168.1.201 reports: host unreachable"; or empty."""
+    if way.outcome not in REPORTS or way.packet.source is None or way.packet.answer:
+        return ""
+    known = {(machine, new): before for machine, new, before in way.translations}
+    told = trace(world, way.by, Packet("icmp", way.packet.source, answer=True), known)
+    if not told.ok or told.where != start:
+        return ""
+    return f"{told.packet.source} reports: {REPORTS[way.outcome]}"
+
+
+# Groups
+
+
+class Heard(NamedTuple):
+    """A datagram of a group that comes in at a machine."""
+
+    machine: str
+    device: str
+    source: IPv4Address
+    links: tuple[str, ...]
+
+
+def group(world: World, start: str, source: IPv4Address, packet: Packet) -> list[Heard]:
+    """Who hears a datagram to a group that a machine sends from the interface with one of its addresses."""
+    machine = world.machines[start]
+    device = machine.interface_of(source)
+    if device is None or not device.up:
+        return []
+    packet = replace(packet, source=source)
+    if machine.verdict(OUT, packet, device.name) != ACCEPT:
+        return []
+    found: list[Heard] = []
+    waiting, crossed = [(machine.name, device, packet, ())], set()
+    while waiting:
+        sender, leaves, sent, before = waiting.pop(0)
+        if leaves.link in crossed:
+            continue
+        crossed.add(leaves.link)
+        for other, interface in _hearers(world, sender, leaves, sent):
+            links: tuple[str, ...] = (*before, leaves.link)
+            if other.verdict(IN, sent, interface.name) == ACCEPT and sent.source is not None:
+                found.append(Heard(other.name, interface.name, sent.source, links))
+            for next_interface in _passes_on(other, interface, sent):
+                waiting.append((other.name, next_interface, _translated(other, next_interface, sent), links))  # type: ignore[arg-type]
+    return found
+
+
+def _hearers(world: World, sender: str, device: Interface, packet: Packet) -> Iterator[tuple[Machine, Interface]]:
+    """Whom a datagram reaches on one link."""
+    link = world.links.get(device.link)
+    if link is None or not link.up or link.apart or packet.destination in link.pruned:
+        return
+    if link.largest is not None and packet.size > link.largest:
+        return
+    for machine, interface in world.plugged[link.name]:
+        if machine.on and interface.up and machine.name != sender and packet.size <= interface.mtu:
+            if _way_back(machine, interface, packet):
+                yield machine, interface
+
+
+def _way_back(machine: Machine, interface: Interface, packet: Packet) -> bool:
+    """Whether the reverse-path filter lets a datagram in."""
+    if not interface.rp_filter or packet.source is None:
+        return True
+    back = machine.route(packet.source)
+    return back is not None and (interface.rp_filter != STRICT or back.device == interface.name)
+
+
+def _passes_on(machine: Machine, incoming: Interface, packet: Packet) -> list[Interface]:
+    """The interfaces by which a multicast router passes a datagram on."""
+    if packet.destination not in machine.groups or machine.verdict(FORWARD, packet, incoming.name) != ACCEPT:
+        return []
+    return [one for one in machine.interfaces if one.up and one.name != incoming.name]
+
+
+def _translated(machine: Machine, device: Interface, packet: Packet) -> Packet:
+    return replace(packet, source=device.addresses[0].ip) if device.name in machine.masquerades else packet

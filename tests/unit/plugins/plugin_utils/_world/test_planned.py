@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""In the world of a plan every packet that the fleet needs arrives, and takes the planned way."""
+
+from ipaddress import IPv4Address
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo, group
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import COMMON, planned
+from worlds import COMPUTERS, fig12, ping, tcp
+
+FLEETS = {
+    "fig12": {},
+    "networks": {"multimaster_routes": "networks"},
+    "existing": {"multimaster_routes": "existing"},
+    "packet filter": {"multimaster_firewall": "fleet", "multimaster_firewall_ports": ["51820/udp"]},
+    "no router": {"routers": ()},
+    "router of another make": {"routers": (), "multimaster_router": "192.168.1.1"},
+}
+
+
+@pytest.mark.parametrize("name", FLEETS)
+def test_every_computer_reaches_every_other_one(name):
+    plan = fig12(**FLEETS[name])
+    world = planned(plan)
+    for one in world.machines:
+        for member in plan.members:
+            for packet in (ping(member.address, size=1500, whole=True), tcp(member.address, 45000)):
+                assert echo(world, one, packet).ok, (one, member.name, packet)
+
+
+def test_packets_take_the_planned_way():
+    world = planned(fig12())
+    way = echo(world, "tibi-nav", ping("192.168.10.100"))
+    assert [hop.machine for hop in way.there.hops] == ["tibi-nav", "tibi-visio", "dabo-visio", "dabo-nav"]
+    assert [hop.machine for hop in way.back.hops] == ["dabo-nav", "dabo-visio", "tibi-visio", "tibi-nav"]
+    assert way.there.links == ("the network of tibi", COMMON, "the network of dabo")
+    assert way.there.packet.source == IPv4Address("192.168.11.100")
+    assert echo(world, "tibi-visio", ping("192.168.10.100")).there.packet.source == IPv4Address("192.168.1.201")
+
+
+def test_the_gateway_may_be_a_device_of_another_make():
+    world = planned(fig12({"tibi": {"multimaster_gateway": "192.168.11.1"}}))
+    way = echo(world, "tibi-nav", ping("192.168.10.100"))
+    assert [hop.machine for hop in way.there.hops] == ["tibi-nav", "192.168.11.1", "dabo-visio", "dabo-nav"]
+    assert way.ok and not world.machines["tibi-visio"].interface_of(IPv4Address("192.168.1.201"))
+
+
+def test_the_group_stays_on_its_network_unless_it_is_routed():
+    heard = {}
+    for routing in ("none", "smcroute"):
+        world = planned(fig12(multimaster_multicast_routing=routing))
+        datagram = tcp("239.255.0.1", 11511)
+        heard[routing] = {entry.machine for entry in group(world, "kobuki", IPv4Address("192.168.1.229"), datagram)}
+    assert heard["none"] == {"tibi-visio", "dabo-visio", "router"}
+    assert heard["smcroute"] == set(COMPUTERS) - {"kobuki"} | {"router"}
+
+
+def test_the_planned_packet_filter_keeps_others_out():
+    world = planned(fig12(multimaster_firewall="fleet", multimaster_firewall_ports=["51820/udp"]))
+    kobuki = world.machines["kobuki"]
+    stranger = IPv4Address("192.168.1.77")
+    assert kobuki.verdict("in", tcp("192.168.1.229", 11311, source=stranger), "eth0") == "drop"
+    assert kobuki.verdict("in", tcp("192.168.1.229", 22, source=stranger), "eth0") == "accept"
+    assert kobuki.verdict("in", tcp("192.168.1.229", 40000, source=stranger, answer=True), "eth0") == "accept"
+    gateway = world.machines["tibi-visio"]
+    assert gateway.verdict("forward", tcp("192.168.11.100", 11311, source=stranger), "eth1") == "drop"
+
+
+def test_every_computer_knows_every_name():
+    world = planned(fig12())
+    for name in COMPUTERS:
+        assert set(world.machines[name].names) == set(COMPUTERS)
+        assert world.machines[name].environment["ROS_HOSTNAME"] == name
+    assert world.machines["router"].names == {}

@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Plans and worlds for the tests of the world: Fig. 5, and Fig. 10 and 12 of the report."""
+
+from dataclasses import replace
+from ipaddress import IPv4Address, IPv4Interface, IPv4Network
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Inventory, read_fleet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet, Route
+
+ROBOTS = {
+    "tibi": (11, 201, "tibi-visio", {"tibi-nav": 100, "tibi-visio": 101}),
+    "dabo": (10, 202, "dabo-nav", {"dabo-nav": 100, "dabo-visio": 101}),
+}
+
+
+def fig12(by_robot=None, routers=("router",), **variables):
+    """Two robots behind gateways, one robot of one computer, and a router; `by_robot` are further variables of a robot."""
+    shared = {"multimaster_common_network": "192.168.1.0/24", "multimaster_multicast_group": "239.255.0.1", **variables}
+    values = {
+        host: {
+            **shared,
+            "multimaster_network": f"192.168.{network}.0/24",
+            "multimaster_gateway": f"{robot}-visio",
+            "multimaster_common_address": f"192.168.1.{common}",
+            "multimaster_master": master,
+            "multimaster_address": f"192.168.{network}.{address}",
+            **(by_robot or {}).get(robot, {}),
+        }
+        for robot, (network, common, master, hosts) in ROBOTS.items()
+        for host, address in hosts.items()
+    }
+    values["kobuki"] = {**shared, "multimaster_address": "192.168.1.229"}
+    robots = {**{robot: list(entry[3]) for robot, entry in ROBOTS.items()}, "kobuki": ["kobuki"]}
+    router = {name: {"multimaster_address": "192.168.1.1"} for name in routers}
+    return fleet_plan(read_fleet(Inventory(robots=robots, variables={**values, **router}, routers=list(routers))))
+
+
+COMPUTERS = ("tibi-nav", "tibi-visio", "dabo-nav", "dabo-visio", "kobuki")
+
+
+def ping(destination, **more):
+    return Packet("icmp", IPv4Address(destination), **more)
+
+
+def tcp(destination, port, **more):
+    return Packet("tcp", IPv4Address(destination), port=port, **more)
+
+
+def change(world, name, **fields):
+    """The world with other fields of a machine."""
+    return world.with_machine(replace(world.machines[name], **fields))
+
+
+def change_interface(world, name, interface, **fields):
+    """The world with other fields of an interface, and the routes that follow from them."""
+    machine = world.machines[name]
+    return world.with_machine(machine.with_interface(replace(machine.interface(interface), **fields)))
+
+
+def route(destination, gateway, device="eth0", **more):
+    return Route(IPv4Network(destination), IPv4Address(gateway), device, **more)
+
+
+def address(text):
+    return IPv4Interface(text)
