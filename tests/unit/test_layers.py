@@ -145,7 +145,7 @@ def test_ros_has_two_files(path):
 
 #: what touches the outside -> the only files of the nodes that import it; wait_for_master.py runs alone, without these
 OUTSIDE = {
-    "socket": "addresses connections ending loop master ros rpc_client rpc_server systemd tcpros udp",
+    "socket": "addresses connections ending lifeline loop master ros rpc_client rpc_server systemd tcpros udp",
     "socketserver": "rpc_server",
     "select": "",
     "selectors": "loop",

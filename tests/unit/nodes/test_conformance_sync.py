@@ -164,7 +164,7 @@ class Lab:
         ros.ended_by = ros.stop = lambda reason: None
         ros.md5sum = lambda name: None
         ros.SyncNode = lambda held: self.nodes.append(SyncNode(self.roscore, held)) or self.nodes[-1]
-        ros.list_masters = lambda service: self.asked_list.append(service) or list(self.listed)
+        ros.ListMasters = lambda: lambda service: self.asked_list.append(service) or list(self.listed)
         monkeypatch.setitem(sys.modules, "rosfleet_multimaster.edge.ros", ros)
         monkeypatch.setattr(rosfleet_multimaster.edge, "ros", ros, raising=False)
         monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_sync", raising=False)

@@ -22,7 +22,8 @@ def _program(monkeypatch):
     monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_sync", raising=False)
     module = importlib.import_module("rosfleet_multimaster.master_sync")
     values, _warnings = parameters.overlay(parameters.SYNC, {})
-    ros.md5sum = ros.list_masters = lambda name: None
+    ros.md5sum = lambda name: None
+    ros.ListMasters = lambda: lambda service: None
     ros.SyncNode = lambda held: types.SimpleNamespace(service_uri=lambda: ("", ""))
     program = module.MasterSync()
     program.uri, program.node_name = "http://own:11311/", "/master_sync"

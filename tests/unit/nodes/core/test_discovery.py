@@ -19,6 +19,7 @@ from rosfleet_multimaster.core.discovery import (
     misnamed,
 )
 from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, decode, encode
+from rosfleet_multimaster.core.peer import Peer
 from virtual_time import Robot, World
 
 OWN = Master(
@@ -710,3 +711,30 @@ def test_a_full_list_of_masters_takes_a_new_one_later(monkeypatch):
             contact = CONTACT._replace(uri="http://new:11311/", name="new") if known else None
             core.contacted(action.key, contact, "" if known else TIMED_OUT, float(now))
     assert core.refused == 1 and [master.name for master in core.masters()[1:]] == ["new"]
+
+
+def looks(monkeypatch, masters):
+    """How often a core looks at a single master, in ten seconds of beats of so many."""
+    core, seen = started(heartbeat_hz=1.0, offline_after=5.0), []
+    for number in range(masters):
+        address = f"192.168.2.{number}"
+        core.datagram(state(rate=1.0), (address, 11511), True, 10.0)
+        contact = Contact(2000.0, f"http://robot{number}:11311/", f"robot{number}", "/master_discovery")
+        core.contacted((address, 11511, 11611), contact, "", 10.0)
+    take(core)
+    with monkeypatch.context() as patch:
+        steps, master = Discovery._steps, Peer.master
+        patch.setattr(Discovery, "_steps", lambda self, entry: seen.append(entry) or steps(self, entry))
+        patch.setattr(Peer, "master", lambda self: seen.append(self) or master(self))
+        for second in range(10):
+            for number in range(masters):
+                now = 10.0 + second + number / masters
+                core.datagram(state(rate=1.0), (f"192.168.2.{number}", 11511), True, now)
+                core.tick(now)
+                assert core.next_tick() > now
+    assert len(core.masters()) == masters + 1 and all(master.online for master in core.masters())
+    return len(seen)
+
+
+def test_what_beats_cost_grows_with_the_masters_and_not_with_their_square(monkeypatch):
+    assert looks(monkeypatch, 80) <= 6 * looks(monkeypatch, 20)

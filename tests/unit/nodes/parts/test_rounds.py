@@ -23,7 +23,7 @@ def test_leftovers_wait_from_the_end_of_the_wiring(monkeypatch, after, kept):
     roscore = types.SimpleNamespace(ask=lambda *calls: [record if calls[0][0] == "getParam" else 0])
     core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
     workers = Workers(loop, 1)
-    made = module.Rounds(roscore, ("/master_sync", "http://own:1/"), core, guard, workers, workers, limited)
+    made = module.Rounds(roscore, None, ("/master_sync", "http://own:1/"), core, guard, workers, workers, limited)
     made.take_over()
     now[0] += 10.0  # a busy computer: rospy makes the node meanwhile
     lost = types.SimpleNamespace(registered=lambda *seen: None)

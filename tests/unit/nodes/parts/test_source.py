@@ -13,6 +13,7 @@ import pytest
 from rosfleet_multimaster.core.differences import Stamps
 from rosfleet_multimaster.core.graph import State
 from rosfleet_multimaster.core.mirror import Mirror
+from rosfleet_multimaster.edge.roscore import Roscore as Master
 from rosfleet_multimaster.parts import program
 from rosfleet_multimaster.parts.own_roscore import Identity
 from rosfleet_multimaster.parts.poller import Poller
@@ -165,5 +166,6 @@ def test_rosmaster_tells_no_changes():
     def fault(_method):
         raise xmlrpc.client.Fault(1, "no such method")
 
-    roscore = types.SimpleNamespace(rpc=types.SimpleNamespace(call=fault))
+    roscore = Master(URI, "/own")
+    roscore.rpc = types.SimpleNamespace(call=fault)
     assert Poller(roscore, URI, "own", Identity(), dict).tells(CHANGES) is False

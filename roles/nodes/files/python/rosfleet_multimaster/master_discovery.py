@@ -31,6 +31,7 @@ from .parts.served import OwnMaster, Served, callers, serve
 from .parts.source import Follower, Source, in_own_thread
 from .parts.told import Told
 
+LOOKS = {True: 30.0, False: 1.0}  # seconds between two looks at the addresses, where the kernel tells of changes or not
 LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however much changes
 
 
@@ -102,8 +103,9 @@ class MasterDiscovery:
             self._contacted,
         )
         self._look_at_networks()
-        self.address_looks = Recurring(InLoop(), lambda: 1.0, self._look_at_addresses)
-        self.reports = Recurring(InLoop(), lambda: 1.0, self._report)
+        looks = LOOKS[self.datagrams.hears_of_changes]
+        self.address_looks = Recurring(InLoop(), lambda: looks, self._look_at_addresses)
+        self.reports = Recurring(InLoop(), lambda: 1.0, self._report, early=0.5)
 
     def _source(self, env_uri: str, name: str, period: float) -> Source:
         stamps, of = Stamps(), (self.own.uri, self.own.name)
@@ -194,7 +196,7 @@ class MasterDiscovery:
         self.outsiders = tuple(self.core.outsiders.shown())
         if self.node is None:
             return
-        self.node.links(self.own.name, self.core.links(monotonic()), wall_clock())
+        self.node.links(self.own.name, lambda: self.core.links(monotonic()), wall_clock())
         if self.outsiders != self.diagnosed:
             self.diagnosed = self.outsiders
             self.node.diagnose([report.ignored(self.own.node, self.outsiders)], wall_clock())

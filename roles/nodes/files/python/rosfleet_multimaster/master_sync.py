@@ -5,6 +5,7 @@
 `python3 -m rosfleet_multimaster.master_sync [--parameters FILE.json] [name:=value ...]`
 """
 
+from collections import Counter
 from typing import Any, Dict, List, Optional, Set
 
 from .core import parameters, report
@@ -14,16 +15,18 @@ from .core.message_types import TypeGuard
 from .core.sync import Announced, Refusal, Registration, Sync
 from .edge import ros
 from .edge.clock import monotonic, wall_clock
-from .edge.loop import Loop, Workers
+from .edge.loop import InLoop, Loop, Recurring, Workers
 from .edge.roscore import Roscore
 from .edge.systemd import notify
 from .parts import own_roscore, program
 from .parts.fetcher import Fetcher
 from .parts.finder import Finder
 from .parts.lost import Lost
+from .parts.own_graph import OwnGraph
 from .parts.rounds import LINES, ROUND, Rounds
 from .parts.type_questions import TypeQuestions
 
+STATUS = 1.0  # seconds between two lines of status
 OWN_SHARE, OWN_SLOWEST = 4, 2.0  # times as long as a round took, and seconds, it waits after a change of own nodes
 
 
@@ -35,7 +38,7 @@ class MasterSync:
         self.limited = program.Limited()
         self.refused: Set[Refusal] = set()
         self.ready = False
-        self.status = ""
+        self.status, self.status_stale = "", False
         self.ending = False
         self.farewell = ""
         self.own_local_stamp = 0.0
@@ -75,26 +78,29 @@ class MasterSync:
             keep,
             Members.of(values),
         )
-        guard = TypeGuard()
-        self.rounds = Rounds(roscore, (self.node_name, node_uri), self.core, guard, roscore_calls, updaters, limited)
+        guard, graph, node = TypeGuard(), OwnGraph(roscore), (self.node_name, node_uri)
+        self.rounds = Rounds(roscore, graph, node, self.core, guard, roscore_calls, updaters, limited)
         self.rounds.take_over()
         self.lost = Lost(loop, updaters, limited, values["end_lost_connections"], Members.of(values), self._online)
         questions = TypeQuestions(loop, guard, self._monitor_of, ros.md5sum, self._changed)
         self.node = ros.SyncNode(lambda: self.rounds.held)
         identity = own_roscore.Identity()
         identity.service = self.node.service_uri()
-        self.health = own_roscore.Health(roscore, identity, roscore_calls, self._give_up, self._changed)
+        self.health = own_roscore.Health(loop, roscore, identity, roscore_calls, self._give_up, self._changed)
         self.finder = Finder(
+            loop,
             roscore,
+            graph,
             roscore_calls,
             Workers(loop, 2),
             limited,
             lambda: self.rounds.claims,
-            ros.list_masters,
+            ros.ListMasters(),
             self._subscribe,
             self._listed,
         )
         self.fetcher = Fetcher(loop, self.core, limited, self._fetched, self._touched, values["differences"])
+        self.states = Recurring(InLoop(), lambda: STATUS, self._say_status, wanted=lambda: self.status_stale)
         self.rounds.connect(questions, self.lost, lambda: self.finder.listed_once, self._report, self._round_over)
 
     # The loop
@@ -109,6 +115,7 @@ class MasterSync:
             self.fetcher.tick(now),
             self.lost.tick(now),
             self.rounds.tick(now),
+            self.states.tick(now),
         ]
         return min([now + ROUND, *(time for time in due if time is not None)])
 
@@ -135,9 +142,11 @@ class MasterSync:
             self.core.removed(master.uri)
             self._changed()
             return
-        now = monotonic()
+        now, known = monotonic(), self.core.remotes.get(master.uri)
+        was_online = known.announced.online if known is not None else None
         self.core.announced(master, now)
-        self.lost.look(now)
+        if was_online is not master.online:
+            self.lost.look(now)
         own_changed = master.uri == self.uri and master.local_stamp != self.own_local_stamp
         if not master.online:
             self._changed()
@@ -180,13 +189,27 @@ class MasterSync:
         if problem is None and self.finder.listed_once and not self.ready:
             self.ready = True
             notify("READY=1")
-        self._say_status()
+        self.status_stale = True
 
     def _say_status(self) -> None:
-        if not self.finder.listed_once:
+        """Tell systemd what is registered. It takes a look at all of it, so not after each change of a busy fleet."""
+        if not self.finder.listed_once or not self.status_stale:
             return
+        self.status_stale = False
+        topics: Dict[str, Set[str]] = {}
+        services: Counter[str] = Counter()
+        for item, master in self.rounds.held.items():
+            if item.kind == "service":
+                services[master] += 1
+            else:
+                topics.setdefault(master, set()).add(item.name)
         remotes = sorted(self.core.remotes.items(), key=lambda item: item[1].announced.name)
-        text = "; ".join(self._share(uri, remote.announced) for uri, remote in remotes) or "no other master"
+        shares = (
+            f"{remote.announced.name}{'' if remote.announced.online else ' (offline)'}: {len(topics.get(uri, ()))} topics,"
+            f" {services[uri]} services"
+            for uri, remote in remotes
+        )
+        text = "; ".join(shares) or "no other master"
         refused = sorted({item.name for item in self.refused if item.kind != "limit"})
         limited = sorted(item.master for item in self.refused if item.kind == "limit")
         text += f"; refused: {', '.join(refused)}" if refused else ""
@@ -194,14 +217,6 @@ class MasterSync:
         if text != self.status:
             self.status = text
             notify(f"STATUS={text}")
-
-    def _share(self, uri: str, announced: Announced) -> str:
-        """How much of a master is registered here."""
-        mine = [item for item, master in self.rounds.held.items() if master == uri]
-        topics = len({item.name for item in mine if item.kind != "service"})
-        services = sum(1 for item in mine if item.kind == "service")
-        offline = "" if announced.online else " (offline)"
-        return f"{announced.name}{offline}: {topics} topics, {services} services"
 
     # The end
 

@@ -51,7 +51,7 @@ from .peer import LONG_AGO, Act, Contact, Key, Master, Peer, Sign
 REPEAT_CHANGES = (0.0, 0.2, 1.0)  # seconds after a change: one lost datagram must not delay it
 REPEAT_REQUESTS = (0.0, 1.0, 5.0)  # seconds after the start
 ANSWER_PAUSE = 0.1  # seconds between two answers to one address
-SCAN = 1.0  # seconds between two ticks, at most
+SCAN, EARLY = 1.0, 0.5  # seconds between two ticks at most; and the tidying may come so much before its time
 ASLEEP = 1.5  # seconds between two ticks after which this computer was asleep, and the others were not silent
 MARGIN = 0.5  # of ~offline_after: the time that master_sync has to withdraw what a lost master had
 ASK_PAUSE = 0.2  # seconds between two requests to a master that missed its beat
@@ -67,6 +67,7 @@ MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be somebody's flood
 MAX_STRANGERS, MAX_ASKED = 1024, 32  # senders that have not said who they are; those that are asked at the same time
 MAX_ANSWERED = 4096  # addresses that are answered in a second
 FORGET_STRANGER = 30.0  # seconds of silence
+FAR = float("inf")
 
 
 @dataclass(frozen=True)
@@ -200,6 +201,9 @@ class Discovery:
         self._budget = Budget()
         self._turn = False
         self._public: Dict[str, Master] = {}
+        self._stale = False  # something may be another than what is public
+        self._first_step: Optional[float] = None  # see _next_step
+        self._crowds: Optional[Set[str]] = None  # addresses with several masters
         self._announce: List[float] = []
         self._request: List[float] = []
         self._ticked: Optional[float] = None
@@ -224,6 +228,7 @@ class Discovery:
 
     def own_state(self, master: Master, now: float) -> None:
         """Take the state of the own master: its roscore answers. A changed state is announced, several times."""
+        self._news()
         before, self._own, self._left = self._own, master, False
         if before is None:
             self._own_since = now
@@ -239,6 +244,7 @@ class Discovery:
         if now - since <= DEAD_AFTER:
             return False
         if self._own is not None and self._own.online:
+            self._news()
             self._own = Master(**{**self._own.__dict__, "online": False})
             self._announce = []
             self._publish()
@@ -254,6 +260,7 @@ class Discovery:
 
     def own_moved(self, own_addresses: Iterable[str]) -> None:
         """Take the new addresses of this computer: no peer at one of them is another master."""
+        self._news()
         self.own_addresses = frozenset(own_addresses)
         for table in (self._entries, self._strangers):
             for key in [key for key in table if self._is_own(key[0]) and key[2] == self.rpc_port]:
@@ -300,6 +307,7 @@ class Discovery:
         entry = self._entries.get(key)
         if beat.kind is Kind.LEAVE:
             if entry is not None:
+                self._news()
                 self._move(entry, Sign.LEAVE, News(now))
             return
         if beat.kind is Kind.REQUEST:
@@ -323,6 +331,7 @@ class Discovery:
 
         `gone`: it was answered that there is no master, `fault`: by a discovery node.
         """
+        self._news()
         self._asked.discard(key)
         entry = self._entries.get(key) or self._strangers.get(key)
         if entry is None:
@@ -367,25 +376,52 @@ class Discovery:
         late = now - self._ticked if self._ticked is not None else 0.0
         self._ticked = now
         if late > ASLEEP:
-            for entry in self._entries.values():
-                entry.heard = min(now, entry.heard + late - SCAN)
+            self._awake(late, now)
         self._speak(now)
-        for entry in list(self._entries.values()):
-            for due, step in list(self._steps(entry)):
-                if due <= now:
-                    step(entry, now)
-        if now >= self._next_scan:
+        if now >= self._next_step():
+            self._step(now)
+        if now >= self._next_scan - EARLY:  # rather now than to wake for it
             self._next_scan = now + SCAN
             self._answered = {host: at for host, at in self._answered.items() if now - at < ANSWER_PAUSE}
             self.outsiders.forget(now)
             while self._strangers and now - next(iter(self._strangers.values())).heard > FORGET_STRANGER:
                 self._strangers.pop(next(iter(self._strangers)))
-        self._publish()
+        if self._stale:
+            self._publish()
         self._meet(now)
+
+    def _news(self) -> None:
+        """Note that something is another about some master, and not only the time of its last beat.
+
+        With many masters most datagrams are plain beats. What looks at all masters must not be done for each of them.
+        """
+        self._stale, self._first_step, self._crowds = True, None, None
+
+    def _awake(self, late: float, now: float) -> None:
+        """This computer was asleep, and nobody was silent meanwhile."""
+        self._news()
+        for entry in self._entries.values():
+            entry.heard = min(now, entry.heard + late - SCAN)
+
+    def _step(self, now: float) -> None:
+        """Do what is due about the masters."""
+        self._first_step = None
+        for entry in list(self._entries.values()):
+            for due, step in list(self._steps(entry)):
+                if due <= now:
+                    self._news()
+                    step(entry, now)
+
+    def _next_step(self) -> float:
+        """A time before which nothing is due about any master. A plain beat only puts off what is."""
+        if self._first_step is None:
+            steps = (at for entry in self._entries.values() for at, _step in self._steps(entry))
+            self._first_step = min(steps, default=FAR)
+        return self._first_step
 
     def next_tick(self) -> float:
         """The time at which `tick` has something to do."""
-        due = [at for entry in self._entries.values() for at, _step in self._steps(entry)]
+        due = [self._next_step()]
         if len(self._asked) < MAX_ASKED:
             due += [at for at, _entry in self._unmet()]
         outsider = self.outsiders.next_due()
@@ -572,6 +608,7 @@ class Discovery:
     # Masters: senders that have said who they are
 
     def _heard(self, entry: Peer, beat: Heartbeat, now: float) -> None:
+        before = entry.outlook()
         entry.heard = now
         if beat.kind is Kind.REQUEST:
             if now - entry.contacted > CONTACT_PAUSE:  # who asks has perhaps just started, as somebody else
@@ -583,7 +620,9 @@ class Discovery:
             if not entry.online:
                 entry.contact_due = now
         self._move(entry, Sign.HEARD if entry.beat.stamp != Stamp() else Sign.HEARD_EMPTY, News(now))
-        self._publish()
+        if entry.outlook() != before:
+            self._news()
+            self._publish()
 
     def _promised(self, entry: Peer, rate: float, now: float) -> None:
         """Take the rate in a heartbeat, which anybody can write. A lower one delays that a loss is seen: it must be confirmed."""
@@ -621,7 +660,12 @@ class Discovery:
 
     def _crowded(self, entry: Peer) -> bool:
         """True where several masters share its address, so that unicast reaches only one of them."""
-        return any(key[0] == entry.key[0] and key[2] != entry.key[2] for key in self._entries)
+        if self._crowds is None:
+            ports: Dict[str, Set[int]] = {}
+            for address, _port, rpc_port in self._entries:
+                ports.setdefault(address, set()).add(rpc_port)
+            self._crowds = {address for address, found in ports.items() if len(found) > 1}
+        return entry.key[0] in self._crowds
 
     def _probe(self, entry: Peer, now: float) -> None:
         entry.probed = now
@@ -670,6 +714,7 @@ class Discovery:
         Masters are known by their URI here: one that is heard from two addresses is there while one of them is. Anybody
         can answer with the URI of another one. So it is shown at the same address until it does not answer there over TCP.
         """
+        self._stale = False
         found: Dict[str, List[Peer]] = {}
         for entry in self._entries.values():
             if entry.contact is not None:
@@ -699,7 +744,10 @@ class Discovery:
 
         best = max(entries, key=rank)
         if len(entries) > 1 and (best.overdue or not best.online) and best.contact_due is None and best.asked is None:
-            best.contact_due = self._ticked  # is it still there? Another one waits for its place
+            best.contact_due, self._first_step = (
+                self._ticked,
+                None,
+            )  # is it still there? Another one waits for its place
         return best.master()
 
     def _own_uri(self) -> Optional[str]:

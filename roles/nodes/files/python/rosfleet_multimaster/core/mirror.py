@@ -25,9 +25,9 @@ class Mirror:
         """`uri` and `name` are those of the master."""
         self.parameters: Dict[str, Any] = {}
         self.service_uris: Dict[str, str] = {}
+        self.node_uris: Dict[str, str] = {}
         self._state = State(uri, name)
         self._types: Dict[str, str] = {}
-        self._node_uris: Dict[str, str] = {}
         self._uses: Counts[str] = Counter()  # by node: its topics and services
         self._origins: Dict[Tuple[str, str], str] = {}
 
@@ -35,7 +35,7 @@ class Mirror:
         """Take records; `whole`: they replace what is held. Raises Malformed. Kinds that are not known are left out."""
         tables = {part: {} if whole else dict(getattr(self._state, part)) for part in _ENDPOINTS.values()}
         if whole:
-            for table in (self._types, self._node_uris, self.service_uris, self._uses, self.parameters):
+            for table in (self._types, self.node_uris, self.service_uris, self._uses, self.parameters):
                 table.clear()
         touched: Set[str] = set()  # topics
         kinds: Set[str] = set()
@@ -45,7 +45,7 @@ class Mirror:
             if kind in _ENDPOINTS:
                 self._endpoint(tables[_ENDPOINTS[kind]], kind, record)
             elif kind == "node":
-                _put(self._node_uris, name, record[2] or None)
+                _put(self.node_uris, name, record[2] or None)
             elif kind == "type":
                 self._types[name] = record[2]
             else:
@@ -65,7 +65,7 @@ class Mirror:
 
     def uri_of(self, node: str) -> str:
         """The URI of a node; empty where it is not known."""
-        return self._node_uris.get(node, "")
+        return self.node_uris.get(node, "")
 
     def is_local(self, node: str) -> bool:
         """True where a node is of this master."""
@@ -104,7 +104,7 @@ class Mirror:
         if kinds & {"publisher", "subscriber", "type"}:
             parts["types"] = self._used_types(endpoints, topics)
         if kinds & {"publisher", "subscriber", "service", "node"}:
-            known = set(self._node_uris.items())
+            known = set(self.node_uris.items())
             self._origins = {key: master for key, master in self._origins.items() if key in known}
             parts["nodes"] = {node: self._node(node) for node in self._uses}
             parts["providers"] = {name: self._provider(name, users) for name, users in endpoints["services"].items()}
@@ -122,7 +122,7 @@ class Mirror:
 
     def _node(self, node: str) -> Node:
         of = self._origin(node)
-        return Node(self._node_uris.get(node), of, LOCAL if of == self._state.uri else REMOTE)
+        return Node(self.node_uris.get(node), of, LOCAL if of == self._state.uri else REMOTE)
 
     def _provider(self, name: str, users: Tuple[str, ...]) -> Provider:
         of = self._origin(users[0])

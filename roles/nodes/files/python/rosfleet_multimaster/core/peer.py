@@ -227,6 +227,11 @@ class Peer:
         """True where it was asked for its state and has not been heard since."""
         return self.requested > self.heard
 
+    def outlook(self) -> Tuple[Any, ...]:
+        """All that the view of others and the next steps depend on, but for the time of the last sign of life."""
+        silent = (self.overdue, self.given_up, self.probed < self.heard)
+        return (self.beat.stamp, self.beat.local_stamp, self.state, self.rate, self.contact_due, self.contact, silent)
+
     def master(self) -> Master:
         """The master as others are told of it; not for a stranger."""
         stamp, local = self.beat.stamp.seconds, self.beat.local_stamp.seconds

@@ -137,13 +137,15 @@ class Recurring:
         done: Callable[[Any, Optional[Exception]], Any] = lambda _result, _problem: None,
         wanted: Callable[[], bool] = lambda: True,
         overlapping: bool = False,
+        early: float = 0.0,
     ) -> None:
         """`every`: seconds from the start of a run to the next; `wanted`: False while there is nothing to run for.
 
-        `overlapping`: a run also starts while an earlier one hangs.
+        `overlapping`: a run also starts while an earlier one hangs. `early`: so many seconds before it is due it runs, too,
+        where the loop is awake: to wake it costs more than the run.
         """
         self.due = 0.0
-        self._running, self._overlapping = False, overlapping
+        self._running, self._overlapping, self._early = False, overlapping, early
         self._runner, self._every, self._job, self._done, self._wanted = runner, every, job, done, wanted
 
     def tick(self, now: float) -> Optional[float]:
@@ -151,7 +153,7 @@ class Recurring:
 
         None: no run can start now. The end of a run wakes the loop.
         """
-        if self._may_start() and now >= self.due:
+        if self._may_start() and now >= self.due - self._early:
             self.due, self._running = now + self._every(), True
             self._runner.submit(self._job, self._ended)
         return self.due if self._may_start() else None

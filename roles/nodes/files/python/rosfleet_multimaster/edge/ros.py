@@ -172,13 +172,13 @@ class DiscoveryNode:
         """Say on /diagnostics what is wrong, and what is not."""
         self._diagnostics.publish(parts, now)
 
-    def links(self, own_name: str, links: Iterable[Link], now: float) -> None:
-        """Publish the quality of the links; `now` is the wall clock."""
+    def links(self, own_name: str, links: Callable[[], Iterable[Link]], now: float) -> None:
+        """Publish the quality of the links where somebody listens; `now` is the wall clock."""
         if self._links.get_num_connections() == 0:
             return
         message = msg.LinkStatesStamped()
         message.header.stamp, message.header.frame_id = _time(now), own_name
-        message.links = [msg.LinkState(link.name, link.quality, _time(now - link.silent)) for link in links]
+        message.links = [msg.LinkState(link.name, link.quality, _time(now - link.silent)) for link in links()]
         self._links.publish(message)
 
 
@@ -191,13 +191,17 @@ def _call(service: str, kind: Any, seconds: float) -> Any:
     try:
         return within(seconds, proxy)
     finally:
-        connection = getattr(proxy.transport, "socket", None)
-        if connection is not None:
-            try:
-                connection.shutdown(socket.SHUT_RDWR)
-            except OSError:  # it has ended
-                pass
-        proxy.close()
+        _end(proxy)
+
+
+def _end(proxy: Any) -> None:
+    connection = getattr(proxy.transport, "socket", None)
+    if connection is not None:
+        try:
+            connection.shutdown(socket.SHUT_RDWR)
+        except OSError:  # it has ended
+            pass
+    proxy.close()
 
 
 def sync_info(service: str) -> Dict[Tuple[str, str], str]:
@@ -244,9 +248,28 @@ class SyncNode:
         self._diagnostics.publish(parts, now)
 
 
-def list_masters(service: str) -> List[Announced]:
-    """The list of a discovery node. Blocks; may raise."""
-    return [_announced(master) for master in _call(service, srv.DiscoverMasters, LIST_TIMEOUT).masters]
+class ListMasters:
+    """The list of a discovery node, which is asked for again and again: over one connection. For one thread at a time."""
+
+    def __init__(self) -> None:
+        self._service = ""
+        self._proxy: Any = None
+
+    def __call__(self, service: str) -> List[Announced]:
+        """Ask for the list. Blocks; may raise."""
+        if service != self._service or self._proxy is None:
+            self._drop()
+            self._service, self._proxy = service, rospy.ServiceProxy(service, srv.DiscoverMasters, persistent=True)
+        try:
+            return [_announced(master) for master in within(LIST_TIMEOUT, self._proxy).masters]
+        except Exception:
+            self._drop()
+            raise
+
+    def _drop(self) -> None:
+        proxy, self._proxy = self._proxy, None
+        if proxy is not None:
+            _end(proxy)
 
 
 def _sync_info(held: Mapping[Registration, str]) -> Any:

@@ -3,6 +3,7 @@
 """The master API of a roscore (http://wiki.ros.org/ROS/Master_API)."""
 
 from typing import Any, List, Tuple
+from xmlrpc.client import Fault
 
 from .rpc_client import Rpc
 from .xml_rpc import STATE
@@ -21,6 +22,14 @@ class Roscore:
         """
         results = self.rpc.multicall([(call[0], self.caller, *call[1:]) for call in calls])
         return [_value(result) for result in results]
+
+    def has(self, method: str) -> bool:
+        """True where the roscore has a method besides those of rosmaster. Raises as `ask` where it does not answer."""
+        try:
+            methods = self.rpc.call("system.listMethods")
+        except Fault:  # rosmaster has not even this one
+            return False
+        return isinstance(methods, list) and method in methods
 
 
 def _value(result: Any) -> Any:

@@ -40,14 +40,12 @@ class Rpc:
             raise OSError(f"{plain(ascii(uri))} is no address of an XML-RPC server")
         self.uri, self._timeout, self._most, self._own = uri, timeout, most, own
         self._host, self._port, self._path = host, port, parsed.path or "/"
-        self._connection: Optional[http.client.HTTPConnection] = None
+        self._connection: Optional[_Connection] = None
         self._over = False
 
     def limit(self, seconds: float) -> None:
         """Have so much time for each answer from now on."""
         self._timeout = seconds
-        if self._connection is not None and self._connection.sock is not None:
-            self._connection.sock.settimeout(seconds)
 
     def cut(self) -> None:
         """End the call that is under way, from another thread. There will be no more calls."""
@@ -112,24 +110,16 @@ class Rpc:
 
     def _timed(self, body: bytes) -> Tuple[bytearray, bool]:
         if self._connection is None:
-            self._connection = http.client.HTTPConnection(self._host, self._port, timeout=self._timeout)
-            self._connection.response_class = _Response
+            self._connection = _Connection(self._host, self._port, timeout=self._timeout)
             self._connection.connect()
-            if self._connection.sock is not None:
-                self._connection.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        # The socket's own limit begins again with each byte, so whoever sends one now and then would hold this thread.
-        deadline = monotonic() + self._timeout  # before the timer: who is cut off is late
-        limit = threading.Timer(self._timeout, _cut, (self._connection.sock,))
-        limit.daemon = True
-        limit.start()
+        deadline = monotonic() + self._timeout
+        self._connection.limit(deadline)
         try:
             return self._exchange(self._connection, body, deadline)
         except (OSError, http.client.HTTPException):
             if monotonic() < deadline:
                 raise
-            raise OSError(f"{self.uri} answers too slowly") from None  # a reset, or half an answer: it was cut off here
-        finally:
-            limit.cancel()
+            raise OSError(f"{self.uri} answers too slowly") from None
 
     def _exchange(self, connection: http.client.HTTPConnection, body: bytes, deadline: float) -> Tuple[bytearray, bool]:
         headers = {"Content-Type": "text/xml", "Accept-Encoding": "gzip"}
@@ -167,6 +157,38 @@ class Rpc:
             if waited:
                 _large.release()
             raise
+
+
+class _Socket(socket.socket):
+    """A socket that is read until a time. Its own limit begins again with each byte that comes."""
+
+    deadline = 0.0
+
+    def recv_into(self, *where: Any) -> int:
+        """Read. Raises socket.timeout after the deadline."""
+        left = self.deadline - monotonic()
+        if left <= 0.0:
+            raise socket.timeout("timed out")
+        self.settimeout(left)
+        return super().recv_into(*where)
+
+
+class _Connection(http.client.HTTPConnection):
+    """A connection with a limit for the whole answer. No thread watches it: one for each call cost more than the call."""
+
+    def connect(self) -> None:
+        """Connect."""
+        super().connect()
+        made, self.response_class = self.sock, _Response
+        if made is not None:
+            made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self.sock = _Socket(made.family, made.type, made.proto, fileno=made.detach())
+
+    def limit(self, deadline: float) -> None:
+        """Have the next answer read until then."""
+        if isinstance(self.sock, _Socket):
+            self.sock.deadline = deadline
+            self.sock.settimeout(max(0.001, deadline - monotonic()))
 
 
 class _Response(http.client.HTTPResponse):

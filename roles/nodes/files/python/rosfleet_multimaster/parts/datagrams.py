@@ -42,6 +42,7 @@ class Datagrams:
         self.own_addresses: Set[str] = set()
         self.place = Place("", 0, False)
         self.problem = ""  # why there are no sockets; "" where there are some
+        self.hears_of_changes = False  # of the network
         self._values, self._loop, self._limited, self._errors = values, loop, limited, errors
         self._group, self._port = values["mcast_group"].partition("@")[0], values["mcast_port"]
         self._interface = interface_name(values)
@@ -73,6 +74,7 @@ class Datagrams:
                 "the kernel does not tell of changes of the network, so they are seen later: %s", problem
             )
             return
+        self.hears_of_changes = True
         self._loop.watch(changes.socket, partial(self._network_changed, changes))
 
     def tell(

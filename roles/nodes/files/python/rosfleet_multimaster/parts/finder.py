@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The discovery node of the own roscore: found by its topic and service, and asked for its list of masters."""
 
-from typing import Callable, List, Optional, Tuple
+from typing import Callable, List, NamedTuple, Optional, Set, Tuple
 
-from ..core.sync import Announced, Claims
+from ..core.sync import Announced, Claims, View
 from ..edge.clock import monotonic
-from ..edge.loop import Recurring, Workers
+from ..edge.lifeline import Lifeline, Socket, lifeline
+from ..edge.loop import Loop, Recurring, Workers
 from ..edge.roscore import Roscore
 from ..edge.systemd import notify
 from . import program
+from .own_graph import OwnGraph
 
 CHANGES_TYPE = "MasterState"  # the topic of discovery is known by the end of its type,
 LIST_MASTERS = "list_masters"  # and its service by the end of its name
@@ -17,12 +19,23 @@ FIND = 30.0  # seconds between two looks for the discovery node, once it was fou
 LIST_FIRST, LIST = 0.5, 10.0  # seconds between two looks at list_masters, until the first answer and then
 
 
+class Found(NamedTuple):
+    """The discovery node of the own roscore, as far as it was found."""
+
+    topic: str
+    service: str
+    uri: str
+    line: Optional[Socket]
+
+
 class Finder:
     """Looks for the discovery node, and lists its masters regularly."""
 
     def __init__(
         self,
+        loop: Loop,
         roscore: Roscore,
+        graph: OwnGraph,
         roscore_calls: Workers,
         rospy_calls: Workers,
         limited: program.Limited,
@@ -33,9 +46,10 @@ class Finder:
     ) -> None:
         """`subscribe(topic)` and `listed(masters, first)` are called in the loop; `list_masters(service)` in a worker."""
         self.listed_once = False
-        self._roscore, self._limited, self._claims = roscore, limited, claims
+        self._roscore, self._graph, self._limited, self._claims = roscore, graph, limited, claims
         self._subscribe, self._on_list = subscribe, listed
         self._service = ""
+        self._line = Lifeline(loop, self._ended)
         self._finds = Recurring(roscore_calls, lambda: FIND if self._service else LIST_FIRST, self._find, self._found)
         self._lists = Recurring(
             rospy_calls,
@@ -49,24 +63,27 @@ class Finder:
         """Do what is due; the times of the next calls."""
         return [self._finds.tick(now), self._lists.tick(now)]
 
-    def _find(self) -> Tuple[str, str]:
-        """The topic and the service of the discovery node of this roscore."""
-        types, system = self._roscore.ask(("getTopicTypes",), ("getSystemState",))
-        if types is None or system is None:
-            raise OSError("the roscore does not tell its state")
-        foreign = {node for node, _uri in self._claims()}
-        publishers, _subscribers, services = system
-        own_topics = {topic for topic, nodes in publishers if set(nodes) - foreign}
-        topics = sorted(topic for topic, kind in types if kind.endswith(CHANGES_TYPE) and topic in own_topics)
-        found = sorted(name for name, nodes in services if name.endswith(LIST_MASTERS) and set(nodes) - foreign)
-        return (topics[0] if topics else ""), (found[0] if found else "")
+    def _ended(self) -> None:
+        """The discovery node has ended: the next one may be there already."""
+        self._finds.due = self._lists.due = monotonic()
 
-    def _found(self, found: Optional[Tuple[str, str]], problem: Optional[Exception]) -> None:
-        topic, service = found or ("", "")
+    def _find(self) -> Found:
+        """The topic and the service of the discovery node of this roscore, and a lifeline to it where there is none yet."""
+        foreign = {node for node, _uri in self._claims()}
+        view = self._graph.read(lambda view: _discovery(view, foreign)[2:])
+        topics, services, nodes, _names = _discovery(view, foreign)
+        uri = view.node_uris.get(nodes[0], "") if nodes else ""
+        held = uri == self._line.uri
+        return Found("".join(topics[:1]), "".join(services[:1]), uri, None if held or not uri else lifeline(uri))
+
+    def _found(self, found: Optional[Found], problem: Optional[Exception]) -> None:
+        topic, service = (found.topic, found.service) if found is not None else ("", "")
         if topic:
             self._subscribe(topic)
         if problem is not None:
             self._finds.due = monotonic() + LIST_FIRST
+        if found is not None and found.line is not None:
+            self._line.hold(found.uri, found.line)
         if service and service != self._service:
             self._lists.due = 0.0
         if service:
@@ -85,3 +102,13 @@ class Finder:
             return
         first, self.listed_once = not self.listed_once, True
         self._on_list(masters, first)
+
+
+def _discovery(view: View, foreign: Set[str]) -> Tuple[List[str], List[str], List[str], List[str]]:
+    """Topics, services and nodes of discovery that are not another robot's; and no service whose URI is needed."""
+    own = {name: [node for node in nodes if node not in foreign] for name, nodes in view.publishers.items()}
+    kind = CHANGES_TYPE
+    topics = sorted(topic for topic, nodes in own.items() if nodes and view.types.get(topic, "").endswith(kind))
+    services = {name: [node for node in nodes if node not in foreign] for name, nodes in view.services.items()}
+    found = sorted(name for name, nodes in services.items() if nodes and name.endswith(LIST_MASTERS))
+    return topics, found, services[found[0]] if found else [], []

@@ -5,13 +5,15 @@
 from typing import Any, Callable, List, Optional, Tuple
 
 from ..edge.clock import monotonic, sleep
-from ..edge.loop import Recurring, Workers
+from ..edge.lifeline import Lifeline, Socket, lifeline
+from ..edge.loop import Loop, Recurring, Workers
 from ..edge.roscore import Roscore
 from ..edge.rpc_client import Rpc
 from ..edge.systemd import notify
 from . import program
 
-HEALTH, AWAY_HEALTH = 0.5, 0.1  # seconds between two checks whether it is still the same one; while it does not answer
+#: seconds between two checks whether it is still the same one: while its end would be seen at once, else, and while it is away
+WATCHED, HEALTH, AWAY_HEALTH = 10.0, 0.5, 0.1
 
 
 def wait_for_roscore(uri: str, timeout: Optional[float] = None) -> str:
@@ -78,10 +80,11 @@ class Identity:
 
 
 class Health:
-    """The regular check whether the roscore is still there, and still the same one."""
+    """The check whether the roscore is still there, and still the same one: made when its lifeline ends, and else rarely."""
 
     def __init__(
         self,
+        loop: Loop,
         roscore: Roscore,
         identity: Identity,
         workers: Workers,
@@ -91,25 +94,37 @@ class Health:
         """`give_up(why)` is called where it is another one, `again()` where it answers again or was restarted."""
         self._roscore, self._identity, self._give_up, self._again = roscore, identity, give_up, again
         self._unanswered = 0
-        self._checks = Recurring(workers, lambda: HEALTH, self._check, self._checked)
+        self._line = Lifeline(loop, self._cut)
+        self._checked_at = 0.0
+        self._checks = Recurring(workers, lambda: WATCHED if self._line else HEALTH, self._check, self._checked)
 
     def tick(self, now: float) -> Optional[float]:
         """Check where that is due; the time of the next check."""
         return self._checks.tick(now)
 
-    def _check(self) -> bool:
-        service = self._identity.service
-        return self._identity.check(service, *self._roscore.ask(*self._identity.calls()))
+    def _cut(self) -> None:
+        """The lifeline has ended. Some roscores end each connection after a while."""
+        self._checks.due = max(monotonic(), self._checked_at + HEALTH)
 
-    def _checked(self, restarted: Optional[bool], problem: Optional[Exception]) -> None:
+    def _check(self) -> Tuple[bool, Optional[Socket]]:
+        service, line = self._identity.service, None if self._line else lifeline(self._roscore.rpc.uri)
+        return self._identity.check(service, *self._roscore.ask(*self._identity.calls())), line
+
+    def _checked(self, found: Optional[Tuple[bool, Optional[Socket]]], problem: Optional[Exception]) -> None:
+        self._checked_at = monotonic()
         if isinstance(problem, program.Fatal):
             self._give_up(str(problem))
-        elif problem is not None:
+        elif found is None:
             self._unanswered += 1
+            self._line.drop()
             self._checks.due = monotonic() + AWAY_HEALTH  # the next one may be another roscore already
             if self._unanswered == 2:
                 program.LOG.error("the roscore at %s does not answer: %s", self._roscore.rpc.uri, problem)
         else:
+            restarted, line = found
+            if line is not None:
+                self._line.hold(self._roscore.rpc.uri, line)
+                self._checks.due = monotonic() + WATCHED
             if restarted or self._unanswered > 1:
                 program.LOG.info("the roscore answers again")
                 self._again()

@@ -3,7 +3,6 @@
 """The poller: reads the state of the own roscore, again and again."""
 
 from typing import Any, Callable, Dict, List, Optional, Tuple
-from xmlrpc.client import Fault
 
 from ..core.differences import Stamps
 from ..core.graph import Graph, State, build, graph_of
@@ -67,11 +66,7 @@ class Poller:
 
     def tells(self, method: str) -> bool:
         """True where the roscore has this method. Raises as `poll` where it does not answer."""
-        try:
-            methods = self._roscore.rpc.call("system.listMethods")
-        except Fault:  # as rosmaster has it
-            return False
-        return isinstance(methods, list) and method in methods
+        return self._roscore.has(method)
 
     def _look_up(self, graph: Graph, changed: bool) -> None:
         """Learn the URIs of what is new, and some of the others again: a node may come back under its old name."""

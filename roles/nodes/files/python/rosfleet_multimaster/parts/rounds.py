@@ -7,7 +7,7 @@ one needs no repair: the next one sees what became of it.
 """
 
 from dataclasses import replace
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
@@ -21,6 +21,7 @@ from ..edge.roscore import Roscore
 from ..edge.rpc_client import Rpc
 from . import imports, program
 from .lost import Lost
+from .own_graph import OwnGraph
 from .type_questions import TypeQuestions
 
 ROUND = 30.0  # seconds between two rounds, if nothing happens
@@ -29,8 +30,6 @@ AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load ref
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
 LINES = 50  # log lines of one round
-
-Nodes = Tuple[str, ...]  # the names of those that have a topic or a service
 
 
 class Taken(Exception):
@@ -50,6 +49,7 @@ class Rounds:
     def __init__(
         self,
         roscore: Roscore,
+        graph: OwnGraph,
         node: Tuple[str, str],
         core: Sync,
         guard: TypeGuard,
@@ -62,7 +62,7 @@ class Rounds:
         self.held: Dict[Registration, str] = {}
         self.met: Set[str] = set()  # URIs of the masters whose state was had in this life
         self.working = False
-        self._roscore, self._node, self._core, self._guard = roscore, node, core, guard
+        self._roscore, self._graph, self._node, self._core, self._guard = roscore, graph, node, core, guard
         self._calls, self._updaters, self._limited = roscore_calls, updaters, limited
         self._due: Optional[float] = None
         self._failed = 0
@@ -133,17 +133,8 @@ class Rounds:
 
     def _read(self, wanted: List[Wanted], claims: Claims) -> Reading:
         """Ask the roscore; in its thread."""
-        types, system = self._roscore.ask(("getTopicTypes",), ("getSystemState",))
-        if types is None or system is None:
-            raise OSError("the roscore does not tell its state")
-        publishers, subscribers, services = ({name: tuple(nodes) for name, nodes in part} for part in system)
-        nodes, names = _matter(wanted, {node for node, _uri in claims}, (publishers, subscribers), services)
-        answers = self._roscore.ask(
-            *[("lookupNode", node) for node in nodes], *[("lookupService", name) for name in names]
-        )
-        node_uris = {node: uri for node, uri in zip(nodes, answers) if isinstance(uri, str)}
-        service_uris = {name: uri for name, uri in zip(names, answers[len(nodes) :]) if isinstance(uri, str)}
-        return Reading(wanted, View(publishers, subscribers, services, dict(types), node_uris, service_uris), claims)
+        claimed = {node for node, _uri in claims}
+        return Reading(wanted, self._graph.read(lambda view: _matter(wanted, claimed, view)), claims)
 
     # Plan
 
@@ -321,17 +312,16 @@ class Rounds:
         )
 
 
-def _matter(
-    wanted: Sequence[Wanted], claimed: Set[str], topics: Sequence[Mapping[str, Nodes]], services: Mapping[str, Nodes]
-) -> Tuple[List[str], List[str]]:
+def _matter(wanted: Sequence[Wanted], claimed: Set[str], view: View) -> Tuple[List[str], List[str]]:
     """The nodes and the services whose URIs a round needs, sorted.
 
     A node that provides a wanted service here, or has a wanted topic, matters too: is it one of ours?
     """
     asked = {item.registration.name for item in wanted if item.registration.kind == "service"}
     named = {item.registration.name for item in wanted if item.registration.kind != "service"}
-    provided = sorted(name for name, users in services.items() if name in asked or claimed.intersection(users))
+    provided = sorted(name for name, users in view.services.items() if name in asked or claimed.intersection(users))
     nodes = {item.registration.node for item in wanted} | claimed
-    nodes.update(user for name in provided for user in services[name])
+    nodes.update(user for name in provided for user in view.services[name])
+    topics = (view.publishers, view.subscribers)
     nodes.update(user for table in topics for name in named.intersection(table) for user in table[name])
     return sorted(nodes), provided
