@@ -10,6 +10,7 @@ only rospy is not there.
 import ast
 import importlib
 import pathlib
+import socket
 import sys
 import threading
 import time
@@ -153,8 +154,9 @@ class Lab:
 
     def __init__(self, monkeypatch, tmp_path):
         self.roscore, self.other, self.listed = Roscore(), Other(), []
-        self.roscore.call("registerPublisher", DISCOVERY, f"{DISCOVERY}/changes", "x/MasterState", "http://own:2/")
-        self.roscore.call("registerService", DISCOVERY, f"{DISCOVERY}/list_masters", "rosrpc://own:2", "http://own:2/")
+        self.discovery = socket.create_server(("127.0.0.1", 0))  # it is alive, and that is all
+        self.discovery_uri = f"http://127.0.0.1:{self.discovery.getsockname()[1]}/"
+        self.discovered(DISCOVERY, f"{DISCOVERY}/changes", "x/MasterState")
         self.nodes, self.asked_list = [], []
         self.listed = [self.other.announced()]
         ros = types.ModuleType("rosfleet_multimaster.edge.ros")
@@ -172,6 +174,11 @@ class Lab:
         monkeypatch.setattr(program, "leave_process", lambda status: None)
         monkeypatch.setattr(sys, "argv", ["master_sync"])
         self.program = importlib.import_module("rosfleet_multimaster.master_sync").MasterSync()
+
+    def discovered(self, node, topic, kind):
+        """Register a discovery node."""
+        self.roscore.call("registerPublisher", node, topic, kind, self.discovery_uri)
+        self.roscore.call("registerService", node, f"{node}/list_masters", "rosrpc://own:2", self.discovery_uri)
 
     def start(self):
         self.thread = threading.Thread(target=self.program.main, daemon=True)
@@ -263,11 +270,26 @@ def test_16_b4_an_imported_subscriber_is_told_who_publishes_by_the_name_master(l
 def test_16_c_discovery_is_known_by_the_end_of_its_type_and_of_its_services_name(lab):
     for table in lab.roscore.tables.values():
         table.clear()
-    lab.roscore.call("registerPublisher", "/zeroconf", "/zeroconf/news", "old_msgs/MasterState", "http://own:2/")
-    lab.roscore.call("registerService", "/zeroconf", "/zeroconf/list_masters", "rosrpc://own:2", "http://own:2/")
+    lab.discovered("/zeroconf", "/zeroconf/news", "old_msgs/MasterState")
     lab.start()
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
     assert lab.nodes[0].topic == "/zeroconf/news" and set(lab.asked_list) == {"/zeroconf/list_masters"}
+
+
+def test_a_discovery_that_ends_is_asked_nothing_until_there_is_another_one(lab):
+    lab.start()
+    until(lambda: lab.asked_list)
+    line, _address = lab.discovery.accept()
+    lab.discovery.close()
+    line.close()
+    time.sleep(0.2)
+    count = len(lab.asked_list)
+    time.sleep(1.2)
+    assert len(lab.asked_list) == count
+    with socket.create_server(("127.0.0.1", 0)) as another:
+        lab.discovery_uri = f"http://127.0.0.1:{another.getsockname()[1]}/"
+        lab.discovered(DISCOVERY, f"{DISCOVERY}/changes", "x/MasterState")
+        until(lambda: len(lab.asked_list) > count)
 
 
 # The defects

@@ -64,17 +64,19 @@ class Finder:
         return [self._finds.tick(now), self._lists.tick(now)]
 
     def _ended(self) -> None:
-        """The discovery node has ended: the next one may be there already."""
-        self._finds.due = self._lists.due = monotonic()
+        """The discovery node has ended, and the next one may be there soon. Nothing is asked of a dead one."""
+        self._service, self._finds.due = "", monotonic()
 
     def _find(self) -> Found:
-        """The topic and the service of the discovery node of this roscore, and a lifeline to it where there is none yet."""
+        """The discovery node of this roscore, if it is alive: a roscore also knows dead ones. With a lifeline that is new."""
         foreign = {node for node, _uri in self._claims()}
         view = self._graph.read(lambda view: _discovery(view, foreign)[2:])
         topics, services, nodes, _names = _discovery(view, foreign)
         uri = view.node_uris.get(nodes[0], "") if nodes else ""
-        held = uri == self._line.uri
-        return Found("".join(topics[:1]), "".join(services[:1]), uri, None if held or not uri else lifeline(uri))
+        line = lifeline(uri) if uri != self._line.uri else None
+        if not uri or (line is None and uri != self._line.uri):
+            return Found("", "", "", None)
+        return Found("".join(topics[:1]), services[0], uri, line)
 
     def _found(self, found: Optional[Found], problem: Optional[Exception]) -> None:
         topic, service = (found.topic, found.service) if found is not None else ("", "")
