@@ -57,6 +57,7 @@ def measure(system: System, fkie: Path | None, scale: float) -> dict[str, list[f
         taken = take()
         values = taken if isinstance(taken, dict) else {names: taken if isinstance(taken, list) else [taken]}
         found.update(values)
+        (WORK / f"{system.name}.json").write_text(json.dumps(found) + "\n")  # what was measured, should the rest fail
         say(f"{system.name}: {', '.join(values)} ({time.monotonic() - began:.0f} s)")
 
     with systems.running(system, fkie) as lab:
