@@ -74,6 +74,7 @@ class Rule:
     destinations: tuple[IPv4Network, ...] = ()
     device: str = ""  # by which a packet comes in; in the chain `out` the one by which it leaves
     new: bool = False  # only what begins something, no answers
+    above: int = 0  # only what has more bytes
 
     def matches(self, chain: str, packet: Packet, device: str) -> bool:
         """Say if this rule is for a packet."""
@@ -82,6 +83,7 @@ class Rule:
             and self.protocol in ("", packet.protocol)
             and self.ports[0] <= packet.port <= self.ports[1]
             and not (self.new and packet.answer)
+            and packet.size > self.above
             and self.device in ("", device)
             and _among(packet.source, self.sources)
             and _among(packet.destination, self.destinations)

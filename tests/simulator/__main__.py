@@ -1,0 +1,41 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The proof of the diagnosis on simulated fleets: `PYTHONPATH=.work/collections:. python -m tests.simulator`.
+
+Prints how often the right part is named, by kind of fault, with some of the misses.
+"""
+
+import argparse
+import sys
+import time
+
+from tests.simulator import faults, harness
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="python -m tests.simulator", description=__doc__)
+    parser.add_argument("--single", type=int, default=2000, help="trials with one fault")
+    parser.add_argument("--pairs", type=int, default=2000, help="trials with two faults")
+    parser.add_argument("--healthy", type=int, default=1000, help="trials without a fault")
+    parser.add_argument("--fault", action="append", choices=list(faults.BY_NAME), help="only this kind of fault")
+    parser.add_argument("--misses", type=int, default=3, help="misses that are shown of each kind")
+    chosen = parser.parse_args()
+    rows = tuple(faults.BY_NAME[name] for name in chosen.fault) if chosen.fault else faults.FAULTS
+    for title, number, trials in (
+        ("One fault: the right part is named first", chosen.single, harness.single_faults),
+        ("Two faults: each is among the first three", chosen.pairs, harness.pairs_of_faults),
+    ):
+        if number:
+            began = time.monotonic()
+            table = harness.scores(trials(range(number), rows))
+            print(f"{title} ({number} trials, {time.monotonic() - began:.0f} s)\n\n{harness.render(table)}\n")
+            print(harness.render_misses(table, chosen.misses) + "\n")
+    alarms = list(harness.false_alarms(range(chosen.healthy)))
+    print(f"Healthy: {chosen.healthy - len(alarms)} of {chosen.healthy} without a finding")
+    for number, said in alarms[:10]:
+        print(f"trial {number}: {said}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,424 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The faults that are injected, one row each: how the state changes, and the part that is expected to be named first.
+
+A function takes a state and a source of chance, and returns the new state and the place, or None where the fleet has no
+such part. Places are computers, robots, and links.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from ipaddress import IPv4Address, IPv4Interface, IPv4Network
+from typing import NamedTuple
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
+    DROP,
+    FORWARD,
+    IN,
+    OUT,
+    STRICT,
+    Interface,
+    Machine,
+    Route,
+    Rule,
+    connected,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import COMMON
+from tests.simulator.state import DEAD, HUNG
+
+NODE_PORTS = (32768, 60999)
+ANYWHERE = "*"  # a place that is not compared
+NOBODY = IPv4Address("192.168.1.99")
+
+
+class Fault(NamedTuple):
+    """A row: its name, the injection, and the parts, as (kind, mode), of which one is to be named at the place."""
+
+    name: str
+    inject: Callable
+    parts: tuple
+
+
+# Whom a fault may hit
+
+
+def computers(state):
+    return [name for name, plan in state.fleet.computers.items() if plan.robot]
+
+
+def gateways(state):
+    return [name for name, plan in state.fleet.computers.items() if plan.is_gateway]
+
+
+def masters(state):
+    return [master.computer for master in state.fleet.masters]
+
+
+def masters_of_several(state):
+    """The masters of robots that have other computers with ROS."""
+    with_ros = [name for name in computers(state) if name not in state.without_ros]
+    robots = [state.fleet.computers[name].robot for name in with_ros]
+    return [name for name in masters(state) if robots.count(state.fleet.computers[name].robot) > 1]
+
+
+def with_ros(state):
+    return [name for name in computers(state) if name not in state.without_ros]
+
+
+def with_discovery(state):
+    return [member.name for member in state.fleet.members if member.discovery]
+
+
+def routed(state):
+    """The computers that have routes of the plan."""
+    return [name for name in computers(state) if _planned_routes(state.world.machines[name])]
+
+
+def links(state):
+    """The links with more than one computer."""
+    return [name for name, plugged in state.world.plugged.items() if len(plugged) > 1]
+
+
+def on(whom, change):
+    """A fault of one of these computers: `change(state, random, machine)` returns the new state."""
+
+    def inject(state, random):
+        names = whom(state)
+        if not names:
+            return None
+        name = random.choice(names)
+        changed = change(state, random, state.world.machines[name])
+        return None if changed is None else (changed, name)
+
+    return inject
+
+
+def machine(**fields):
+    """Other fields of a machine."""
+    return lambda state, random, one: state.with_machine(replace(one, **fields))
+
+
+def program(**fields):
+    """Other programs beside a roscore."""
+    return lambda state, random, one: state.with_robot(state.fleet.computers[one.name].robot, **fields)
+
+
+def link(choose=links, **fields):
+    """Another state of a link."""
+
+    def inject(state, random):
+        names = choose(state)
+        if not names:
+            return None
+        name = random.choice(names)
+        return replace(state, world=state.world.with_link(replace(state.world.links[name], **fields))), name
+
+    return inject
+
+
+# Interfaces
+
+
+def _one_interface(random, one):
+    return random.choice([interface for interface in one.interfaces if interface.addresses])
+
+
+def _readdressed(state, one, interface, address):
+    """The machine with another address. Its routes by gateways that it does not reach any more are gone with it."""
+    changed = one.with_interface(replace(interface, addresses=(address,)))
+    near = [
+        route
+        for route in changed.routes
+        if route.gateway is None
+        or any(route.gateway in own.destination for own in connected(changed.interface(route.device)))
+    ]
+    return state.with_machine(replace(changed, routes=tuple(near)))
+
+
+def address(state, random, one):
+    interface = _one_interface(random, one)
+    before = interface.addresses[0]
+    return _readdressed(
+        state, one, interface, IPv4Interface((before.ip + 50 - int(before.ip) % 10, before.network.prefixlen))
+    )
+
+
+def prefix(state, random, one):
+    interface = _one_interface(random, one)
+    return _readdressed(
+        state, one, interface, IPv4Interface((interface.addresses[0].ip, random.choice((16, 22, 25, 28))))
+    )
+
+
+def mtu(state, random, one):
+    return state.with_machine(one.with_interface(replace(_one_interface(random, one), mtu=random.choice((600, 1400)))))
+
+
+def down(state, random, one):
+    return state.with_machine(one.with_interface(replace(_one_interface(random, one), up=False)))
+
+
+def duplicate(state, random, one):
+    interface = _one_interface(random, one)
+    twin = Interface("eth0", interface.addresses, interface.link)
+    return state.with_machine(Machine(f"twin of {one.name}", (twin,), connected(twin)))
+
+
+# Names
+
+
+def name(*addresses):
+    """One name means something else on a computer; None is the planned address."""
+
+    def change(state, random, one):
+        if not one.names:
+            return None
+        known = random.choice([member.name for member in state.fleet.members])
+        meant = tuple(one.names[known][0] if entry is None else IPv4Address(entry) for entry in addresses)
+        return state.with_machine(replace(one, names={**one.names, known: meant}))
+
+    return change
+
+
+# Routes
+
+
+def _planned_routes(one):
+    return [route for route in one.routes if route.gateway is not None]
+
+
+def no_route(state, random, one):
+    gone = random.choice(_planned_routes(one))
+    return state.with_machine(replace(one, routes=tuple(route for route in one.routes if route is not gone)))
+
+
+def other_route(state, random, one):
+    """Something by hand that is more special than the planned route, or stands in its place."""
+    route = random.choice(_planned_routes(one))
+    wrong = next(iter(entry.network.broadcast_address - 1 for entry in one.interface(route.device).addresses))
+    if route.destination.prefixlen:
+        another = replace(route, gateway=wrong)
+    else:
+        others = [
+            entry.network
+            for entry in state.fleet.networks
+            if all(entry.network != own.destination for own in one.routes)
+        ]
+        another = Route(random.choice([state.fleet.common_network, *others]), wrong, route.device)
+    routes = tuple(entry for entry in one.routes if entry.destination != another.destination)
+    return state.with_machine(replace(one, routes=(*routes, another)))
+
+
+def second_default(state, random, one):
+    defaults = [route for route in one.routes if route.destination.prefixlen == 0]
+    device = one.interfaces[0]
+    wrong = device.addresses[0].network.broadcast_address - 1
+    more = [Route(IPv4Network("0.0.0.0/0"), wrong, device.name, metric) for metric in (100, 200)[: 2 - len(defaults)]]
+    return state.with_machine(replace(one, routes=(*one.routes, *more)))
+
+
+# What passes through
+
+
+def settings(**fields):
+    """Another setting of all interfaces."""
+    return lambda state, random, one: state.with_machine(
+        replace(one, interfaces=tuple(replace(interface, **fields) for interface in one.interfaces))
+    )
+
+
+def rule(chain, protocol="", **fields):
+    """A rule of somebody else's packet filter, before all others."""
+
+    def change(state, random, one):
+        ports = _ports(state, one, fields.get("ports"))
+        if ports is None:
+            return None
+        group = (IPv4Network(state.fleet.multicast_group),) if fields.get("group") else ()
+        made = Rule(
+            chain, DROP, protocol, ports, destinations=group, new=fields.get("new", False), above=fields.get("above", 0)
+        )
+        return state.with_machine(replace(one, rules=(made, *one.rules)))
+
+    return change
+
+
+def _ports(state, one, which):
+    """The ports of a word: those of discovery, of its RPC, of the roscore or of nodes."""
+    plan = state.fleet.computers[one.name]
+    rpc = [master.rpc_port for master in state.fleet.masters if master.computer == one.name]
+    port = {
+        None: 0,
+        "nodes": NODE_PORTS,
+        "udp": state.fleet.multicast_port,
+        "rpc": rpc[0] if rpc else None,
+        "roscore": plan.roscore_port,
+    }[which]
+    if port == 0:
+        return 0, 65535
+    return port if isinstance(port, tuple) or port is None else (port, port)
+
+
+def masquerade(state, random, one):
+    plan = state.fleet.computers[one.name]
+    common = one.interface_of(plan.common_address)
+    return state.with_machine(replace(one, masquerades=frozenset({common.name})))
+
+
+# Programs and what they were started with
+
+
+def variable(name, *values):
+    """Another value of a variable in the environment file."""
+
+    def change(state, random, one):
+        value = random.choice(values)
+        variables = {key: kept for key, kept in one.environment.items() if key != name}
+        if name != "ROS_MASTER_URI":
+            variables = {key: kept for key, kept in variables.items() if key not in ("ROS_HOSTNAME", "ROS_IP")}
+        if value is not None:
+            variables[name] = value
+        return state.with_machine(replace(one, environment=variables))
+
+    return change
+
+
+def differing(state, random, one):
+    return replace(state, differing={**state.differing, one.name: ("ROS_HOSTNAME",)})
+
+
+def service_down(state, random, one):
+    services = [
+        service for service in state.fleet.computers[one.name].services if service in ("address", "connections")
+    ]
+    return replace(state, down={**state.down, one.name: (random.choice(services),)}) if services else None
+
+
+def without_login(state, random, one):
+    return replace(state, shut=state.shut | {one.name})
+
+
+def ghost(state, random, one):
+    return state.with_robot(state.fleet.computers[one.name].robot, ghosts=("/killed",))
+
+
+def twin(state, random):
+    """A node name that two robots have."""
+    first, second = random.sample(sorted(state.robots), 2)
+    return state.with_robot(first, node="/twin").with_robot(second, node="/twin"), f"{first}|{second}"
+
+
+def definitions(state, random):
+    """Another definition of a message on one robot."""
+    robot = random.choice(sorted(state.robots))
+    return state.with_robot(robot, sums={"std_msgs/String": "0" * 32}), robot
+
+
+def stranger(state, random):
+    return replace(state, strangers=("192.168.1.240",)), ANYWHERE
+
+
+def other_group(state, random, one):
+    robot = state.fleet.computers[one.name].robot
+    return state.with_robot(robot, group="239.1.2.3")
+
+
+def other_port(state, random, one):
+    robot = state.fleet.computers[one.name].robot
+    return state.with_robot(robot, port=state.robots[robot].port + 1)
+
+
+def pruned(state, random):
+    return link(lambda state: [COMMON], pruned=frozenset({state.fleet.multicast_group}))(state, random)
+
+
+FAULTS = (
+    Fault("computer off", on(computers, machine(on=False)), (("computer", "off"),)),
+    Fault("no login", on(computers, without_login), (("computer", "login"), ("computer", "off"))),
+    Fault("another address", on(computers, address), (("interface", "address"),)),
+    Fault("another prefix length", on(computers, prefix), (("interface", "prefix"),)),
+    Fault("small MTU", on(computers, mtu), (("interface", "mtu"),)),
+    Fault("interface down", on(computers, down), (("link", "down"),)),
+    Fault("duplicate address", on(computers, duplicate), (("interface", "duplicate"),)),
+    Fault("name on loopback", on(computers, name("127.0.1.1")), (("names", "loopback"),)),
+    Fault("name with an old address", on(computers, name("192.168.1.77")), (("names", "old"),)),
+    Fault("name with two addresses", on(computers, name(None, "192.168.1.77")), (("names", "several"),)),
+    Fault("name unknown", on(computers, name()), (("names", "unknown"),)),
+    Fault("no route", on(routed, no_route), (("route", "missing"),)),
+    Fault("another route", on(routed, other_route), (("route", "other"),)),
+    Fault("two default routes", on(computers, second_default), (("route", "defaults"),)),
+    Fault("forwarding off", on(gateways, settings(forwarding=False)), (("forwarding", "off"),)),
+    Fault("large packets not forwarded", on(gateways, rule(FORWARD, above=1000)), (("forwarding", "large"),)),
+    Fault("strict reverse path", on(gateways, settings(rp_filter=STRICT)), (("reverse_path", "strict"),)),
+    Fault("filter of what is forwarded", on(gateways, rule(FORWARD)), (("filter", "forward"),)),
+    Fault("masquerading", on(gateways, masquerade), (("translation", "on"),)),
+    Fault("filter of ICMP", on(computers, rule(IN, "icmp")), (("filter", "icmp in"), ("filter", "icmp"))),
+    Fault("filter of UDP", on(with_discovery, rule(IN, "udp", ports="udp")), (("filter", "udp in"), ("filter", "udp"))),
+    Fault(
+        "filter of UDP out",
+        on(with_discovery, rule(OUT, "udp", ports="udp")),
+        (("filter", "udp out"), ("filter", "udp")),
+    ),
+    Fault(
+        "filter of the group",
+        on(with_discovery, rule(IN, "udp", group=True)),
+        (("filter", "group in"), ("filter", "group")),
+    ),
+    Fault(
+        "filter of RPC", on(masters, rule(IN, "tcp", ports="rpc", new=True)), (("filter", "rpc in"), ("filter", "rpc"))
+    ),
+    Fault(
+        "filter of the roscore",
+        on(masters_of_several, rule(IN, "tcp", ports="roscore", new=True)),
+        (("filter", "roscore in"), ("filter", "roscore")),
+    ),
+    Fault(
+        "filter of nodes",
+        on(with_ros, rule(IN, "tcp", ports="nodes", new=True)),
+        (("filter", "nodes in"), ("filter", "nodes")),
+    ),
+    Fault(
+        "filter of nodes out",
+        on(with_ros, rule(OUT, "tcp", ports="nodes", new=True)),
+        (("filter", "nodes out"), ("filter", "nodes")),
+    ),
+    Fault("network dead", link(up=False), (("network", "dead"),)),
+    Fault("clients kept apart", link(apart=True), (("network", "dead"),)),
+    Fault("group pruned", pruned, (("network", "multicast"),)),
+    Fault("large packets lost", link(largest=1000), (("network", "large"),)),
+    Fault("a third lost", link(loss=0.3), (("network", "loss"),)),
+    Fault("clock off", on(masters, machine(clock=2.0)), (("clock", "off"),)),
+    Fault("environment not the file's", on(masters, differing), (("environment", "service"),)),
+    Fault("ROS_HOSTNAME localhost", on(with_ros, variable("ROS_HOSTNAME", "localhost")), (("environment", "shell"),)),
+    Fault("ROS_IP wrong", on(with_ros, variable("ROS_IP", "192.168.1.77", "127.0.0.1")), (("environment", "shell"),)),
+    Fault(
+        "ROS_MASTER_URI wrong",
+        on(with_ros, variable("ROS_MASTER_URI", "http://192.168.1.77:11311", "http://elsewhere:11311")),
+        (("environment", "shell"), ("environment", "service")),
+    ),
+    Fault("roscore dead", on(masters, program(roscore=DEAD)), (("roscore", "dead"),)),
+    Fault("roscore hung", on(masters, program(roscore=HUNG)), (("roscore", "hung"),)),
+    Fault("roscore on localhost", on(masters, program(calls_itself="localhost")), (("roscore", "name"),)),
+    Fault("discovery dead", on(masters, program(discovery=DEAD)), (("discovery", "dead"),)),
+    Fault("discovery hung", on(masters, program(discovery=HUNG)), (("discovery", "hung"),)),
+    Fault("discovery on another group", on(masters, other_group), (("discovery", "group"),)),
+    Fault("discovery on another port", on(masters, other_port), (("discovery", "group"),)),
+    Fault("sync dead", on(masters, program(sync=DEAD)), (("sync", "dead"),)),
+    Fault("sync hung", on(masters, program(sync=HUNG)), (("sync", "hung"),)),
+    Fault("sync stale", on(masters, program(stale=True)), (("sync", "stale"), ("sync", "hung"))),
+    Fault(
+        "sync with other filters",
+        on(masters, program(takes=False)),
+        (("sync", "configuration"), ("sync", "stale"), ("declaration", "narrow")),
+    ),
+    Fault("a service down", on(computers, service_down), (("service", "down"),)),
+    Fault("ghosts", on(masters, ghost), (("registration", "ghost"),)),
+    Fault("node names twice", twin, (("registration", "twin"),)),
+    Fault("other message definitions", definitions, (("messages", "differ"),)),
+    Fault("a stranger", stranger, (("stranger", "present"),)),
+)
+BY_NAME = {fault.name: fault for fault in FAULTS}

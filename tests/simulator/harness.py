@@ -1,0 +1,187 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Trials of the diagnosis: a random fleet, faults, noise, and what is named.
+
+A trial is made anew from its number. Noise are lost packets, now and then `--limit`, and a computer without a login.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field, replace
+from random import Random
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import diagnose
+from tests.simulator import faults, inventories
+from tests.simulator.observe import observe
+from tests.simulator.state import healthy
+
+LIMITED, SHUT = 0.1, 0.1  # the shares of trials with `--limit`, and with a computer without a login
+FIRST, RIVAL, MISSED = "first", "one of these", "missed"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run of the verification on a fleet with these faults."""
+
+    number: int
+    state: object
+    run: tuple
+    faults: tuple  # (Fault, place)
+    observations: object
+    noise: tuple = ()  # computers that nobody could look at
+
+
+@dataclass
+class Score:
+    """What was named for one kind of fault."""
+
+    verdicts: Counter = field(default_factory=Counter)
+    misses: list = field(default_factory=list)  # (number of the trial, place, what was named)
+
+
+def draw(number, rows):
+    """A trial with one fault of each of these lists of rows; it is drawn again until each of them can be seen."""
+    random = Random(f"{number} {[row.name for of in rows for row in of][:3]} {len(rows)}")
+    while True:
+        fleet = inventories.plan(random)
+        before = healthy(random, fleet)
+        run, shut = _run(random, fleet, bool(rows)), ()
+        if rows and random.random() < SHUT:
+            shut = (random.choice(list(run)),)
+            before = replace(before, shut=frozenset(shut))
+        trial = _injected(random, number, before, run, rows)
+        if trial is not None:
+            return replace(trial, noise=shut)
+
+
+def _run(random, fleet, faulty):
+    """The computers of the run: all, or those of some robots."""
+    names = list(fleet.computers)
+    if random.random() >= LIMITED:
+        return tuple(names)
+    robots = sorted({plan.robot for plan in fleet.computers.values() if plan.robot})
+    chosen = set(random.sample(robots, random.randint(1, len(robots))))
+    return tuple(name for name in names if fleet.computers[name].robot in chosen)
+
+
+def _injected(random, number, state, run, rows):
+    found = []
+    seen = observe(state, run, number)
+    for of in rows:
+        row = random.choice(of)
+        made = row.inject(state, random)
+        if made is None or any(place == made[1] for _row, place in found):
+            return None
+        state, place = made
+        now = observe(state, run, number)
+        if now == seen:
+            return None  # nobody can see it
+        seen = now
+        found.append((row, place))
+    return Trial(number, state, run, tuple(found), seen)
+
+
+def named(trial):
+    """The findings in their order, each as the parts that it names: the first one, and its rivals."""
+    diagnosis = diagnose(trial.state.fleet, trial.observations)
+    found = [(finding.part, *finding.rivals) for finding in diagnosis.findings]
+    return [parts for parts in found if not (parts[0].kind == "computer" and parts[0].place in trial.noise)]
+
+
+def is_right(part, row, place):
+    """Whether a part that was named is the one of the row at the place."""
+    return (part.kind, part.mode) in row.parts and is_at(part.place, place)
+
+
+def is_at(said, place):
+    """Whether a place is said: a link by its name, two robots together, or each of them."""
+    if place == faults.ANYWHERE:
+        return True
+    return said == place or said in place.split("|") or any(one in said.split(" and ") for one in place.split("|"))
+
+
+def judged(trial, most):
+    """For each fault of a trial whether it is among the first findings, or a rival there."""
+    found = named(trial)
+    answers = []
+    for row, place in trial.faults:
+        verdict = MISSED
+        for parts in found[:most]:
+            if is_right(parts[0], row, place):
+                verdict = FIRST
+            elif verdict == MISSED and any(is_right(part, row, place) for part in parts[1:]):
+                verdict = RIVAL
+        answers.append((row, place, verdict))
+    return answers, found
+
+
+def single_faults(numbers, rows=faults.FAULTS):
+    """One fault for each number, the rows in turn."""
+    for number in numbers:
+        row = rows[number % len(rows)]
+        yield from _tried(draw(number, [[row]]), 1)
+
+
+def pairs_of_faults(numbers, rows=faults.FAULTS):
+    """Two faults at two places for each number."""
+    for number in numbers:
+        yield from _tried(draw(number, [rows, rows]), 3)
+
+
+def _tried(trial, most):
+    answers, found = judged(trial, most)
+    yield trial, answers, found
+
+
+def scores(trials):
+    """The scores by kind of fault."""
+    table = defaultdict(Score)
+    for trial, answers, found in trials:
+        for row, place, verdict in answers:
+            score = table[row.name]
+            score.verdicts[verdict] += 1
+            if verdict != FIRST:
+                score.misses.append((trial.number, place, _said(found)))
+    return table
+
+
+def _said(found):
+    first = [" or ".join(f"{part.kind} {part.mode} of {part.place}" for part in parts) for parts in found[:3]]
+    return "; ".join(first) or "nothing"
+
+
+def false_alarms(numbers):
+    """What is named of healthy fleets: (number, what was named) for each that is not left alone."""
+    for number in numbers:
+        trial = draw(number, [])
+        found = named(trial)
+        if found:
+            yield number, _said(found)
+
+
+def render(table):
+    """A table of scores."""
+    width = max(len(name) for name in table)
+    lines = [f"{'fault':<{width}} {FIRST:>7} {RIVAL:>13} {MISSED:>7}"]
+    total = Counter()
+    for name, score in sorted(
+        table.items(), key=lambda item: (item[1].verdicts[FIRST] / item[1].verdicts.total(), item[0])
+    ):
+        total.update(score.verdicts)
+        counts = score.verdicts
+        lines.append(f"{name:<{width}} {counts[FIRST]:>7} {counts[RIVAL]:>13} {counts[MISSED]:>7}")
+    lines.append(
+        f"{'all':<{width}} {total[FIRST]:>7} {total[RIVAL]:>13} {total[MISSED]:>7}  first in {total[FIRST] / total.total():.1%}"
+    )
+    return "\n".join(lines)
+
+
+def render_misses(table, most=3):
+    """Some misses of each kind of fault."""
+    return "\n".join(
+        f"{name}: trial {number}, at {place}; named: {said}"
+        for name, score in sorted(table.items())
+        for number, place, said in score.misses[:most]
+    )

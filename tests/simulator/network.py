@@ -1,0 +1,307 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What computers see of each other's network: names, pings, routes, datagrams, TCP connections. Packets decide it all."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import replace
+from functools import lru_cache
+from ipaddress import AddressValueError, IPv4Address
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import NO_WAY, OUT, Packet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import (
+    REJECTED,
+    TOO_LARGE,
+    echo,
+    group,
+    report,
+    trace,
+)
+from tests.simulator.state import DEAD
+
+NODES = 45000  # stands for the ports of nodes, which the kernel chooses
+CONTROL = 40000  # and this for the socket of a helper
+SSH = 22
+TRIES = 3
+PROBES = 20
+ROUNDS = 2
+LARGE = 1500
+
+
+class Network:
+    """The network of a state, as its computers see it. `seed` decides which packets are lost."""
+
+    def __init__(self, state, seed):
+        self.state, self.fleet, self.world, self.seed = state, state.fleet, state.world, seed
+        self.echo = lru_cache(None)(lambda start, packet: echo(self.world, start, packet))
+        self.trace = lru_cache(None)(lambda start, packet: trace(self.world, start, packet))
+        self.heard = lru_cache(None)(self._heard)
+        self.connect = lru_cache(None)(self._connect)
+        self.members = {member.name: member for member in self.fleet.members}
+
+    def chance(self, *key):
+        """A number from 0 to 1, the same for the same key."""
+        return zlib.crc32(f"{self.seed} {key}".encode()) / 2**32
+
+    # Names
+
+    def resolve(self, computer, name):
+        """The addresses that a name, or an address as text, has on a computer."""
+        try:
+            return (IPv4Address(name),)
+        except AddressValueError:
+            pass
+        if name.lower() == "localhost":
+            return (IPv4Address("127.0.0.1"),)
+        names = self.world.machines[computer].names
+        return next((addresses for known, addresses in names.items() if known.lower() == name.lower()), ())
+
+    # Echo requests
+
+    def ping(self, computer, address):
+        """What the probe says of an address, after three tries."""
+        way = self.echo(computer, Packet("icmp", address, size=28))
+        lost = way.loss(self.world)
+        if way.ok and any(self.chance("ping", computer, address, n) >= lost for n in range(TRIES)):
+            return seen.Ping(True, 0.4 + round(self.chance(computer, address), 1))
+        if not way.there.ok:
+            machine = self.world.machines[computer]
+            chosen = machine.route(address)
+            if chosen is None or chosen.kind in NO_WAY:
+                return seen.Ping(error="Network is unreachable")
+            if machine.verdict(OUT, way.there.packet, chosen.device) != "accept":
+                return seen.Ping(error="Operation not permitted")
+        elif way.back is not None and way.back.ok:  # somebody else's
+            return seen.Ping(error=f"the answer comes from {way.back.packet.source}")
+        return seen.Ping(error=report(self.world, computer, way.there) or f"no answer to {TRIES} requests")
+
+    def route(self, computer, address):
+        """The route of a computer's kernel to an address."""
+        machine = self.world.machines[computer]
+        chosen = machine.route(address)
+        if chosen is None or chosen.kind in NO_WAY:
+            return seen.Route(error="Network is unreachable")
+        source, gateway = machine.source(chosen, address), chosen.gateway
+        return seen.Route(chosen.device, str(source) if source else None, str(gateway) if gateway else None)
+
+    def members_seen(self, computer, by_name):
+        """Every member, as multimaster_verify looks at it."""
+        found = []
+        for member in self.fleet.members:
+            addresses = self.resolve(computer, member.name) if by_name else ()
+            error = "" if addresses else "Name or service not known" if by_name else "not looked up"
+            entry = seen.SeenMember(member.name, str(member.address), tuple(map(str, addresses)), error)
+            if member.name != computer:
+                unknown = seen.Ping(error="the name has no address")
+                entry = replace(
+                    entry,
+                    route=self.route(computer, member.address),
+                    ping_address=self.ping(computer, member.address),
+                    ping_name=self.ping(computer, addresses[0]) if addresses else unknown,
+                )
+            found.append(entry)
+        return tuple(found)
+
+    # The kernel
+
+    def default_routes(self, computer):
+        machine = self.world.machines[computer]
+        return tuple(
+            seen.DefaultRoute(route.device, None, str(route.gateway), str(route.metric) if route.metric else None)
+            for route in machine.routes
+            if route.destination.prefixlen == 0
+        )
+
+    def forwarding(self, computer):
+        machine = self.world.machines[computer]
+        interfaces = tuple(
+            seen.ForwardingInterface(
+                one.name,
+                tuple(str(entry.ip) for entry in one.addresses),
+                int(one.forwarding),
+                one.rp_filter,
+                int(not self.fleet.computers[computer].is_router),
+            )
+            for one in machine.interfaces
+            if one.addresses
+        )
+        return seen.Forwarding(int(any(one.forwarding for one in machine.interfaces)), interfaces)
+
+    # TCP
+
+    def _connect(self, computer, address, port):
+        """Open a TCP connection: an error or "", and the machine at its other end."""
+        if address.is_loopback:
+            return ("" if self.listens(computer, port) else "Connection refused"), computer
+        way = self.echo(computer, Packet("tcp", address, port=port, size=60))
+        if way.ok and self.chance("tcp", computer, address, port) >= way.loss(self.world) ** TRIES:
+            there = way.there.where
+            return ("" if self.listens(there, port) else "Connection refused"), there
+        chosen = self.world.machines[computer].route(address)
+        if chosen is None or chosen.kind in NO_WAY:
+            return "Network is unreachable", ""
+        told = report(self.world, computer, way.there)
+        if told or way.there.outcome == REJECTED:
+            return "No route to host", ""
+        return "no answer within 2 s", ""
+
+    def listens(self, machine, port):
+        """Whether a program listens on a TCP port."""
+        if machine not in self.fleet.computers or not self.world.machines[machine].on:
+            return False
+        if port in (NODES, SSH):
+            return True
+        for robot, its in self.state.robots.items():
+            if self.state.master(robot) == machine:
+                plan = self.fleet.computers[machine]
+                if port == plan.roscore_port and its.roscore != DEAD:
+                    return True
+                if port == self.fleet.master_of[robot].rpc_port and its.discovery != DEAD:
+                    return True
+        return False
+
+    def carries(self, server, client_address):
+        """Whether a large answer of a server arrives: the kernel finds out what fits, where a router tells it."""
+        if client_address.is_loopback:
+            return True
+        size = LARGE
+        for unused in range(8):
+            way = self.trace(server, Packet("tcp", client_address, port=CONTROL, size=size, whole=True, answer=True))
+            if way.ok:
+                client = self.world.machines[way.where]
+                return size <= client.interface(way.device).mtu if way.device else True
+            end = self.world.machines.get(way.where)
+            told = way.outcome == TOO_LARGE and way.where == way.by and end is not None
+            if told:
+                size = end.interface(way.hops[-1].device).mtu
+            elif way.outcome == TOO_LARGE and end is not None and end.addresses & {client_address}:
+                size = min(one.mtu for one in end.interfaces)  # it has told its own size when the connection began
+            else:
+                return False
+        return False
+
+    # Datagrams
+
+    def _heard(self, sender, port, size=28):
+        """Who hears a datagram that a computer sends to the group: {machine: (interface, source, loss)}."""
+        member = self.members[sender]
+        packet = Packet("udp", self.fleet.multicast_group, port=port, size=size)
+        found = {}
+        for entry in group(self.world, sender, member.discovery_address, packet):
+            lost = 1.0
+            for link in entry.links:
+                lost *= 1 - self.world.links[link].loss
+            found.setdefault(entry.machine, (entry.device, entry.source, 1 - lost))
+        return found
+
+    def datagram(self, sender, address, port):
+        """The way of a datagram to one computer, from the address that its helper is bound to."""
+        source = self.members[sender].discovery_address
+        return self.trace(sender, Packet("udp", address, source=source, port=port, size=28))
+
+    def multicast(self, computer, listeners):
+        """What multicast_verify measures on a computer; `listeners` are those of the run."""
+        own, port = self.members[computer], self.fleet.multicast_port
+        machine = self.world.machines[computer]
+        device = machine.interface_of(own.discovery_address)
+        refused = 0
+        if device is not None:
+            probe = Packet("udp", self.fleet.multicast_group, source=own.discovery_address, port=port, size=28)
+            refused = PROBES * (machine.verdict(OUT, probe, device.name) != "accept")
+        return seen.Multicast(
+            udp=tuple(
+                self._datagrams(own, self.members[other], other in listeners)
+                for other in (entry.name for entry in self.fleet.listeners)
+                if other != computer
+            ),
+            unexpected=tuple(
+                seen.Stranger(address, device.name, 3)
+                for address in self.state.strangers
+                if device and own.discovery_address in self.fleet.common_network
+            ),
+            callers=self._callers(own),
+            icmp=self._rounds(own),
+            send_errors=seen.SendErrors(refused, "Operation not permitted" if refused else None),
+        )
+
+    def _datagrams(self, own, other, runs):
+        """The datagrams between two computers; `runs`: the other one's helper does."""
+        together = own.multicast and other.multicast
+        entry = seen.Datagrams(other.name, str(other.discovery_address), together)
+        if not runs:
+            return entry
+        port = self.fleet.multicast_port
+        planned = self.world.machines[own.name].interface_of(own.discovery_address)
+        came, went = self.heard(other.name, port).get(own.name), self.heard(own.name, port).get(other.name)
+        if not together:
+            came = went = None
+        unicast_here = self.datagram(other.name, own.discovery_address, port)
+        unicast_there = self.datagram(own.name, other.discovery_address, port)
+        here, there = (
+            way.ok and way.where == name for way, name in ((unicast_here, own.name), (unicast_there, other.name))
+        )
+        asks = self.datagram(own.name, other.discovery_address, CONTROL)
+        answers = self.datagram(other.name, own.discovery_address, CONTROL)
+        speaks = asks.ok and asks.where == other.name and answers.ok and answers.where == own.name
+        known = speaks and bool(came or here or went or there)
+        if came:
+            device, source, lost = came
+            right = planned is not None and device == planned.name
+            entry = replace(
+                entry,
+                heard_from=right,
+                heard=PROBES if right else 0,
+                source_address=str(source),
+                other_interfaces=() if right else (device,),
+            )
+        if known:
+            lost = went[2] if went else 0.0
+            missed = sum(self.chance("udp", own.name, other.name, n) < lost for n in range(PROBES))
+            entry = replace(
+                entry,
+                heard_by=bool(went) if together else None,
+                loss=(round(missed / PROBES, 3) if went else 1.0) if together else None,
+                own_source_address=str(asks.packet.source),
+                unicast=there,
+            )
+        return entry
+
+    def _callers(self, own):
+        """The addresses from which the others' empty datagrams come, which they send to computers in other networks."""
+        found = {}
+        for name, plan in self.fleet.computers.items():
+            member = self.members.get(name)
+            listens = member is not None and member.discovery
+            if name == own.name or not self.world.machines[name].on:
+                continue
+            packets = []
+            if member is None or member.network != own.network:
+                packets.append(Packet("udp", own.discovery_address, port=self.fleet.multicast_port, size=28))
+            if listens:
+                packets.append(
+                    Packet("udp", own.discovery_address, member.discovery_address, self.fleet.multicast_port, size=28)
+                )
+            for packet in packets:
+                way = self.trace(name, packet)
+                if way.ok and way.where == own.name:
+                    found[str(way.packet.source)] = found.get(str(way.packet.source), 0) + TRIES
+        return tuple(seen.Caller(address, count) for address, count in sorted(found.items()))
+
+    def _rounds(self, own):
+        """The pings of the group of all hosts on the own network."""
+        packet = Packet("icmp", IPv4Address("224.0.0.1"), size=28)
+        answered = [[] for _ in range(ROUNDS)]
+        hearers = {entry.machine for entry in group(self.world, own.name, own.discovery_address, packet)}
+        for name in hearers & set(self.members):
+            plan = self.fleet.computers[name]
+            answers = any(one.name.endswith("echo_ignore_broadcasts") and one.value == "0" for one in plan.sysctl)
+            back = self.trace(name, Packet("icmp", own.discovery_address, size=28, answer=True))
+            for number in range(ROUNDS):
+                kept = self.chance("round", own.name, name, number) >= back.loss(self.world)
+                if answers and back.ok and kept and self.members[name].discovery:
+                    answered[number].append(name)
+        rounds = tuple(seen.IcmpRound(number + 1, tuple(sorted(names))) for number, names in enumerate(answered))
+        return seen.Icmp("224.0.0.1", rounds=rounds)

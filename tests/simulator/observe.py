@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The observations of a simulated verification: what fleet_report gets of the computers of a run."""
+
+from __future__ import annotations
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import observations as seen
+from tests.simulator.network import Network
+from tests.simulator.ros import Ros
+from tests.simulator.state import RUNS
+
+NO_ROS = "there is no command rostopic in the PATH of /etc/rosfleet-multimaster/environment; install it"
+
+
+def observe(state, run=None, seed=0):
+    """The observations of the computers of a run (default: all), by name."""
+    run = [name for name in state.fleet.computers if run is None or name in run]
+    there = [name for name in run if state.world.machines[name].on and name not in state.shut]
+    network = Network(state, seed)
+    ros = Ros(network, there)
+    started = [name for name in there if _talks(state, ros, name)]
+    listeners = {name for name in there if state.fleet.computers[name].listens}
+    return {name: _of(state, network, ros, name, name in there, started, listeners) for name in run}
+
+
+def _talks(state, ros, name):
+    """Whether the start of the talker is reported as such: systemd has started it."""
+    return bool(state.fleet.computers[name].robot) and name not in state.without_ros
+
+
+def _of(state, network, ros, name, there, started, listeners):
+    if not there:
+        problem = "Failed to connect to the host via ssh: Connection timed out"
+        return seen.Observation(unreachable=True, problem=problem)
+    plan = state.fleet.computers[name]
+    measured = network.multicast(name, listeners) if name in listeners else None
+    return seen.Observation(
+        multicast=measured,
+        probe=_router(network, name) if plan.is_router else _probe(state, network, ros, name, started),
+        packet_filter=_filter(state, name) if plan.firewall else None,
+    )
+
+
+def _filter(state, name):
+    """Whether the rules of the collection are as planned. Rules of others are not looked at."""
+    return seen.PacketFilter(msg="The rules of nftables were right.")
+
+
+def _network(network, name, by_name):
+    return {
+        "members": network.members_seen(name, by_name),
+        "default_routes": network.default_routes(name),
+        "forwarding": network.forwarding(name),
+    }
+
+
+def _router(network, name):
+    return seen.Probe(
+        **_network(network, name, by_name=False),
+        roscore=seen.Roscore(error="not looked at"),
+        ros_missing="not looked at",
+        exchange=seen.Exchange(error="not looked at"),
+    )
+
+
+def _probe(state, network, ros, name, started):
+    plan = state.fleet.computers[name]
+    missing = NO_ROS if name in state.without_ros else ""
+    error, robot, _large = ros.asks(name)
+    uri = ros.environment(name).get("ROS_MASTER_URI", "")
+    talks = not missing and bool(ros.registered(name))
+    return seen.Probe(
+        **_network(network, name, by_name=True),
+        masters=ros.masters_seen(name),
+        roscore=seen.Roscore(uri, "" if error else ros.uri(robot), error),
+        list_masters=seen.ListMasters(error=missing) if missing else ros.list_masters(name),
+        topics=ros.topics(name, started),
+        outsiders=ros.outsiders(name),
+        exchange=ros.exchange(name) if plan.is_master else seen.Exchange(error="not looked at"),
+        services=tuple(_service(state, name, service) for service in plan.services),
+        talker=seen.Talker(talks, "" if talks else missing or "ERROR: Unable to communicate with master!"),
+        ros_missing=missing,
+    )
+
+
+def _service(state, name, service):
+    """A service as systemd says it: a hung one is active."""
+    its = state.robots[state.fleet.computers[name].robot]
+    runs = {"roscore": its.roscore, "discovery": its.discovery, "sync": its.sync}.get(service, RUNS)
+    dead = runs == "dead" or service in state.down.get(name, ())
+    differing = () if service not in ("roscore", "discovery", "sync") else state.differing.get(name, ())
+    active, sub = ("failed", "failed") if dead else ("active", "running")
+    return seen.Service(service, f"multimaster-{service}.service", "loaded", active, sub, 0, () if dead else differing)

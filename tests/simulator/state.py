@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The state of a simulated fleet: the world of packets, and what runs on it. A fault is another state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Machine, World
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned
+
+RUNS, DEAD, HUNG = "runs", "dead", "hung"  # hung: it has its port, and answers nothing
+
+
+@dataclass(frozen=True)
+class RobotState:
+    """What runs on the computer of a robot's master."""
+
+    roscore: str = RUNS
+    calls_itself: str = ""  # the host in the roscore's own URI
+    discovery: str = RUNS
+    group: str = ""  # that its discovery node uses
+    port: int = 0
+    sync: str = RUNS
+    stale: bool = False  # its sync node has not followed since the talkers started
+    takes: bool = True  # its sync node has the planned filters; else it leaves the talkers out
+    ghosts: tuple[str, ...] = ()  # registered nodes that were killed
+    node: str = ""  # the name of a node of its own that another robot has too
+    sums: Mapping[str, str] = field(default_factory=dict)  # type -> md5 sum, where it is another one
+
+
+@dataclass(frozen=True)
+class State:
+    """A fleet."""
+
+    fleet: FleetPlan
+    world: World
+    robots: Mapping[str, RobotState]
+    without_ros: frozenset[str] = frozenset()
+    shut: frozenset[str] = frozenset()  # the controller cannot log in
+    differing: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # variables of services that differ
+    down: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # further services that do not run
+    strangers: tuple[str, ...] = ()  # addresses on the common network from which others send to the group
+
+    def with_machine(self, changed: Machine) -> State:
+        """The state with another machine."""
+        return replace(self, world=self.world.with_machine(changed))
+
+    def with_robot(self, robot: str, **changes: object) -> State:
+        """The state with other programs of a robot's master."""
+        return replace(self, robots={**self.robots, robot: replace(self.robots[robot], **changes)})
+
+    def master(self, robot: str) -> str:
+        """The computer of a robot's master."""
+        return self.fleet.master_of[robot].computer
+
+
+def healthy(random, fleet: FleetPlan) -> State:
+    """A fleet in which everything is as planned. Some second computers have no ROS, and some packets are lost."""
+    world = planned(fleet)
+    for link in world.links.values():
+        world = world.with_link(replace(link, loss=random.choice((0.0, 0.0, 0.002))))
+    robots = {
+        master.robot: RobotState(
+            calls_itself=master.uri.split("//")[1].partition(":")[0],
+            group=str(fleet.multicast_group),
+            port=fleet.multicast_port,
+        )
+        for master in fleet.masters
+    }
+    seconds = [name for name, plan in fleet.computers.items() if plan.robot and not plan.is_master]
+    without = frozenset(name for name in seconds if random.random() < 0.1)
+    return State(fleet, world, robots, without_ros=without)
