@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import NamedTuple
 
@@ -28,6 +27,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     connected,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import COMMON
+
 from tests.simulator.state import DEAD, HUNG
 
 NODE_PORTS = (32768, 60999)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from random import Random
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import diagnose
+
 from tests.simulator import faults, inventories
 from tests.simulator.observe import observe
 from tests.simulator.state import healthy

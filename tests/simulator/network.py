@@ -20,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packet
     report,
     trace,
 )
+
 from tests.simulator.state import DEAD
 
 NODES = 45000  # stands for the ports of nodes, which the kernel chooses

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import observations as seen
+
 from tests.simulator.network import Network
 from tests.simulator.ros import Ros
 from tests.simulator.state import RUNS

@@ -11,6 +11,7 @@ from ipaddress import IPv4Address
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Flows, Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet
+
 from tests.simulator.network import NODES
 from tests.simulator.state import DEAD, HUNG, RUNS
 

