@@ -260,7 +260,7 @@ SUITES = [
         limit=LONG_LIMIT,
     ),
     demonstration("bullseye", 90, "--suite=bullseye", layout="single_computer", group="long"),
-    cases("interop", "pytest", "tests/interop", labs=("interop",), limit=LONG_LIMIT),
+    cases("interop", "pytest", "tests/interop", labs=("interop", "by-hand"), limit=LONG_LIMIT),
 ]
 
 #: Groups that run only when they are named: they take hours, or need what the project does not have.

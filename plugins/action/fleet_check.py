@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
@@ -16,9 +17,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain i
 
 
 class ActionModule(ActionBase):
-    """Fails with every reason why the plan cannot be applied to this machine."""
+    """Fails with every reason why the plan cannot be applied to this machine, or with `refuse: false` notes them."""
 
-    _VALID_ARGS = frozenset(("plan", "machine"))
+    _VALID_ARGS = frozenset(("plan", "machine", "refuse"))
     _requires_connection = False
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -30,12 +31,11 @@ class ActionModule(ActionBase):
             result.update(failed=True, msg=f"The option plan is no entry of computers of fleet_plan: {problem}")
             return result
         comparison = preflight.compare(plan, self._task.args["machine"])
-        result.update(
-            changed=False,
-            problems=[plain(text, LINE) for text in comparison.problems],
-            warnings=[plain(text, LINE) for text in comparison.warnings],
-            plan=to_plain(comparison.plan),
-        )
-        if comparison.problems:
-            result.update(failed=True, msg=numbered(comparison.problems))
+        problems = [plain(text, LINE) for text in comparison.problems]
+        result.update(changed=False, warnings=[plain(text, LINE) for text in comparison.warnings])
+        if problems and boolean(self._task.args.get("refuse", True)):
+            # Ansible prints the result of what fails, so the plan, which nobody uses then, is not in it.
+            result.update(failed=True, problems=problems, noted=[], msg=numbered(problems))
+            return result
+        result.update(problems=[], noted=problems, plan=to_plain(comparison.plan))
         return result

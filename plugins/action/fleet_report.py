@@ -19,7 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     plain_data,
     plain_lines,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound, FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
@@ -31,7 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     Probe,
 )
 
-OPTIONS = ("fleet", "multicast", "probe", "earlier", "path", "packet_filter")
+OPTIONS = ("fleet", "multicast", "probe", "earlier", "path", "packet_filter", "plan")
 
 T = TypeVar("T")
 
@@ -45,13 +45,13 @@ class ActionModule(ActionBase):
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
         result: dict[str, Any] = super().run(tmp, task_vars)
         task_vars = task_vars or {}
-        plain_fleet, multicast, probe, earlier, path, packet_filter = (
-            self._task.args.get(option) for option in OPTIONS
+        plain_fleet, multicast, probe, earlier, path, packet_filter, plan = (
+            self._task.args.get(option) or "" for option in OPTIONS
         )
         try:
             fleet = from_plain(FleetPlan, plain_fleet)
             observations = {
-                host: observation(task_vars["hostvars"][host], multicast, probe, earlier or [], packet_filter or "")
+                host: observation(task_vars["hostvars"][host], multicast, probe, earlier, packet_filter, plan)
                 for host in task_vars["ansible_play_hosts_all"]
                 if host in fleet.computers
             }
@@ -82,7 +82,12 @@ class ActionModule(ActionBase):
 
 
 def observation(
-    variables: Mapping[str, Any], multicast: str, probe: str, earlier: Sequence[str], packet_filter: str = ""
+    variables: Mapping[str, Any],
+    multicast: str,
+    probe: str,
+    earlier: Sequence[str],
+    packet_filter: str = "",
+    plan: str = "",
 ) -> Observation:
     """Read the registered results of one computer; the message of the first one that failed is its problem."""
     results = [variables[name] for name in (*earlier, multicast, probe) if name in variables]
@@ -96,6 +101,7 @@ def observation(
             unreachable=unreachable,
             problem=problem,
             packet_filter=complete(PacketFilter, variables, packet_filter, "members"),
+            found=as_found(variables, plan),
         )
     except Mismatch as found:  # what one computer was told by strangers must not cost the others their report
         return Observation(
@@ -107,6 +113,12 @@ def complete(kind: type[T], variables: Mapping[str, Any], name: str, part: str) 
     """Read a registered result; None where the task gave none, or not this part. Raises Mismatch."""
     registered = variables[name] if name in variables else {}
     return from_plain(kind, plain_data(registered)) if part in registered else None
+
+
+def as_found(variables: Mapping[str, Any], name: str) -> AsFound | None:
+    """Read what preflight found, out of the variable with the computer's plan; None where there is none. Raises Mismatch."""
+    plan = variables[name] if name in variables else {}
+    return from_plain(AsFound, plain_data(plan["found"])) if "found" in plan else None
 
 
 def write(path: str, document: Mapping[str, Any]) -> None:

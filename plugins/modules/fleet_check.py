@@ -22,6 +22,12 @@ options:
     description: The return of M(rosfleet.multimaster.multimaster_info) on the computer.
     type: dict
     required: true
+  refuse:
+    description:
+      - Whether a problem ends the run. With V(false), for example in a run that changes nothing, nothing fails, and each problem
+        is an entry of RV(noted).
+    type: bool
+    default: true
 author:
   - rosfleet contributors (@rosfleet)
 """
@@ -41,9 +47,15 @@ problems:
   type: list
   elements: str
   sample: []
-plan:
-  description: The plan with the names of the interfaces, which only the machine knows.
+noted:
+  description: With O(refuse=false) what stands against applying the plan, one sentence each.
   returned: always
+  type: list
+  elements: str
+  sample: []
+plan:
+  description: The plan with the names of the interfaces and what else only the machine knows.
+  returned: when nothing is refused
   type: dict
   sample:
     sysctl:

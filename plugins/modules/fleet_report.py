@@ -38,6 +38,13 @@ options:
       empty for none.
     type: str
     default: ""
+  plan:
+    description:
+      - The name of the variable with the plan of each computer, which M(rosfleet.multimaster.fleet_check) returns with what it found on
+        the machine, for example V(multimaster_plan); empty for none.
+      - So robots that the collection did not set up are told as such, and judged by whether they talk.
+    type: str
+    default: ""
   earlier:
     description:
       - The names of the variables that earlier tasks registered, for example V([multimaster_info]). A task among them

@@ -165,6 +165,12 @@ options:
     description: The environment of the services, for example V(/etc/rosfleet-multimaster/environment).
     type: path
     default: /etc/rosfleet-multimaster/environment
+  environment:
+    description:
+      - The variables of ROS on this computer where O(environment_file) is not there, since the collection did not set it up, for
+        example V({ROS_MASTER_URI: http://kobuki1computer:11311}).
+    type: dict
+    default: {}
   patience:
     description:
       - How many seconds to wait at most for masters and topics that are not there yet, for example V(20); from 0 to
@@ -988,7 +994,7 @@ def look(params: Params, quiet: bool) -> Result:
     began = time.monotonic()
     result: Result = {part.name: part.nothing for part in PARTS}
     result["problems"] = []
-    ros = Ros(params["environment_file"])
+    ros = Ros(params["environment_file"], params["environment"])
 
     def attempt(part: Part) -> typing.Tuple[Part, typing.Any, str]:
         try:
@@ -1016,7 +1022,7 @@ def start(module: AnsibleModule) -> Result:
     call(params)
     if params["is_router"]:
         return {"msg": "The router of the common network has no talker."}
-    ros = Ros(params["environment_file"])
+    ros = Ros(params["environment_file"], params["environment"])
     missing = ros.missing()
     error = missing or talker.start(ros, params["run"], params["name"], params["lifetime"])
     if error and (params["is_master"] or not missing):
@@ -1144,6 +1150,7 @@ ARGUMENTS = {
     "talkers": {"type": "list", "elements": "str"},
     "services": {"type": "list", "elements": "str", "default": []},
     "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
+    "environment": {"type": "dict", "default": {}},
     "patience": {"type": "int", "default": 20},
     "lifetime": {"type": "int", "default": 300},
 }

@@ -36,9 +36,10 @@ class NoRos(Exception):
 class Ros:
     """The ROS of this computer, as its services see it."""
 
-    def __init__(self, environment_file: str) -> None:
+    def __init__(self, environment_file: str, without: typing.Optional[typing.Mapping[str, str]] = None) -> None:
+        """`without`: the variables where the file is not there."""
         self.file = environment_file
-        self.variables = environment(text(environment_file))
+        self.variables = environment(text(environment_file)) or dict(without or {})
         self.uri = self.variables.get("ROS_MASTER_URI", "")
 
     def command(self, name: str) -> str:

@@ -60,7 +60,6 @@ def start(ros: Ros, label: str, computer: str, lifetime: int) -> str:
     folder = TALKER[: -len(".service")]
     options = {
         "RuntimeDirectory": folder,
-        "EnvironmentFile": ros.file,
         "RuntimeMaxSec": str(lifetime),
         "KillSignal": "SIGINT",  # so that its node unregisters
         "TimeoutStopSec": str(FAREWELL),
@@ -69,6 +68,7 @@ def start(ros: Ros, label: str, computer: str, lifetime: int) -> str:
     argv += ["--description=Talker of the verification of rosfleet.multimaster"]
     argv += [f"--property={line}" for line in SANDBOX + _BOUNDS]
     argv += [f"--property={name}={value}" for name, value in sorted(options.items())]
+    argv += [f"--setenv={name}={value}" for name, value in sorted(ros.variables.items())]
     argv += [f"--setenv={name}=/run/{folder}" for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR")]
     argv += ["--setenv=PYTHONDONTWRITEBYTECODE=1", "--"]
     message = f"data: '{sentence_of(label, computer)}'"

@@ -201,8 +201,12 @@ def _match_setenv(sshd: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def _units(environment: Environment, machine: Machine) -> str:
     """Render the file for systemd (systemd.exec(5), EnvironmentFile=): whole values, nothing is expanded."""
-    values = {**environment.texts, **_whole(environment, UNIT_PATH)}
-    return _HEADER + "".join(f"{name}={_quoted(value)}\n" for name, value in sorted(values.items()))
+    return _HEADER + "".join(f"{name}={_quoted(value)}\n" for name, value in values(environment).items())
+
+
+def values(environment: Environment) -> dict[str, str]:
+    """Return the variables that services get, each with its whole value."""
+    return dict(sorted({**environment.texts, **_whole(environment, UNIT_PATH)}.items()))
 
 
 def _profile(environment: Environment, machine: Machine) -> str:

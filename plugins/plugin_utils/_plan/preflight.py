@@ -8,13 +8,24 @@ Plan and description in, sentences out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers, quoting, set_up, units
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Interface, Port
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import (
+    environment,
+    providers,
+    quoting,
+    set_up,
+    units,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
+    AsFound,
+    ComputerPlan,
+    Interface,
+    Port,
+)
 
 # The units of the collection: what they hold is no stranger's.
 OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))
@@ -29,7 +40,10 @@ WITH_CAPABILITY = {
 
 @dataclass(frozen=True)
 class Comparison:
-    """The reasons against applying a plan to a machine, warnings, and the plan with what only the machine knows."""
+    """The reasons against applying a plan to a machine, warnings, and the plan with what only the machine knows.
+
+    `plan.found` has the same reasons in other words, for a run that changes nothing.
+    """
 
     problems: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -44,9 +58,9 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
     interfaces: dict[IPv4Address, str] = {}  # address -> name
     problems = []
     for wanted in plan.networks:
-        name, found = _interface(plan, info, wanted)
+        name, wrong = _interface(plan, info, wanted)
         interfaces[wanted.address] = name
-        problems += found
+        problems += wrong
     problems += _systemd(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
     warnings = _own_name(plan, info)
     services, without = _services(plan, info)
@@ -60,6 +74,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         firewall_due=_firewall_due(plan, info),
     )
     limits = list(plan.limits)
+    holders: list[Holder] = []
     if not plan.is_router:
         warnings += _exports(plan, info) + _sshd(plan, info)
         ros = _ros(plan, info)
@@ -69,11 +84,27 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
             filled, ros = _provided(filled, info, nodes), list(nodes.problems)
             limits += nodes.limits(plan)
         if plan.is_master:
-            problems += ros + _port_holders(plan, info)
+            problems += ros
+            holders = _holders(plan, info)
             warnings += _no_roscore(plan, info) + limits
         else:
             warnings += ros
-    return Comparison(tuple(problems), tuple(warnings), filled)
+    found = AsFound(
+        set_up=bool(info.get("owned")),
+        runs=_runs(plan, holders),
+        noted=tuple(problems),
+        environment=_environment(plan, info),
+    )
+    problems += [_refused(plan, holder) for holder in holders]
+    return Comparison(tuple(problems), tuple(warnings), replace(filled, found=found))
+
+
+def _environment(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, str]:
+    """Return the variables of ROS for a computer that has no file of ours with them; none where it has one, or no ROS."""
+    chosen = (info.get("ros") or {}).get("chosen")
+    if info.get("owned") or not chosen:
+        return {}
+    return environment.values(environment.merge(chosen["environment"], plan.environment))
 
 
 def _provided(plan: ComputerPlan, info: Mapping[str, Any], found: providers.Found) -> ComputerPlan:
@@ -270,27 +301,55 @@ def _packages(chosen: Mapping[str, Any]) -> str:
     return "apt-get install " + " ".join(prefix + name for name in names)
 
 
-def _port_holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
-    problems = []
+@dataclass(frozen=True)
+class Holder:
+    """A process that is not ours on a port of the plan."""
+
+    port: Port
+    use: str  # roscore or discovery
+    who: str
+
+
+def _refused(plan: ComputerPlan, holder: Holder) -> str:
+    """Return the sentence for a run that would start the service of the plan."""
+    remedy = {
+        "roscore": "stop it, or set multimaster_roscore to 'existing' to use it",
+        "discovery": "stop it: only one discovery node can answer for a master",
+    }[holder.use]
+    return (
+        f"{plan.computer}: {_named(holder.port)} is held by {holder.who}; expected it to be free for the {holder.use} of the "
+        f"collection: {remedy}."
+    )
+
+
+def _runs(plan: ComputerPlan, holders: Sequence[Holder]) -> tuple[str, ...]:
+    """Return the sentences for a run that only looks, one for each process."""
+    ports: dict[tuple[str, str], list[str]] = {}
+    for holder in holders:
+        ports.setdefault((holder.who, holder.use), []).append(_named(holder.port))
+    return tuple(
+        f"{plan.computer}: {' and '.join(held)}: {who}, where the plan has multimaster-{use}.service."
+        for (who, use), held in ports.items()
+    )
+
+
+def _named(port: Port) -> str:
+    return f"{port.protocol.upper()} port {port.port}"
+
+
+def _holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
+    """List who else holds the ports of the plan, each once: a process may hold a port on several addresses."""
+    found = []
     for port in plan.ports:
+        use = "roscore" if port == Port("tcp", plan.roscore_port) else "discovery"
+        if use == "roscore" and plan.roscore == "existing":
+            continue
         for holder in info["ports"]:
-            if (holder["protocol"], holder["port"]) != (port.protocol, port.port) or holder["unit"] in OWN_UNITS:
-                continue
-            use = "roscore" if port == Port("tcp", plan.roscore_port) else "discovery"
-            if use == "roscore" and plan.roscore == "existing":
-                continue
-            who = f"{holder['command'] or 'a process'} (pid {holder['pid']}, user {holder['user']}" + (
-                f", {holder['unit']})" if holder["unit"] else ")"
-            )
-            what = {
-                "roscore": "stop it, or set multimaster_roscore to 'existing' to use it",
-                "discovery": "stop it: only one discovery node can answer for a master",
-            }[use]
-            problems.append(
-                f"{plan.computer}: {port.protocol.upper()} port {port.port} is held by {who}; expected it to be free for the "
-                f"{use} of the collection: {what}."
-            )
-    return list(dict.fromkeys(problems))  # a process may hold a port on several addresses
+            if (holder["protocol"], holder["port"]) == (port.protocol, port.port) and holder["unit"] not in OWN_UNITS:
+                unit = f", {holder['unit']}" if holder["unit"] else ""
+                who = f"{holder['command'] or 'a process'} (pid {holder['pid']}, user {holder['user']}{unit})"
+                found.append(Holder(port, use, who))
+    return list(dict.fromkeys(found))
 
 
 def _no_roscore(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:

@@ -79,6 +79,15 @@ def _rounds(icmp: Icmp | None) -> Sequence[tuple[int, frozenset[str]]]:
     return [(entry.round, frozenset(entry.answered)) for entry in icmp.rounds] if icmp else ()
 
 
+def _set_up(computer: Participant) -> bool:
+    """The collection has records there; so it is taken where nobody looked."""
+    return computer.seen.found is None or computer.seen.found.set_up
+
+
+def _runs(computer: Participant) -> bool:
+    return computer.seen.found is not None and bool(computer.seen.found.runs)
+
+
 SIDES = (
     "",  # observer and target of the check itself
     "observer",
@@ -127,6 +136,14 @@ class Case:
         if not self.observer.plan.is_master or self.probe is None or self.probe.roscore.error:
             return None
         return self.probe.exchange
+
+    @property
+    def by_hand(self) -> bool:
+        """The collection did not set the computer up, and not its robot's master, where something else runs the nodes."""
+        if _set_up(self.observer):
+            return False
+        master = self.run.get(self.masters[0])
+        return master is None or (not _set_up(master) and (master is not self.observer or _runs(master)))
 
     @property
     def probe(self) -> Probe | None:

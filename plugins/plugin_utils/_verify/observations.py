@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
+
 # multimaster_verify: the network
 
 
@@ -348,3 +350,4 @@ class Observation:
     unreachable: bool = False
     problem: str = ""
     packet_filter: PacketFilter | None = None  # None where none is planned, and none is left over
+    found: AsFound | None = None  # None where preflight did not look

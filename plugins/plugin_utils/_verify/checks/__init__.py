@@ -10,6 +10,7 @@ stand before it, and by itself at a gateway.
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import (
+    by_hand,
     computer,
     discovery,
     exchange,
@@ -20,6 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 
 CHECKS = (
     *computer.CHECKS,
+    *by_hand.CHECKS,
     *network.CHECKS,
     *discovery.CHECKS,
     *ros.CHECKS,

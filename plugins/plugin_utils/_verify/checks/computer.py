@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.by_hand import BY_HAND, of_site_yml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     COMPUTER,
     FAILED,
@@ -104,6 +105,10 @@ REACHABLE = Check(
 # Services
 
 
+def _has_services(case: Case) -> bool:
+    return case.probe is not None and bool(case.observer.plan.services)
+
+
 def _no_service(case: Case) -> bool:
     return case.probe is not None and any(entry.load_state == "not-found" for entry in case.probe.services)
 
@@ -136,9 +141,10 @@ SERVICES = Check(
     id="services",
     title="services are active",
     scope=COMPUTER,
-    judge=_services,
+    judge=of_site_yml(_services, _has_services),
     documented=Documented("computer", "its services are active and were never started again by systemd", "3.3"),
     causes=(
+        BY_HAND,
         Cause("it was not set up", "run site.yml", when=_no_service),
         Cause("a service does not start, or ends by itself", "read why there: journalctl -b -u 'multimaster-*'"),
     ),
@@ -165,12 +171,13 @@ ENVIRONMENT = Check(
     id="environment",
     title="services run with the planned environment",
     scope=COMPUTER,
-    judge=_environment,
+    judge=of_site_yml(_environment, _has_services),
     documented=Documented(
         "computer", "the process of each service really has the variables of the environment file", "3.2"
     ),
     explained_by=("services",),
     causes=(
+        BY_HAND,
         Cause("root may not look at other processes there, as in some containers", "nothing", when=_closed_process),
         Cause("the file was changed after the service started", "run site.yml"),
     ),
@@ -367,9 +374,10 @@ PACKET_FILTER = Check(
     id="packet_filter",
     title="the packet filter is as planned",
     scope=COMPUTER,
-    judge=_packet_filter,
+    judge=of_site_yml(_packet_filter, lambda case: case.observer.seen.packet_filter is not None),
     documented=Documented("computer", "with `multimaster_firewall: fleet`: all its rules are there, now and at boot"),
     causes=(
+        BY_HAND,
         Cause(
             "site.yml has not run since the inventory changed, or somebody has changed the rules",
             "run site.yml; if they go again, see on {observer} what else changes the packet filter",

@@ -13,6 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     ITSELF_TOO,
     MEMBER,
     OK,
+    WARNING,
     Cause,
     Check,
     Documented,
@@ -45,7 +46,9 @@ def _name(case: Case) -> Judgement | None:
         return None
     addresses, expected = case.member.addresses, str(case.address)
     found = ", ".join(addresses) or case.member.resolve_error
-    return Judgement(OK if addresses == (expected,) else FAILED, expected, found)
+    # Fig. 6 of the report leaves 127.0.1.1 at the own name, and these robots talk.
+    verdict = WARNING if case.by_hand and case.target == case.observer.name and expected in addresses else FAILED
+    return Judgement(OK if addresses == (expected,) else verdict, expected, found)
 
 
 NAME = Check(

@@ -32,10 +32,10 @@ MACHINE = {
 }
 
 
-def check(plan):
+def check(plan, machine=None, **options):
     task = Task()
     task.action, task.async_val = "rosfleet.multimaster.fleet_check", 0
-    task.args = {"plan": plan, "machine": MACHINE}
+    task.args = {"plan": plan, "machine": machine or MACHINE, **options}
     task.check_mode = False
     connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
     return ActionModule(task, connection, None, None, None, None).run(task_vars={})
@@ -59,3 +59,19 @@ def test_another_thing_than_a_plan_is_one_sentence():
     assert result["msg"] == (
         "The option plan is no entry of computers of fleet_plan: address is 'here'; expected an IPv4 address."
     )
+
+
+def test_what_fails_is_sentences_without_the_plan():
+    result = check(ROUTER, {**MACHINE, "systemd": {"running": False}})
+    assert result["failed"]
+    assert "systemd does not run the machine" in result["msg"]
+    assert set(result) - {"failed", "msg"} == {"changed", "warnings", "problems", "noted"}
+    assert len(str(result)) < 1000
+
+
+def test_what_would_be_refused_is_noted_where_nothing_is_to_be_changed():
+    result = check(ROUTER, {**MACHINE, "systemd": {"running": False}}, refuse=False)
+    assert not result.get("failed") and result["problems"] == []
+    (noted,) = result["noted"]
+    assert "systemd does not run the machine" in noted
+    assert result["plan"]["found"]["noted"] == [noted]

@@ -14,7 +14,7 @@ import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Setting
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound, ComputerPlan, Setting
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain
 
 PLAN = {
@@ -43,6 +43,7 @@ PLAN = {
 }
 INFO = {
     "hostname": "kobuki1computer",
+    "owned": ["services-multimaster"],
     "python": "3.11.2",
     "systemd": {"running": True, "net_admin": True},
     "interfaces": [
@@ -72,6 +73,7 @@ INFO = {
             "python_version": "3.11.2",
             "nodes": [],
             "commands": {"roscore": "/usr/bin/roscore"},
+            "environment": {"PATH": "/opt/ros/noetic/bin", "ROS_DISTRO": "noetic"},
         },
     },
     "ports": [],
@@ -99,6 +101,7 @@ def test_a_machine_like_its_plan():
         packages=(),
         multicast_routing_due=False,
         firewall_due=False,
+        found=AsFound(),
     )
     assert compare() == preflight.Comparison((), (), plan)
 
@@ -144,6 +147,35 @@ def test_what_stands_against_the_plan(case):
     found = compare(change)
     assert len(found.problems) == 1
     assert re.search(expected, found.problems[0]), found.problems
+
+
+def test_who_holds_the_ports_is_told_also_to_a_run_that_only_looks():
+    twice = [
+        holder(11311, unit="session-3.scope"),
+        holder(11311, unit="session-3.scope"),
+        holder(11611),
+        holder(11511, "udp"),
+    ]
+    found = compare(lambda info: (info.update(ports=twice), info["systemd"].update(running=False)))
+    assert len(found.problems) == 4
+    assert found.plan.found.runs == (
+        "kobuki1computer: TCP port 11311: rosmaster (pid 812, user robot, session-3.scope), where the plan has "
+        "multimaster-roscore.service.",
+        "kobuki1computer: UDP port 11511 and TCP port 11611: rosmaster (pid 812, user robot), where the plan has "
+        "multimaster-discovery.service.",
+    )
+    assert found.plan.found.noted == found.problems[:1] and "systemd does not run" in found.problems[0]
+
+
+def test_a_computer_without_our_files_has_the_environment_that_they_would_have():
+    assert compare().plan.found == AsFound()
+    found = compare(lambda info: info.update(owned=[])).plan.found
+    assert not found.set_up
+    assert found.environment["ROS_MASTER_URI"] == "http://kobuki1computer:11311"
+    assert found.environment["ROS_HOSTNAME"] == "kobuki1computer"
+    assert found.environment["PATH"].startswith("/opt/ros/noetic/bin:") and found.environment["PATH"].endswith(":/bin")
+    bare = compare(lambda info: (info.update(owned=[]), info["ros"].update(chosen=None))).plan.found
+    assert (bare.set_up, bare.environment) == (False, {})
 
 
 def test_what_our_services_hold_is_no_strangers():

@@ -8,6 +8,7 @@ A test changes some observations with `update` and looks at the findings that ar
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import engine
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import exchange as exchange_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import ways as ways_module
@@ -118,6 +119,7 @@ def good(fleet, name):
         multicast=good_multicast(fleet, me, own) if me and me.discovery else None,
         probe=router_probe(fleet, own) if own.is_router else good_probe(fleet, me, own),
         packet_filter=PacketFilter(msg="The rules of nftables were right."),
+        found=AsFound(),
     )
 
 

@@ -63,7 +63,15 @@ def test_everything_is_good_between_three_robot_networks():
     assert (numbers["forwarding"], numbers["reverse_path"], numbers["redirects"]) == (4, 4, 1)
     assert (numbers["udp_multicast"], numbers["udp_unicast"]) == (3 * 2, 4 * 3)  # the gateways, and dabo-nav by unicast
     router = {finding.check for finding in findings if finding.observer == "router"}
-    assert router == {"forwarding", "reachable", "measured", "reverse_path", "redirects", "packet_filter"} | {
+    assert router == {
+        "forwarding",
+        "reachable",
+        "measured",
+        "reverse_path",
+        "redirects",
+        "packet_filter",
+        "as_planned",
+    } | {
         "default_routes",
         "route",
         "ping_address",

@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The two robots of Fig. 5 with upstream's nodes, set up by hand as the report says: verified from the inventory alone."""
+
+import by_hand
+import pytest
+from conftest import MOUNTS
+from layout import Extra
+from podman import ROOT
+from subject import lab_of
+
+FIRST, SECOND = "kobuki1computer", "kobuki2computer"
+ADDRESSES = {FIRST: "192.168.1.229", SECOND: "192.168.1.239"}
+WORKSPACE = {"multimaster_ros_setup": "/opt/interop/setup.bash"}
+
+
+@pytest.fixture
+def fleet_rests():
+    """The robots stay as they are between the tests."""
+
+
+@pytest.fixture(scope="module")
+def lab():
+    """These robots, in the place of those of the other files."""
+    mounts = tuple(f"{source}:{target}" for target, source in MOUNTS.items())
+    with lab_of(
+        "by-hand", ROOT / "inventory" / "single_computer", {host: Extra((), mounts) for host in ADDRESSES}
+    ) as lab:
+        with by_hand.robots(lab, ADDRESSES, by_hand.UPSTREAM, f". {WORKSPACE['multimaster_ros_setup']}"):
+            yield lab
+
+
+def test_robots_that_talk_pass_and_what_differs_from_the_plan_is_told(lab):
+    status, output = lab.play("playbooks/verify.yml", variables=WORKSPACE)
+    assert status == 0, output
+    assert "PASSED: none of" in output
+    for host in ADDRESSES:
+        assert f"nothing stands against the plan: {host}" in output
+    assert "UDP port 11511 and TCP port 11611: python3 /opt/fkie/fkie_master_discovery/nodes/master_discovery" in output
+    assert f"services are active: {FIRST}, {SECOND} expected: what site.yml sets up" in output
+
+
+def test_a_discovery_node_that_does_not_run_is_named(lab):
+    lab.run(SECOND, f"systemctl stop {by_hand.DISCOVERY}")
+    status, output = lab.play("playbooks/verify.yml", variables={**WORKSPACE, "verify_patience": 3})
+    by_hand.start(
+        lab,
+        SECOND,
+        by_hand.DISCOVERY,
+        f". {WORKSPACE['multimaster_ros_setup']}; exec {by_hand.UPSTREAM[by_hand.DISCOVERY]}",
+    )
+    assert status != 0
+    assert f"no discovery node listens on TCP port 11611 of {SECOND}" in output
+
+
+def test_site_yml_still_refuses_and_does_not_print_the_plan(lab):
+    status, output = lab.play("site.yml", variables=WORKSPACE)
+    assert status != 0
+    assert f"{FIRST}: TCP port 11311 is held by" in output and "set multimaster_roscore to 'existing'" in output
+    assert '"sysctl"' not in output and '"environment"' not in output
