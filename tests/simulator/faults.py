@@ -18,6 +18,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     DROP,
     FORWARD,
     IN,
+    MASQUERADE,
+    NAT,
     OUT,
     STRICT,
     Interface,
@@ -240,7 +242,13 @@ def rule(chain, protocol="", **fields):
             return None
         group = (IPv4Network(state.fleet.multicast_group),) if fields.get("group") else ()
         made = Rule(
-            chain, DROP, protocol, ports, destinations=group, new=fields.get("new", False), above=fields.get("above", 0)
+            chain,
+            DROP,
+            protocol,
+            ports,
+            destinations=group,
+            state="new" if fields.get("new") else "",
+            above=fields.get("above", 0),
         )
         return state.with_machine(replace(one, rules=(made, *one.rules)))
 
@@ -266,7 +274,7 @@ def _ports(state, one, which):
 def masquerade(state, random, one):
     plan = state.fleet.computers[one.name]
     common = one.interface_of(plan.common_address)
-    return state.with_machine(replace(one, masquerades=frozenset({common.name})))
+    return state.with_machine(replace(one, rules=(Rule(NAT, MASQUERADE, leaving=common.name), *one.rules)))
 
 
 # Programs and what they were started with

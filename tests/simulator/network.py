@@ -73,7 +73,7 @@ class Network:
             chosen = machine.route(address)
             if chosen is None or chosen.kind in NO_WAY:
                 return seen.Ping(error="Network is unreachable")
-            if machine.verdict(OUT, way.there.packet, chosen.device) != "accept":
+            if machine.verdict(OUT, way.there.packet, leaving=chosen.device) != "accept":
                 return seen.Ping(error="Operation not permitted")
         elif way.back is not None and way.back.ok:  # somebody else's
             return seen.Ping(error=f"the answer comes from {way.back.packet.source}")
@@ -211,7 +211,7 @@ class Network:
         refused = 0
         if device is not None:
             probe = Packet("udp", self.fleet.multicast_group, source=own.discovery_address, port=port, size=28)
-            refused = PROBES * (machine.verdict(OUT, probe, device.name) != "accept")
+            refused = PROBES * (machine.verdict(OUT, probe, leaving=device.name) != "accept")
         return seen.Multicast(
             udp=tuple(
                 self._datagrams(own, self.members[other], other in listeners)

@@ -17,8 +17,9 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 LOOSE, STRICT = 2, 1  # values of rp_filter (kernel: Documentation/networking/ip-sysctl)
 NO_WAY = ("blackhole", "unreachable", "prohibit", "throw")  # kinds of routes that lead nowhere (ip-route(8))
 
-# The chains of a packet filter
-IN, OUT, FORWARD = "in", "out", "forward"
+# The chains of a packet filter, and the one that translates sources
+IN, OUT, FORWARD, NAT = "in", "out", "forward", "nat"
+MASQUERADE = "masquerade"
 ACCEPT, DROP, REJECT = "accept", "drop", "reject"  # rejected as firewalld does it, with "administratively prohibited"
 
 
@@ -62,9 +63,12 @@ class Route:
     kind: str = "unicast"
 
 
+NEW, ANSWER = "new", "answer"  # what a filter that follows connections tells apart
+
+
 @dataclass(frozen=True)
 class Rule:
-    """A rule of a packet filter. What is left out matches everything, and the first rule that matches decides."""
+    """A rule of a packet filter. What is left out matches everything, and the first rule of a table that matches decides."""
 
     chain: str
     verdict: str
@@ -72,19 +76,21 @@ class Rule:
     ports: tuple[int, int] = (0, 65535)  # of the destination, the first and the last one
     sources: tuple[IPv4Network, ...] = ()
     destinations: tuple[IPv4Network, ...] = ()
-    device: str = ""  # by which a packet comes in; in the chain `out` the one by which it leaves
-    new: bool = False  # only what begins something, no answers
+    incoming: str = ""  # the interface by which a packet comes in
+    leaving: str = ""  # the interface by which it leaves
+    state: str = ""  # NEW: what begins something; ANSWER: the rest
     above: int = 0  # only what has more bytes
+    table: str = ""  # a packet has to pass the chain of each table
 
-    def matches(self, chain: str, packet: Packet, device: str) -> bool:
+    def matches(self, packet: Packet, incoming: str, leaving: str) -> bool:
         """Say if this rule is for a packet."""
         return (
-            self.chain == chain
-            and self.protocol in ("", packet.protocol)
+            self.protocol in ("", packet.protocol)
             and self.ports[0] <= packet.port <= self.ports[1]
-            and not (self.new and packet.answer)
+            and self.state in ("", ANSWER if packet.answer else NEW)
             and packet.size > self.above
-            and self.device in ("", device)
+            and self.incoming in ("", incoming)
+            and self.leaving in ("", leaving)
             and _among(packet.source, self.sources)
             and _among(packet.destination, self.destinations)
         )
@@ -102,7 +108,6 @@ class Machine:
     interfaces: tuple[Interface, ...] = ()
     routes: tuple[Route, ...] = ()  # the whole main table, with what the kernel makes for each address
     rules: tuple[Rule, ...] = ()
-    masquerades: frozenset[str] = frozenset()  # interfaces on which the source of what leaves becomes their own address
     groups: frozenset[IPv4Address] = frozenset()  # that it passes on between its interfaces
     on: bool = True
     names: Mapping[str, tuple[IPv4Address, ...]] = field(default_factory=dict)  # what each name means here
@@ -151,9 +156,21 @@ class Machine:
         near = [entry.ip for entry in own if hop in entry.network]
         return next(iter(near or [entry.ip for entry in own]), None)
 
-    def verdict(self, chain: str, packet: Packet, device: str) -> str:
-        """What its packet filter does with a packet."""
-        return next((rule.verdict for rule in self.rules if rule.matches(chain, packet, device)), ACCEPT)
+    @cached_property
+    def _chains(self) -> Mapping[str, Sequence[Sequence[Rule]]]:
+        """The rules of each chain, by table."""
+        found: dict[str, dict[str, list[Rule]]] = {}
+        for rule in self.rules:
+            found.setdefault(rule.chain, {}).setdefault(rule.table, []).append(rule)
+        return {chain: list(tables.values()) for chain, tables in found.items()}
+
+    def verdict(self, chain: str, packet: Packet, incoming: str = "", leaving: str = "") -> str:
+        """What its packet filter does with a packet: the first table that does not accept it decides."""
+        for rules in self._chains.get(chain, ()):
+            found = next((rule.verdict for rule in rules if rule.matches(packet, incoming, leaving)), ACCEPT)
+            if found != ACCEPT:
+                return found
+        return ACCEPT
 
     def with_interface(self, changed: Interface) -> Machine:
         """The machine with another state of one interface: the kernel's routes of its addresses change with it."""

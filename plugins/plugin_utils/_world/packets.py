@@ -18,6 +18,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     ACCEPT,
     FORWARD,
     IN,
+    MASQUERADE,
+    NAT,
     NO_WAY,
     OUT,
     REJECT,
@@ -147,9 +149,9 @@ class _Journey:
             if source is None:
                 raise End(NO_ADDRESS, machine.name)
             self.packet = replace(self.packet, source=source)
-            self._filter(machine, OUT, device.name)
+            self._filter(machine, OUT, "", device.name)
         else:
-            self._filter(machine, FORWARD, incoming.name)
+            self._filter(machine, FORWARD, incoming.name, device.name)
         self._translate(machine, device)
         self.hops.append(Hop(machine.name, device.name, hop))
         if self.packet.size > device.mtu and self.packet.whole:
@@ -185,27 +187,30 @@ class _Journey:
             packet = self.packet = replace(packet, destination=before)
         if packet.destination in machine.addresses:
             self.hops.append(Hop(machine.name))
-            self._filter(machine, IN, interface.name)
+            self._filter(machine, IN, interface.name, "")
             raise End(DELIVERED, machine.name)
         if not interface.forwarding:
             raise End(NOT_FORWARDED, machine.name)
         self.packet = replace(packet, ttl=packet.ttl - 1)
         return self._leave(machine, interface)
 
-    def _filter(self, machine: Machine, chain: str, device: str) -> None:
-        verdict = machine.verdict(chain, self.packet, device)
+    def _filter(self, machine: Machine, chain: str, incoming: str, leaving: str) -> None:
+        verdict = machine.verdict(chain, self.packet, incoming, leaving)
         if verdict != ACCEPT:
             raise End(REJECTED if verdict == REJECT else FILTERED, machine.name)
 
     def _translate(self, machine: Machine, device: Interface) -> None:
         source = self.packet.source
-        if device.name not in machine.masquerades or source is None or source in machine.addresses:
+        if source is None or source in machine.addresses or not _masquerades(machine, device, self.packet):
             return
-        if self.packet.answer:
-            return  # of a connection that began on the other side
         own = device.addresses[0].ip
         self.translations.append((machine.name, own, source))
         self.packet = replace(self.packet, source=own)
+
+
+def _masquerades(machine: Machine, device: Interface, packet: Packet) -> bool:
+    """Whether what leaves by an interface gets its address. An answer is of a connection that began on the other side."""
+    return not packet.answer and machine.verdict(NAT, packet, leaving=device.name) == MASQUERADE
 
 
 def _neighbour(world: World, machine: Machine, device: Interface, hop: IPv4Address) -> tuple[Machine, Interface]:
@@ -317,7 +322,7 @@ def group(world: World, start: str, source: IPv4Address, packet: Packet) -> list
     if device is None or not device.up:
         return []
     packet = replace(packet, source=source)
-    if machine.verdict(OUT, packet, device.name) != ACCEPT:
+    if machine.verdict(OUT, packet, leaving=device.name) != ACCEPT:
         return []
     found: list[Heard] = []
     waiting = [_Copy(machine.name, device, packet, ())]
@@ -367,4 +372,4 @@ def _passes_on(machine: Machine, incoming: Interface, packet: Packet) -> list[In
 
 
 def _translated(machine: Machine, device: Interface, packet: Packet) -> Packet:
-    return replace(packet, source=device.addresses[0].ip) if device.name in machine.masquerades else packet
+    return replace(packet, source=device.addresses[0].ip) if _masquerades(machine, device, packet) else packet

@@ -22,6 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     FORWARD,
     IN,
     LOOSE,
+    NEW,
     Interface,
     Link,
     Machine,
@@ -109,7 +110,7 @@ def rules(fleet: FleetPlan, plan: ComputerPlan) -> tuple[Rule, ...]:
         found.append(Rule(chain, ACCEPT, sources=known))
         found += [Rule(chain, ACCEPT, protocol, (port, port)) for protocol, port in opened]
         found += [
-            Rule(chain, DROP, protocol, (FIRST, LAST), destinations=networks, new=True) for protocol in ("tcp", "udp")
+            Rule(chain, DROP, protocol, (FIRST, LAST), destinations=networks, state=NEW) for protocol in ("tcp", "udp")
         ]
     return tuple(found)
 

@@ -94,7 +94,7 @@ ENDS = {
     "filter": (change(WORLD, FAR, rules=DROP_ICMP), "filtered", FAR, False),
     "filter of answers": (change(WORLD, INNER, rules=DROP_ICMP), "filtered", INNER, True),
     "filter that follows connections": (
-        change(WORLD, INNER, rules=(Rule("in", "drop", "icmp", new=True),)),
+        change(WORLD, INNER, rules=(Rule("in", "drop", "icmp", state="new"),)),
         "delivered",
         FAR,
         False,
@@ -133,7 +133,12 @@ ENDS = {
         None,
         False,
     ),
-    "masquerading": (change(WORLD, GATEWAY, masquerades=frozenset({"eth1"})), "delivered", FAR, False),
+    "masquerading": (
+        change(WORLD, GATEWAY, rules=(Rule("nat", "masquerade", leaving="eth1"),)),
+        "delivered",
+        FAR,
+        False,
+    ),
     "link down": (_link(COMMON, up=False), "link down", COMMON, False),
     "clients apart": (_link(COMMON, apart=True), "apart", COMMON, False),
     "duplicate address": (_twin(), "elsewhere", None, None),
@@ -305,17 +310,17 @@ def _commands(machine):
             way = f"via {entry.gateway} dev {entry.device}" if entry.gateway else ""
             kind = "" if entry.kind == "unicast" else entry.kind
             yield f"ip route replace {kind} {entry.destination} {way} metric {entry.metric}"
-    if machine.rules or machine.masquerades:
+    if machine.rules:
         yield "nft add table ip world"
     for entry in machine.rules:
+        if entry.chain == "nat":
+            yield "nft 'add chain ip world nat { type nat hook postrouting priority 100; }'"
+            yield f"nft add rule ip world nat oifname {entry.leaving} masquerade"
+            continue
         hook = {"in": "input", "out": "output"}.get(entry.chain, "forward")
         yield f"nft 'add chain ip world {hook} {{ type filter hook {hook} priority 0; }}'"
         verdict = "reject with icmp admin-prohibited" if entry.verdict == "reject" else entry.verdict
         yield f"nft add rule ip world {hook} {f'ip protocol {entry.protocol}' if entry.protocol else ''} {verdict}"
-    if machine.masquerades:
-        yield "nft 'add chain ip world nat { type nat hook postrouting priority 100; }'"
-        for device in machine.masquerades:
-            yield f"nft add rule ip world nat oifname {device} masquerade"
 
 
 @pytest.fixture(scope="module")

@@ -63,11 +63,11 @@ def test_the_planned_packet_filter_keeps_others_out():
     world = planned(fig12(multimaster_firewall="fleet", multimaster_firewall_ports=["51820/udp"]))
     kobuki = world.machines["kobuki"]
     stranger = IPv4Address("192.168.1.77")
-    assert kobuki.verdict("in", tcp("192.168.1.229", 11311, source=stranger), "eth0") == "drop"
-    assert kobuki.verdict("in", tcp("192.168.1.229", 22, source=stranger), "eth0") == "accept"
-    assert kobuki.verdict("in", tcp("192.168.1.229", 40000, source=stranger, answer=True), "eth0") == "accept"
+    assert kobuki.verdict("in", tcp("192.168.1.229", 11311, source=stranger)) == "drop"
+    assert kobuki.verdict("in", tcp("192.168.1.229", 22, source=stranger)) == "accept"
+    assert kobuki.verdict("in", tcp("192.168.1.229", 40000, source=stranger, answer=True)) == "accept"
     gateway = world.machines["tibi-visio"]
-    assert gateway.verdict("forward", tcp("192.168.11.100", 11311, source=stranger), "eth1") == "drop"
+    assert gateway.verdict("forward", tcp("192.168.11.100", 11311, source=stranger)) == "drop"
 
 
 def test_every_computer_knows_every_name():
