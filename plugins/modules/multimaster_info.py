@@ -52,8 +52,10 @@ options:
         of its name.
     type: list
     elements: str
-    choices: [system, owned, interfaces, ways, multicast_routing, ros, packages, ports, exports, sshd, environment]
-    default: [system, owned, interfaces, ways, multicast_routing, ros, packages, ports, exports, sshd, environment]
+    choices:
+      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, ports, exports, sshd, environment]
+    default:
+      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, ports, exports, sshd, environment]
   destinations:
     description:
       - IPv4 addresses to which the ways are looked up, for example V(192.168.10.1); see RV(ways).
@@ -247,6 +249,139 @@ ways:
       returned: always
       type: str
       sample: ""
+routing:
+  description: The routes of IPv4, which decide where packets leave.
+  returned: with the part V(routing)
+  type: dict
+  contains:
+    routes:
+      description: The routes of the main table, also those that the kernel makes for addresses.
+      returned: always
+      type: list
+      elements: dict
+      contains:
+        destination:
+          description: The network, V(0.0.0.0/0) for a default route.
+          returned: always
+          type: str
+          sample: 192.168.10.0/24
+        gateway:
+          description: The next hop, empty where the network is on the interface itself, and for several next hops.
+          returned: always
+          type: str
+          sample: 192.168.1.202
+        device:
+          description: The interface, empty for a route that leads nowhere, and for several next hops.
+          returned: always
+          type: str
+          sample: eth0
+        metric:
+          description: The metric; of two routes to a network the one with the lower metric counts.
+          returned: always
+          type: int
+          sample: 0
+        source:
+          description: The address from which packets leave, empty where the route does not say it.
+          returned: always
+          type: str
+          sample: 192.168.1.201
+        type:
+          description: V(unicast), or V(blackhole), V(unreachable), V(prohibit), V(throw) for a route that leads nowhere.
+          returned: always
+          type: str
+          sample: unicast
+    rules:
+      description: The rules of policy routing beside the kernel's own, as C(ip rule) prints them.
+      returned: always
+      type: list
+      elements: str
+      sample: ["100: from 10.0.0.0/8 lookup 100"]
+forwarding:
+  description: The kernel's settings that decide what passes through this machine.
+  returned: with the part V(forwarding)
+  type: dict
+  contains:
+    ip_forward:
+      description: C(net.ipv4.ip_forward), null where it cannot be read.
+      returned: always
+      type: int
+      sample: 1
+    interfaces:
+      description: The interfaces with an address of IPv4.
+      returned: always
+      type: list
+      elements: dict
+      contains:
+        interface:
+          description: The name of the interface.
+          returned: always
+          type: str
+          sample: eth0
+        addresses:
+          description: Its addresses.
+          returned: always
+          type: list
+          elements: str
+          sample: [192.168.1.201]
+        forwarding:
+          description: V(1) if what comes in there is passed on, null where it cannot be read.
+          returned: always
+          type: int
+          sample: 1
+        rp_filter:
+          description: The reverse-path filter, the larger value of C(all) and the interface, null where it cannot be read.
+          returned: always
+          type: int
+          sample: 2
+        send_redirects:
+          description: V(1) if ICMP redirects are sent there, null where it cannot be read.
+          returned: always
+          type: int
+          sample: 1
+filters:
+  description: The packet filter of nftables, also what iptables has made of it, as far as it can be read simply.
+  returned: with the part V(filters)
+  type: dict
+  contains:
+    readable:
+      description: Whether C(nft) is there and prints its rules.
+      returned: always
+      type: bool
+      sample: true
+    chains:
+      description: The chains that may drop or translate packets, in the order in which a packet meets them, without the collection's own.
+      returned: always
+      type: list
+      elements: dict
+      contains:
+        hook:
+          description: V(input), V(output), V(forward) or V(postrouting).
+          returned: always
+          type: str
+          sample: forward
+        table:
+          description: The family and the table.
+          returned: always
+          type: str
+          sample: ip filter
+        policy:
+          description: What becomes of a packet that no rule decides about, V(accept) or V(drop).
+          returned: always
+          type: str
+          sample: drop
+        rules:
+          description:
+            - The rules that are understood, those of chains that are jumped to in their place. Each has C(verdict), and what it asks for of
+              C(protocol), C(ports) (the first and the last one), C(sources), C(destinations), C(incoming), C(leaving) and C(state).
+          returned: always
+          type: list
+          elements: dict
+          sample: [{verdict: accept, protocol: tcp, ports: [22, 22]}]
+        unread:
+          description: The number of rules that say more than that.
+          returned: always
+          type: int
+          sample: 0
 multicast_routing:
   description: What passes multicast on between interfaces.
   returned: with the part V(multicast_routing)
@@ -604,6 +739,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import (
     commands,
     ends,
+    filters,
     fkie,
     network,
     ports,
@@ -611,6 +747,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
     shells,
     system,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding
 
 
 def interfaces() -> typing.List[typing.Dict[str, typing.Any]]:
@@ -621,6 +759,13 @@ def interfaces() -> typing.List[typing.Dict[str, typing.Any]]:
 def ways(destinations: typing.Iterable[str]) -> typing.List[typing.Dict[str, typing.Any]]:
     """List the routes to these addresses as plain data."""
     return [route.plain() for route in network.routes_to(destinations)]
+
+
+def routing() -> typing.Dict[str, typing.Any]:
+    """Read the main table, and the rules that lead to other tables."""
+    names = ("destination", "gateway", "device", "metric", "source", "type")
+    held = [entry.route._asdict() for entry in Kernel().read(4, MAIN)]
+    return {"routes": [{name: route[name] for name in names} for route in held], "rules": network.policy_rules()}
 
 
 class Part(typing.NamedTuple):
@@ -650,6 +795,9 @@ PARTS = (
     Part("owned", record.records, 5, []),
     Part("interfaces", interfaces, 15, []),
     Part("ways", ways, 15, [], options=("destinations",)),
+    Part("routing", routing, 15, {"routes": [], "rules": []}),
+    Part("forwarding", forwarding, 10, {"ip_forward": None, "interfaces": []}),
+    Part("filters", filters.filters, 15, {"readable": False, "chains": []}),
     Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),
     Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
     Part("packages", fkie.packages, 30, [], options=("packages",)),

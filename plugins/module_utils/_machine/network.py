@@ -160,6 +160,13 @@ def default_routes() -> typing.List[RouteTo]:
     return [route_from_text(line, "default") for line in output.splitlines() if line.startswith("default")]
 
 
+def policy_rules() -> typing.List[str]:
+    """The rules of IPv4 that lead to other tables than the kernel's own three do (ip-rule(8))."""
+    output = run(["ip", "-4", "rule", "show"]).output.decode("utf-8", "replace")
+    lines = (" ".join(line.split()) for line in output.splitlines())
+    return [line for line in lines if not re.fullmatch(r"\d+: from all lookup (local|main|default)", line)]
+
+
 def route_from_text(output: str, destination: str) -> RouteTo:
     """The route in the output of `ip route get`, or in a line of `ip route show`."""
 

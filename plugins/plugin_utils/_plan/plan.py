@@ -32,7 +32,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
 )
 
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
-LOOKED_AT = ("system", "owned", "interfaces", "ways", "multicast_routing")
+LOOKED_AT = ("system", "owned", "interfaces", "ways", "routing", "forwarding", "filters", "multicast_routing")
 LOOKED_AT_WITH_ROS = ("ros", "packages", "ports", "exports", "sshd", "environment")
 
 

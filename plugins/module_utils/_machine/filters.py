@@ -1,0 +1,200 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The packet filter of this machine, as far as it can be read simply: rules of nftables, also those that iptables has made.
+
+What a rule says beyond protocol, port, addresses, interfaces and state is not understood. Such rules are counted, and left out.
+"""
+
+import ipaddress
+import json
+import shutil
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run
+
+HOOKS = ("input", "output", "forward", "postrouting")
+OWN = "rosfleet_multimaster"  # the collection's own table, which the plan has
+MOST_RULES = 2000  # of one chain, with those of the chains that it jumps to
+DEEPEST = 8
+
+Words = typing.Dict[str, typing.Any]
+Reader = typing.Callable[[typing.Any], Words]
+VERDICTS = ("accept", "drop", "reject", "masquerade")
+ANSWERS = {"established", "related"}
+
+
+class NotUnderstood(Exception):
+    """A rule that says more than is read here."""
+
+
+def filters() -> Words:
+    """Read the chains of IPv4. `readable` is false where nft is not there, or does not answer in JSON."""
+    nft = shutil.which("nft", path="/usr/sbin:/usr/bin:/sbin:/bin")
+    if nft is None:
+        return {"readable": False, "chains": []}
+    answer = run([nft, "-j", "list", "ruleset"], limit=10)
+    try:
+        if answer.status == 0:
+            return {"readable": True, "chains": chains(json.loads(answer.output.decode("utf-8")))}
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        pass  # another form than this one
+    return {"readable": False, "chains": []}
+
+
+def chains(ruleset: Words) -> typing.List[Words]:
+    """The chains at HOOKS, in the order in which a packet meets them, out of the output of `nft -j list ruleset`."""
+    entries = ruleset["nftables"]
+    rules: typing.Dict[typing.Tuple[str, str, str], typing.List[typing.List[Words]]] = {}
+    for entry in entries:
+        if "rule" in entry:
+            rule = entry["rule"]
+            rules.setdefault((rule["family"], rule["table"], rule["chain"]), []).append(rule["expr"])
+    bases = [entry["chain"] for entry in entries if entry.get("chain", {}).get("hook") in HOOKS]
+    found: typing.List[Words] = []
+    for base in sorted(bases, key=lambda chain: int(chain.get("prio", 0))):
+        if base["family"] not in ("ip", "inet") or base["table"] == OWN:
+            continue
+        read = _Reader(base["family"], base["table"], rules)
+        read.chain(base["name"], {}, 0)
+        policy = base.get("policy", "accept")
+        table = f"{base['family']} {base['table']}"
+        found.append(
+            {"hook": base["hook"], "table": table, "policy": policy, "rules": read.found, "unread": read.unread}
+        )
+    return [chain for chain in found if chain["rules"] or chain["unread"] or chain["policy"] != "accept"]
+
+
+class _Reader:
+    """Reads one chain, and puts the rules of the chains that it jumps to in its place."""
+
+    def __init__(
+        self, family: str, table: str, rules: typing.Dict[typing.Tuple[str, str, str], typing.List[typing.List[Words]]]
+    ) -> None:
+        self.family, self.table, self.rules = family, table, rules
+        self.found: typing.List[Words] = []
+        self.unread = 0
+
+    def chain(self, name: str, before: Words, depth: int) -> None:
+        rules = self.rules.get((self.family, self.table, name), [])
+        for words in rules:
+            if len(self.found) >= MOST_RULES:
+                self.unread += 1
+                return
+            if words is rules[-1] and "return" in words[-1]:
+                return
+            try:
+                self._rule(words, before, depth)
+            except NotUnderstood:
+                self.unread += 1
+
+    def _rule(self, words: typing.List[Words], before: Words, depth: int) -> None:
+        said = dict(before)
+        for word in words:
+            kind, value = next(iter(word.items()))
+            if kind == "match":
+                _together(said, _match(value))
+            elif kind in VERDICTS:
+                self.found.append(dict(said, verdict=kind))
+                return
+            elif kind in ("jump", "goto"):
+                if depth >= DEEPEST:
+                    raise NotUnderstood
+                self.chain(value["target"], said, depth + 1)
+                return
+            elif kind == "return" or kind not in ("counter", "log", "comment"):
+                raise NotUnderstood
+        # A rule without a verdict counts or logs.
+
+
+def _together(said: Words, more: Words) -> None:
+    """Add what a match says; the same said twice is not understood."""
+    for name, value in more.items():
+        if said.get(name, value) != value:
+            raise NotUnderstood
+        said[name] = value
+
+
+def _match(words: Words) -> Words:
+    """Read one match. Raises NotUnderstood."""
+    left, right = words["left"], words["right"]
+    if words.get("op") not in ("==", "in") or not isinstance(left, dict):
+        raise NotUnderstood
+    kind, value = next(iter(left.items()))
+    if kind == "payload":
+        return _payload(value, right)
+    reader = _READERS.get((kind, value["key"])) if kind in ("meta", "ct") else None
+    if reader is None:
+        raise NotUnderstood
+    return reader(right)
+
+
+def _interface(name: str) -> Reader:
+    def read(right: typing.Any) -> Words:
+        if not isinstance(right, str) or "*" in right:
+            raise NotUnderstood
+        return {name: right}
+
+    return read
+
+
+def _payload(value: Words, right: typing.Any) -> Words:
+    field = value.get("field")
+    if value.get("protocol") == "ip" and field in ("saddr", "daddr"):
+        return {"sources" if field == "saddr" else "destinations": _networks(right)}
+    if value.get("protocol") == "ip" and field == "protocol":
+        return {"protocol": _protocol(right)}
+    if value.get("protocol") in ("tcp", "udp") and field == "dport":
+        return {"protocol": value["protocol"], "ports": _ports(right)}
+    if value.get("protocol") == "icmp" and field == "type" and right == "echo-request":
+        return {"protocol": "icmp", "state": "new"}
+    raise NotUnderstood
+
+
+def _protocol(right: typing.Any) -> str:
+    if right not in ("tcp", "udp", "icmp"):
+        raise NotUnderstood
+    return str(right)
+
+
+def _state(right: typing.Any) -> str:
+    states = set(right if isinstance(right, list) else right.get("set", []) if isinstance(right, dict) else [right])
+    if states == {"new"}:
+        return "new"
+    if states and states <= ANSWERS | {"untracked"} and "established" in states:
+        return "answer"
+    raise NotUnderstood
+
+
+def _networks(right: typing.Any) -> typing.List[str]:
+    found = []
+    for entry in right["set"] if isinstance(right, dict) and "set" in right else [right]:
+        text = (
+            f"{entry['prefix']['addr']}/{entry['prefix']['len']}"
+            if isinstance(entry, dict) and "prefix" in entry
+            else entry
+        )
+        try:
+            found.append(str(ipaddress.IPv4Network(text)))
+        except ValueError:
+            raise NotUnderstood from None  # a range, or the name of a set
+    return found
+
+
+def _ports(right: typing.Any) -> typing.List[int]:
+    if isinstance(right, int):
+        return [right, right]
+    if isinstance(right, dict) and "range" in right:
+        return [int(number) for number in right["range"]]
+    raise NotUnderstood  # several of them
+
+
+_READERS: typing.Mapping[typing.Tuple[str, str], Reader] = {
+    ("meta", "iifname"): _interface("incoming"),
+    ("meta", "iif"): _interface("incoming"),
+    ("meta", "oifname"): _interface("leaving"),
+    ("meta", "oif"): _interface("leaving"),
+    ("meta", "l4proto"): lambda right: {"protocol": _protocol(right)},
+    ("meta", "protocol"): lambda right: {} if right == "ip" else {"protocol": _protocol(right)},
+    ("ct", "state"): lambda right: {"state": _state(right)},
+}
