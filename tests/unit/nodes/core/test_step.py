@@ -66,7 +66,7 @@ def test_a_step_is_what_a_round_would_do(before, now, own):
         Known(view, first.claims, first.held, {refusal.name for refusal in first.refused}),
         lambda name, master: False,
     )
-    if found is None or any(node == "/own" and own for _call, node in names(found, first.claims).free):
+    if found is None or any(node == "/own" and own for _call, node in names(found, first.claims, False).free):
         return  # it takes a round; or what is asked before it is written says so
     whole = plan(wanted, view, first.claims)
     assert (found.register, found.unregister, found.held) == (whole.register, whole.unregister, whole.held)
@@ -89,10 +89,16 @@ def stepped(item, view=EMPTY, claims=(), held=(), refused=(), contested=False):
 def test_what_is_simple_is_planned_and_its_names_are_asked_for():
     found = stepped(ONE)
     assert found.register == [ONE] and found.claims == {ONE.of: MASTER} and found.types == {ONE: "std_msgs/Int32"}
-    assert names(found, {}).free == [("lookupNode", "/a")] and not names(found, {}).same
-    known = names(stepped(ONE, claims=[(ONE.of, MASTER)]), {ONE.of: MASTER})
+    assert names(found, {}, False).free == [("lookupNode", "/a")] and not names(found, {}, False).same
+    known = names(stepped(ONE, claims=[(ONE.of, MASTER)]), {ONE.of: MASTER}, False)
     assert not known.free and known.same == {"/a": ONE.node_uri}
-    assert names(stepped(SERVICE), {}).free == [("lookupNode", "/a"), ("lookupService", "/get")]
+    assert names(stepped(SERVICE), {}, False).free == [("lookupNode", "/a"), ("lookupService", "/get")]
+
+
+def test_a_roscore_that_guards_the_names_of_nodes_is_asked_for_services_alone():
+    assert not any(names(stepped(ONE), {}, True))
+    assert not any(names(stepped(ONE, claims=[(ONE.of, MASTER)]), {ONE.of: MASTER}, True))
+    assert names(stepped(SERVICE), {}, True) == ([("lookupService", "/get")], {})
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ from .parts.source import Follower, Source, in_own_thread
 from .parts.told import Told
 
 LOOKS = {True: 30.0, False: 1.0}  # seconds between two looks at the addresses, where the kernel tells of changes or not
+SETTLE = 0.02  # seconds from a change to its announcement: changes come in bursts
 LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however much changes
 
 
@@ -50,6 +51,8 @@ class MasterDiscovery:
         self.told: Dict[str, Master] = {}
         self.status = ""
         self.looked = 0.0  # when the addresses were looked at
+        self.shown = False  # the own master is shown as it is,
+        self.show_due: Optional[float] = None  # or will be then
         self.network_problem = ""
         self.malformed_requests = 0
         self.ended = Ended()
@@ -132,13 +135,15 @@ class MasterDiscovery:
         """One pass: do what is due, and carry out whatever the core wants since the last pass."""
         seconds = [self.address_looks.tick(now), self.reports.tick(now)]
         self.datagrams.tick(now)
+        if self.show_due is not None and now >= self.show_due:
+            self._show_own(now)
         self.core.tick(now)
         self._carry_out()
         if self.datagrams.problem != self.network_problem:
             self.network_problem = self.datagrams.problem
             self._say_status()
         # Asked last: what was done in this pass may have closed the sockets.
-        due = [*seconds, self.core.next_tick(), self.datagrams.tick(now)]
+        due = [*seconds, self.core.next_tick(), self.datagrams.tick(now), self.show_due]
         return min(time for time in due if time is not None)
 
     def _carry_out(self) -> None:
@@ -241,7 +246,10 @@ class MasterDiscovery:
             program.LOG.info("the roscore answers again")
         self.own.state, self.own.away = state, ""
         self.changes.news(state, do_not_sync)
-        self._show_own(monotonic())
+        if self.node is None or not self.shown:
+            self._show_own(monotonic())
+        elif self.show_due is None:  # who follows is told first: the rest can wait for what else there is to tell
+            self.show_due = monotonic() + SETTLE
         if self.node is None:
             self.node = ros.DiscoveryNode(lambda: self.masters, lambda: self.loop.post(self._refresh))
             self.identity.service = self.node.service_uri()
@@ -249,7 +257,9 @@ class MasterDiscovery:
             self.loop.post(self._say_status)
 
     def _show_own(self, now: float) -> None:
+        self.show_due = None
         master = self.own.announced(self.datagrams.place[0])
+        self.shown = master is not None
         if master is not None:
             self.core.own_state(master, now)
             self._carry_out()  # at once: who sees READY=1 or the node finds the own master
@@ -261,6 +271,7 @@ class MasterDiscovery:
                 program.LOG.error("the roscore at %s does not answer: %s", self.roscore.rpc.uri, problem)
                 notify(f"STATUS=the roscore at {self.roscore.rpc.uri} does not answer")
                 self.status = ""
+            self.shown = False
             self.own.away = f"its roscore does not answer: {problem}"
 
     def _refresh(self) -> None:

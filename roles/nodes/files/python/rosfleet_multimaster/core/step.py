@@ -85,11 +85,16 @@ def _is_free(item: Registration, master: str, known: Known, contested: Callable[
     return known.claims.get(item.of, master) == master
 
 
-def names(todo: Plan, claims: Mapping[NodeKey, str]) -> Names:
-    """The condition under which a plan may be carried out: nobody else has taken a name meanwhile."""
+def names(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Names:
+    """The condition under which a plan may be carried out: nobody else has taken a name meanwhile.
+
+    `guarded`: the roscore itself sees to it for the names of nodes.
+    """
+    free: Set[Tuple[str, ...]] = {("lookupService", item.name) for item in todo.register if item.kind == "service"}
+    if guarded:
+        return Names(sorted(free), {})
     same = {item.node: item.node_uri for item in todo.register if item.of in claims}
-    free: Set[Tuple[str, ...]] = {("lookupNode", item.node) for item in todo.register if item.node not in same}
-    free.update(("lookupService", item.name) for item in todo.register if item.kind == "service")
+    free.update(("lookupNode", item.node) for item in todo.register if item.node not in same)
     return Names(sorted(free), same)
 
 

@@ -20,6 +20,7 @@ from .served import DIFFERENCES
 
 WAIT = (20.0, 30.0)  # seconds that an answer may take: not the same for all who ask
 TIMEOUT = 10.0  # seconds for an answer besides
+HERE = 1.0  # seconds that the own addresses count as known
 LOOKUPS = 3.0  # seconds for the names in a state that the plan does not have
 MOST = 10_000  # registrations of a state that is followed, those of others too; a larger one is fetched as a whole
 
@@ -57,6 +58,8 @@ class View:
     def __init__(self, fetch: Fetch, own_uri: str, sync_remote_nodes: bool, members: Members) -> None:
         self._fetch, self._own_uri, self._remote_nodes, self._members = fetch, own_uri, sync_remote_nodes, members
         self.wanted = fetch.rules.to_wire(sync_remote_nodes)
+        self._here: Optional[Here] = None
+        self._looked = 0.0
 
     def taken(self, state: State, before: Optional[State]) -> State:
         """As much of a state as is taken. `before`: what was taken of this master until now."""
@@ -64,9 +67,15 @@ class View:
 
     def places(self, state: State) -> Places:
         """Where the nodes of a state may be."""
-        here = Here(frozenset(network().own), Networks(networks()))
         resolved = _resolved(names_to_resolve(state, self._members))
-        return Places(self._members, self._fetch.uri, self._fetch.monitor_uri, here, resolved)
+        return Places(self._members, self._fetch.uri, self._fetch.monitor_uri, self._here_now(), resolved)
+
+    def _here_now(self) -> Here:
+        """This computer, as it was a moment ago at most: the kernel's lists cost more than a change."""
+        now = monotonic()
+        if self._here is None or now - self._looked > HERE:
+            self._here, self._looked = Here(frozenset(network().own), Networks(networks())), now
+        return self._here
 
 
 def _resolved(names: List[str]) -> Dict[str, str]:

@@ -26,6 +26,11 @@ class OwnGraph:
         self._epoch, self._revision = "", 0
         self._ask_again = 0.0  # when a roscore that did not tell its changes is asked again whether it does
 
+    @property
+    def guarded(self) -> bool:
+        """True where the roscore lets no node of another robot take the name of an own one: the one that tells does."""
+        return self._mirror is not None
+
     def read(self, look_up: Callable[[View], Sequence[Names]]) -> View:
         """The registrations now. Raises as Roscore.ask, and OSError where the roscore does not tell them.
 

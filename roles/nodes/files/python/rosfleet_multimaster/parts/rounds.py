@@ -173,7 +173,7 @@ class Rounds:
         self.working = True
         before, claims = self.held, self.claims
         self.held = {**before, **todo.held}  # as above: reported before it is visible
-        needed = names(todo, claims)
+        needed = names(todo, claims, self._graph.guarded)
         self._calls.submit(
             lambda: self._write(todo, claims, needed),
             lambda results, why: self._step_written(todo, before, results, why),
@@ -226,7 +226,7 @@ class Rounds:
 
     def _write(self, todo: Plan, claims: Claims, needed: Optional[Names] = None) -> List[Any]:
         """Make all calls in one request, the record of imports first; in the thread of the roscore. Raises Taken."""
-        if needed is not None:
+        if needed is not None and any(needed):
             found = self._roscore.ask(*needed.free, *(("lookupNode", node) for node in needed.same))
             if any(found[: len(needed.free)]) or found[len(needed.free) :] != list(needed.same.values()):
                 raise Taken
