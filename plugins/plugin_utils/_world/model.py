@@ -108,6 +108,7 @@ class Machine:
     interfaces: tuple[Interface, ...] = ()
     routes: tuple[Route, ...] = ()  # the whole main table, with what the kernel makes for each address
     rules: tuple[Rule, ...] = ()
+    unclear: frozenset[str] = frozenset()  # chains with rules that are not among `rules`, since they say more
     groups: frozenset[IPv4Address] = frozenset()  # that it passes on between its interfaces
     on: bool = True
     names: Mapping[str, tuple[IPv4Address, ...]] = field(default_factory=dict)  # what each name means here

@@ -8,7 +8,7 @@ Gateways and routers of another make are machines, too: their names are their ad
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
@@ -63,20 +63,24 @@ def computer(fleet: FleetPlan, plan: ComputerPlan) -> Machine:
         )
         for number, entry in enumerate(plan.networks)
     )
-    routing = plan.multicast_routing
     return Machine(
         name=plan.computer,
         interfaces=interfaces,
         routes=(*(route for interface in interfaces for route in connected(interface)), *own_routes(plan, interfaces)),
         rules=rules(fleet, plan),
-        groups=frozenset({routing.group} if routing else ()),
+        groups=groups(plan),
         names=names(fleet) if plan.robot else {},
         services=frozenset(plan.services),
         environment=plan.environment,
     )
 
 
-def own_routes(plan: ComputerPlan, interfaces: Iterable[Interface]) -> tuple[Route, ...]:
+def groups(plan: ComputerPlan) -> frozenset[IPv4Address]:
+    """Return the groups that a computer passes on."""
+    return frozenset({plan.multicast_routing.group} if plan.multicast_routing else ())
+
+
+def own_routes(plan: ComputerPlan, interfaces: Sequence[Interface]) -> tuple[Route, ...]:
     """List the routes of a computer's plan, and those that something else is to make."""
     wanted = [(route.destination, route.gateway) for route in plan.routes]
     wanted += [(route.destination, route.gateways[0]) for route in plan.routes_expected]

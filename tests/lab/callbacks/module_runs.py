@@ -25,6 +25,7 @@ CONTROLLER_ONLY = (
     "fail",
     "fleet_check",
     "fleet_plan",
+    "fleet_predict",
     "fleet_report",
     "import_role",
     "include_role",

@@ -66,3 +66,67 @@ def route(destination, gateway, device="eth0", **more):
 
 def address(text):
     return IPv4Interface(text)
+
+
+# What multimaster_info would read of a machine
+
+
+def info_of(machine, owned=()):
+    """What multimaster_info returns of a machine: its own table of the packet filter is not among the chains."""
+    return {
+        "owned": list(owned),
+        "interfaces": [
+            {
+                "name": one.name,
+                "up": one.up,
+                "multicast": True,
+                "loopback": False,
+                "mtu": one.mtu,
+                "addresses": [
+                    {"address": str(entry.ip), "prefix": entry.network.prefixlen, "family": "inet"}
+                    for entry in one.addresses
+                ],
+            }
+            for one in machine.interfaces
+        ],
+        "routing": {
+            "routes": [
+                {
+                    "destination": str(entry.destination),
+                    "gateway": str(entry.gateway or ""),
+                    "device": entry.device,
+                    "metric": entry.metric,
+                    "source": str(entry.source or ""),
+                    "type": entry.kind,
+                }
+                for entry in machine.routes
+                if not entry.device or machine.interface(entry.device).up
+            ],
+            "rules": [],
+        },
+        "forwarding": {
+            "ip_forward": int(any(one.forwarding for one in machine.interfaces)),
+            "interfaces": [
+                {"interface": one.name, "forwarding": int(one.forwarding), "rp_filter": one.rp_filter}
+                for one in machine.interfaces
+            ],
+        },
+        "filters": {"readable": True, "chains": [_chain(number, entry) for number, entry in enumerate(machine.rules)]},
+    }
+
+
+HOOKS = {"in": "input", "out": "output", "forward": "forward", "nat": "postrouting"}
+
+
+def _chain(number, rule):
+    said = {"verdict": rule.verdict}
+    for name, empty in (("protocol", ""), ("incoming", ""), ("leaving", ""), ("state", "")):
+        if getattr(rule, name) != empty:
+            said[name] = getattr(rule, name)
+    if rule.ports != (0, 65535):
+        said["ports"] = list(rule.ports)
+    for name in ("sources", "destinations"):
+        if getattr(rule, name):
+            said[name] = [str(network) for network in getattr(rule, name)]
+    table = f"ip t{number}"
+    return {"hook": HOOKS[rule.chain], "table": table, "policy": "accept", "rules": [said], "unread": 0}

@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The action fleet_predict: the plan and what was read of all machines in, the prediction out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ansible.plugins.action import ActionBase
+from ansible.utils.display import Display
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
+    LINE,
+    plain,
+    plain_data,
+    plain_lines,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, prediction
+
+OPTIONS = ("fleet", "machine", "table")
+
+
+class ActionModule(ActionBase):
+    """Predicts which computers reach each other after site.yml."""
+
+    _VALID_ARGS = frozenset(OPTIONS)
+    _requires_connection = False
+
+    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
+        """Return the prediction; see ActionBase."""
+        result: dict[str, Any] = super().run(tmp, task_vars)
+        plain_fleet, machine, table = (self._task.args.get(option) for option in OPTIONS)
+        try:
+            fleet = from_plain(FleetPlan, plain_fleet)
+        except Mismatch as problem:
+            result.update(failed=True, msg=f"The plan of the fleet cannot be read: {problem}")
+            return result
+        predicted = prediction.predict(fleet, machines(fleet, (task_vars or {})["hostvars"], machine))
+        sentences = [plain(text, LINE) for text in prediction.warnings(predicted)]
+        if table:
+            Display().display("\n" + plain_lines(prediction.render(predicted)) + "\n")
+        result.update(
+            changed=False,
+            msg=prediction.verdict_line(predicted),
+            works=not sentences,
+            sentences=sentences,
+            assumed=list(predicted.assumed),
+            ways=plain_data(prediction.document(predicted)),
+        )
+        if not table:
+            result["warnings"] = sentences
+        return result
+
+
+def machines(fleet: FleetPlan, hostvars: Mapping[str, Any], name: str) -> dict[str, Mapping[str, Any]]:
+    """Return what was read on each computer; one whose result makes no sense counts as not looked at."""
+    read = {}
+    for host in fleet.computers:
+        info = plain_data(hostvars[host].get(name) or {}) if host in hostvars else {}
+        if found.looked_at(info) and found.makes_sense(fleet, host, info):
+            read[host] = info
+    return read

@@ -1,0 +1,371 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A prediction: which computers would reach each other after site.yml, which not and why, and what is different now.
+
+Pure: the plan and what was read in, facts, sentences and a table out.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from ipaddress import IPv4Address
+from typing import NamedTuple
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Member
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, packets, planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet, World
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import Trace
+
+REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"
+TRANSLATED = "translated"
+NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 32768
+WIDTH = 120
+MATRIX = 16  # computers: a larger matrix is no longer read
+ALL = 30  # computers of which all pairs are tried
+PAIRS = 4  # that are named in a sentence
+
+
+class Traffic(NamedTuple):
+    """A kind of packets that the fleet needs: what it is called, whom it is for, and the packet to an address."""
+
+    name: str
+    concerns: Callable[[Member], bool]
+    packet: Callable[[FleetPlan, IPv4Address], Packet]
+
+
+TRAFFIC = (
+    Traffic("ping", lambda member: True, lambda fleet, address: Packet("icmp", address)),
+    Traffic(
+        "heartbeats",
+        lambda member: member.discovery,
+        lambda fleet, address: Packet("udp", address, port=fleet.multicast_port),
+    ),
+    Traffic("connections of nodes", lambda member: True, lambda fleet, address: Packet("tcp", address, port=NODES)),
+    Traffic(
+        "large packets",
+        lambda member: True,
+        lambda fleet, address: Packet("tcp", address, port=NODES, size=1500, whole=True),
+    ),
+)
+
+
+class End(NamedTuple):
+    """Where packets end, and why: what one sentence is about."""
+
+    outcome: str
+    where: str
+    network: str  # to which they were going
+    hop: str  # the next machine, as an address
+    traffic: str  # empty, unless it concerns this traffic alone
+
+
+class Pair(NamedTuple):
+    """What becomes of one kind of traffic from one computer to another one, and of the answers."""
+
+    traffic: str
+    observer: str
+    target: str
+    now: str
+    after: str
+    end: End | None = None  # of after
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """All pairs, and who was not looked at."""
+
+    pairs: Sequence[Pair]
+    computers: Sequence[str]
+    assumed: Sequence[str]  # computers and devices that nobody has looked at
+    unclear: Sequence[str]  # whose packet filter says more than is understood
+
+    @property
+    def failing(self) -> Mapping[End, Sequence[Pair]]:
+        """The pairs that would fail, by where and why, the most frequent first."""
+        groups: dict[End, list[Pair]] = {}
+        for pair in self.pairs:
+            if pair.after == FAILS and pair.end is not None:
+                groups.setdefault(pair.end, []).append(pair)
+        return dict(sorted(groups.items(), key=lambda item: -len(item[1])))
+
+    def number(self, now: str = "", after: str = "", traffic: str = "") -> int:
+        """Count the pairs with these states; an empty text is any."""
+        return sum(
+            now in ("", pair.now) and after in ("", pair.after) and traffic in ("", pair.traffic) for pair in self.pairs
+        )
+
+
+def predict(fleet: FleetPlan, infos: Mapping[str, found.Info]) -> Prediction:
+    """Predict every pair of computers, from what was read on them."""
+    now = found.found(fleet, infos)
+    after = found.after(fleet, now, infos)
+    seen = {name for name in infos if found.looked_at(infos[name])}
+    return Prediction(
+        pairs=list(_pairs(fleet, now, after)),
+        computers=[member.name for member in fleet.members],
+        assumed=[name for name in after.machines if name not in seen],
+        unclear=[machine.name for machine in after.machines.values() if machine.unclear],
+    )
+
+
+def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
+    same = now == after  # as after every site.yml
+    for one, other, traffics in ways(fleet.members):
+        for traffic in traffics:
+            if traffic.concerns(one) and traffic.concerns(other):
+                address = other.discovery_address if traffic.name == "heartbeats" else other.address
+                packet = traffic.packet(fleet, address)
+                later, end = _outcome(fleet, after, one.name, other.name, packet, traffic)
+                before = later if same else _outcome(fleet, now, one.name, other.name, packet, traffic)[0]
+                yield Pair(traffic.name, one.name, other.name, before, later, end)
+
+
+def ways(members: Sequence[Member]) -> Iterator[tuple[Member, Member, Sequence[Traffic]]]:
+    """Yield the pairs that are tried, and with what: all of a small fleet.
+
+    Of a large one: each computer to and from its own robot and the next one, and a ping from each robot to each other one.
+    """
+    if len(members) <= ALL:
+        yield from ((one, other, TRAFFIC) for one in members for other in members if one != other)
+        return
+    last = {member.robot: member for member in members}  # of its robot: behind the gateway, where there is one
+    robots = list(last)
+    following = dict(zip(robots, robots[1:] + robots[:1], strict=True))
+    whole: dict[tuple[str, str], tuple[Member, Member]] = {}
+    for member in members:
+        for other in (last[member.robot], last[following[member.robot]]):
+            whole.update({(one.name, two.name): (one, two) for one, two in ((member, other), (other, member))})
+    yield from ((one, other, TRAFFIC) for one, other in whole.values() if one != other)
+    for first in last.values():
+        yield from ((first, two, TRAFFIC[:1]) for two in last.values() if (first.name, two.name) not in whole)
+
+
+def _outcome(
+    fleet: FleetPlan, world: World, start: str, target: str, packet: Packet, traffic: Traffic
+) -> tuple[str, End | None]:
+    way = packets.echo(world, start, packet)
+    failed = way.failed
+    if failed is None and way.there.where == target and way.back is not None:
+        if way.there.translations:
+            where = way.there.translations[0][0]
+            return FAILS, End(TRANSLATED, where, _network(fleet, packet.destination), "", "")
+        return REACHES, None
+    if failed is None:
+        failed = replace(way.there, outcome=packets.ELSEWHERE)
+    if failed.outcome == packets.TOO_LARGE and (_told(world, failed) or failed.where in (start, target)):
+        return REACHES, None  # TCP learns what fits: on the way by ICMP, and from the other end when it begins
+    end = _end(fleet, world, failed, traffic)
+    unsure = failed.outcome in (packets.FILTERED, packets.REJECTED) and world.machines[failed.where].unclear
+    return (UNSURE if unsure else FAILS), end
+
+
+def _told(world: World, way: Trace) -> bool:
+    """Whether the sender of a large packet learns that it does not fit: a machine on the way says so."""
+    return way.where == way.by and way.where in world.machines
+
+
+def _end(fleet: FleetPlan, world: World, way: Trace, traffic: Traffic) -> End:
+    alone = way.outcome in (packets.FILTERED, packets.REJECTED, packets.TOO_LARGE)
+    hop = way.hops[-1].to if way.hops and way.outcome == packets.NOBODY else None
+    return End(
+        way.outcome, way.where, _network(fleet, way.packet.destination), str(hop or ""), traffic.name if alone else ""
+    )
+
+
+def _network(fleet: FleetPlan, address: IPv4Address) -> str:
+    networks = [fleet.common_network, *(entry.network for entry in fleet.networks)]
+    return next((planned.link_of(fleet, network) for network in networks if address in network), str(address))
+
+
+# Sentences
+
+# outcome -> what happens, and what to do
+SENTENCES: Mapping[str, tuple[str, str]] = {
+    packets.NO_ROUTE: (
+        "{where} has no route to {network}",
+        "add one, or let multimaster_routes be 'default' or 'networks'; see on {where}: ip route",
+    ),
+    packets.NO_ADDRESS: ("{where} has no address to send from", "give its interface the address of the inventory"),
+    packets.NOBODY: (
+        "{where} sends what is for {network} to {hop}, where nobody answers",
+        "correct the route or the address; see on {where}: ip route; ip neighbour",
+    ),
+    packets.OFF: ("{where} is off", "switch it on"),
+    packets.DOWN: ("the interface of {where} to {network} is down", "bring it up: ip link set <interface> up"),
+    packets.LINK_DOWN: ("{where} is down", "look at the switch or the access point"),
+    packets.APART: ("{where} keeps its clients apart", "switch off client isolation on the access point"),
+    packets.FILTERED: (
+        "a packet filter on {where} drops {traffic}",
+        "let them pass between the robots' networks; see on {where}: nft list ruleset",
+    ),
+    packets.REJECTED: (
+        "a packet filter on {where} refuses {traffic}",
+        "let them pass between the robots' networks; see on {where}: nft list ruleset",
+    ),
+    packets.NOT_FORWARDED: (
+        "{where} does not pass packets on to {network}",
+        "set net.ipv4.ip_forward to 1 there, also for each interface; site.yml does so on gateways and the router",
+    ),
+    packets.REVERSE_PATH: (
+        "{where} drops packets for {network} that come in on another interface than the one that leads back",
+        "set net.ipv4.conf.all.rp_filter to 2 there, or correct its routes",
+    ),
+    packets.TOO_LARGE: (
+        "{where} takes no {traffic} for {network}",
+        "give all interfaces of a network one MTU; see on {where}: ip link",
+    ),
+    packets.CIRCLE: (
+        "{where} sends what is for {network} back to where it came from",
+        "correct its routes; see there: ip route",
+    ),
+    packets.ELSEWHERE: ("two machines have an address of {network}", "give one of them another address"),
+    TRANSLATED: (
+        "{where} translates addresses (masquerading) of what leaves it for {network}, and nodes cannot call back",
+        "translate nothing between the robots' networks; see on {where}: nft list ruleset; iptables -t nat -S",
+    ),
+}
+
+
+def sentence(end: End, pairs: Sequence[Pair]) -> str:
+    """Say in one sentence where packets would end, whose, and what to do."""
+    what, remedy = SENTENCES[end.outcome]
+    what, remedy = what.format(**{**end._asdict(), "where": "it"}), remedy.format(**end._asdict())
+    return f"{end.where}: after site.yml {what}, so {_whose(pairs)} would not work; expected a way there and back: {remedy}."
+
+
+def _whose(pairs: Sequence[Pair]) -> str:
+    ways = list(dict.fromkeys(f"{pair.observer} -> {pair.target}" for pair in pairs))
+    more = f" and {len(ways) - PAIRS} more" if len(ways) > PAIRS else ""
+    return ", ".join(ways[:PAIRS]) + more
+
+
+def warnings(prediction: Prediction) -> list[str]:
+    """One sentence for each place at which packets would end after site.yml."""
+    return [sentence(end, pairs) for end, pairs in prediction.failing.items()]
+
+
+def document(prediction: Prediction) -> list[dict[str, str]]:
+    """The ways that do not work after site.yml, or work otherwise than now, as plain data."""
+    return [
+        {
+            "from": pair.observer,
+            "to": pair.target,
+            "traffic": pair.traffic,
+            "now": pair.now,
+            "after": pair.after,
+            "where": pair.end.where if pair.end else "",
+            "why": SENTENCES[pair.end.outcome][0].format(**pair.end._asdict()) if pair.end else "",
+        }
+        for pair in prediction.pairs
+        if pair.after != REACHES or pair.now != REACHES
+    ]
+
+
+# The table
+
+
+def render(prediction: Prediction) -> str:
+    """The prediction for the terminal."""
+    parts = [f"PREDICTION for {len(prediction.computers)} computers, after site.yml", _table(prediction)]
+    if 1 < len(prediction.computers) <= MATRIX:
+        parts.append(_matrix(prediction))
+    if prediction.failing:
+        parts.append("\n".join(["Would fail:", *_groups(prediction)]))
+    parts += _notes(prediction)
+    parts.append(verdict_line(prediction))
+    return "\n\n".join(parts)
+
+
+def _table(prediction: Prediction) -> str:
+    width = max(len(traffic.name) for traffic in TRAFFIC)
+    columns = ("pairs", "now", "after", "begin", "end", "unsure")
+    lines = [f"  {'would reach each other':<{max(width, 22)}}" + "".join(f"{column:>9}" for column in columns)]
+    for traffic in TRAFFIC:
+        count = prediction.number
+        name = traffic.name
+        numbers = (
+            count(traffic=name),
+            count(now=REACHES, traffic=name),
+            count(after=REACHES, traffic=name),
+            count(now=FAILS, after=REACHES, traffic=name),
+            count(now=REACHES, after=FAILS, traffic=name),
+            count(after=UNSURE, traffic=name),
+        )
+        lines.append(f"  {name:<{max(width, 22)}}" + "".join(f"{number or '-':>9}" for number in numbers))
+    return "\n".join(lines)
+
+
+def _matrix(prediction: Prediction) -> str:
+    """Rows are from, columns are to: what would be after site.yml, and `+` where it is new."""
+    states: dict[tuple[str, str], list[Pair]] = {}
+    for pair in prediction.pairs:
+        states.setdefault((pair.observer, pair.target), []).append(pair)
+    width = max(len(name) for name in prediction.computers)
+    lines = [f"  {'from / to':<{width + 4}}" + "".join(f"{n:>6}" for n in range(1, len(prediction.computers) + 1))]
+    for number, observer in enumerate(prediction.computers, 1):
+        cells = "".join(f"{_cell(states.get((observer, target), ())):>6}" for target in prediction.computers)
+        lines.append(f"  {number:>2}  {observer:<{width}}{cells}")
+    return "\n".join(lines)
+
+
+def _cell(pairs: Sequence[Pair]) -> str:
+    if not pairs:
+        return "-"
+    after = {pair.after for pair in pairs}
+    if after == {REACHES}:
+        return "ok" if all(pair.now == REACHES for pair in pairs) else "ok +"
+    if FAILS not in after:
+        return "?"
+    return "FAIL" if all(pair.after == FAILS for pair in pairs) else "part"
+
+
+def _groups(prediction: Prediction) -> Iterator[str]:
+    for number, (end, pairs) in enumerate(prediction.failing.items(), 1):
+        what, remedy = (text.format(**end._asdict()) for text in SENTENCES[end.outcome])
+        rows = ((f"{number:>3}. ", what), ("     for:    ", _whose(pairs)), ("     remedy: ", remedy))
+        for label, text in rows:
+            yield textwrap.fill(
+                text,
+                WIDTH,
+                initial_indent=label,
+                subsequent_indent=" " * len(label),
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+
+
+def _notes(prediction: Prediction) -> list[str]:
+    notes = []
+    if prediction.assumed:
+        notes.append(f"Not looked at, and taken as planned: {_some(prediction.assumed)}.")
+    if prediction.unclear:
+        notes.append(
+            f"The packet filter says more than is understood here, see nft list ruleset on: {_some(prediction.unclear)}."
+        )
+    return ["\n".join(notes)] if notes else []
+
+
+def _some(names: Iterable[str]) -> str:
+    listed = list(names)
+    return ", ".join(listed[:8]) + (f" and {len(listed) - 8} more" if len(listed) > 8 else "")
+
+
+def verdict_line(prediction: Prediction) -> str:
+    """The result in one sentence."""
+    reach, total = prediction.number(after=REACHES), len(prediction.pairs)
+    new, lost = prediction.number(now=FAILS, after=REACHES), prediction.number(now=REACHES, after=FAILS)
+    unsure = prediction.number(after=UNSURE)
+    change = "".join(
+        f", {number} {words}"
+        for number, words in (
+            (new, "more than now"),
+            (lost, "that work now would not"),
+            (unsure, "that cannot be said"),
+        )
+        if number
+    )
+    verdict = "PREDICTED: all" if reach == total else f"PREDICTED: {reach}"
+    return f"{verdict} of {total} ways would work after site.yml{change}."

@@ -1,0 +1,70 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The action fleet_predict: what the computers registered in, a table or warnings out."""
+
+import pathlib
+import sys
+import types
+
+import pytest
+from ansible.playbook.task import Task
+from ansible_collections.rosfleet.multimaster.plugins.action import fleet_predict
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "plugin_utils" / "_world"))
+from worlds import change, fig12, info_of  # noqa: E402
+
+PLAN = fig12()
+WORLD = planned(PLAN)
+
+
+def predict(read, **options):
+    task = Task()
+    task.action, task.async_val = "rosfleet.multimaster.fleet_predict", 0
+    task.args = {"fleet": to_plain(PLAN), "machine": "multimaster_info", **options}
+    task.check_mode = False
+    connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
+    hostvars = {name: {"multimaster_info": info} for name, info in read.items()}
+    module = fleet_predict.ActionModule(task, connection, None, None, None, None)
+    return module.run(task_vars={"hostvars": hostvars})
+
+
+def machines(world=WORLD):
+    return {name: info_of(world.machines[name]) for name in PLAN.computers}
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    texts = []
+    monkeypatch.setattr(fleet_predict.Display, "display", lambda self, text, **_more: texts.append(text))
+    return texts
+
+
+def test_what_would_work_is_told_in_a_line(shown):
+    result = predict(machines())
+    assert result["works"] and not result["warnings"] and not result["ways"] and not result["assumed"] and not shown
+    assert result["msg"].startswith("PREDICTED: all of ")
+
+
+def test_what_would_not_is_a_warning_or_a_table(shown):
+    world = change(WORLD, "kobuki", rules=(Rule("in", "drop", "icmp"),))
+    result = predict(machines(world))
+    assert not result["works"] and result["warnings"] == result["sentences"] and not shown
+    assert result["sentences"][0].startswith("kobuki: after site.yml a packet filter on it drops ping, so ")
+    assert {"from": "tibi-nav", "to": "kobuki", "traffic": "ping"}.items() <= result["ways"][0].items()
+    result = predict(machines(world), table=True)
+    assert "warnings" not in result and "PREDICTION for 5 computers" in shown[0]
+
+
+@pytest.mark.parametrize("strange", [{}, {"failed": True}, {"interfaces": [{"name": "\x1b[2J"}], "routing": 3}])
+def test_a_computer_that_says_nothing_of_use_is_taken_as_planned(strange, shown):
+    result = predict({**machines(), "tibi-nav": strange})
+    assert result["works"] and result["assumed"] == ["tibi-nav"]
+
+
+def test_another_thing_than_a_plan_is_one_sentence():
+    result = predict({}, fleet={"common_network": "here"})
+    assert result["failed"] and result["msg"].startswith("The plan of the fleet cannot be read: ")
