@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import lru_cache
 from ipaddress import AddressValueError, IPv4Address
 
@@ -27,9 +27,16 @@ NODES = 45000  # stands for the ports of nodes, which the kernel chooses
 CONTROL = 40000  # and this for the socket of a helper
 SSH = 22
 TRIES = 3
+ATTEMPTS = 8  # of a connection, until the patience of the verification ends
 PROBES = 20
 ROUNDS = 2
 LARGE = 1500
+
+
+def _known(kind, **values):
+    """Those of the values for which a type of the observations has a field."""
+    names = {entry.name for entry in fields(kind)}
+    return {name: value for name, value in values.items() if name in names}
 
 
 class Network:
@@ -103,8 +110,34 @@ class Network:
                     ping_address=self.ping(computer, member.address),
                     ping_name=self.ping(computer, addresses[0]) if addresses else unknown,
                 )
+                entry = replace(entry, **_known(seen.SeenMember, **self.closer(computer, member.address, entry)))
             found.append(entry)
         return tuple(found)
+
+    def closer(self, computer, address, entry):
+        """What only a closer look shows: whether large packets arrive, and the neighbour's hardware address."""
+        there = self.echo(computer, Packet("icmp", address, size=28)).there
+        near = there.by != computer and len(there.links) == 1
+        found = {"neighbour": self.mac(there.by, there.device) if near else ""}
+        if entry.ping_address.ok:
+            found["ping_large"] = self.large(computer, address, entry.route.device)
+        return found
+
+    def large(self, computer, address, device):
+        """Whether a packet as large as the own interface takes arrives; a router that says what fits is as good."""
+        size = min(LARGE, self.world.machines[computer].interface(device).mtu) if device else LARGE
+        way = self.echo(computer, Packet("icmp", address, size=size, whole=True))
+        lost = way.loss(self.world)
+        end = way.there
+        told = end.outcome == TOO_LARGE and end.where == end.by != computer
+        if told or (way.ok and any(self.chance("large", computer, address, n) >= lost for n in range(TRIES))):
+            return seen.Ping(True, 0.5)
+        return seen.Ping(error=f"no answer to {TRIES} requests")
+
+    def mac(self, machine, device):
+        """The hardware address of an interface."""
+        number = zlib.crc32(f"{machine} {device}".encode())
+        return ":".join(f"{byte:02x}" for byte in (2, 0, *number.to_bytes(4, "big")))
 
     # The kernel
 
@@ -125,6 +158,12 @@ class Network:
                 int(one.forwarding),
                 one.rp_filter,
                 int(not self.fleet.computers[computer].is_router),
+                **_known(
+                    seen.ForwardingInterface,
+                    prefixes=tuple(entry.network.prefixlen for entry in one.addresses),
+                    mtu=one.mtu,
+                    mac=self.mac(computer, one.name),
+                ),
             )
             for one in machine.interfaces
             if one.addresses
@@ -138,7 +177,7 @@ class Network:
         if address.is_loopback:
             return ("" if self.listens(computer, port) else "Connection refused"), computer
         way = self.echo(computer, Packet("tcp", address, port=port, size=60))
-        if way.ok and self.chance("tcp", computer, address, port) >= way.loss(self.world) ** TRIES:
+        if way.ok and self.chance("tcp", computer, address, port) >= way.loss(self.world) ** ATTEMPTS:
             there = way.there.where
             return ("" if self.listens(there, port) else "Connection refused"), there
         chosen = self.world.machines[computer].route(address)

@@ -274,6 +274,7 @@ def echo(world: World, start: str, packet: Packet) -> Echo:
         destination=arrived.source,
         port=packet.source_port if packet.port else 0,
         source_port=packet.port,
+        whole=packet.whole and packet.protocol != "icmp",  # a kernel may split what it answers to a ping
         answer=True,
     )
     known = {(machine, new): before for machine, new, before in there.translations}
