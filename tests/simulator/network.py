@@ -117,7 +117,7 @@ class Network:
     def closer(self, computer, address, entry):
         """What only a closer look shows: whether large packets arrive, and the neighbour's hardware address."""
         there = self.echo(computer, Packet("icmp", address, size=28)).there
-        near = there.by != computer and len(there.links) == 1
+        near = entry.route.gateway is None and there.by != computer
         found = {"neighbour": self.mac(there.by, there.device) if near else ""}
         if entry.ping_address.ok:
             found["ping_large"] = self.large(computer, address, entry.route.device)

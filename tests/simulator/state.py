@@ -26,7 +26,7 @@ class RobotState:
     port: int = 0
     sync: str = RUNS
     stale: bool = False  # its sync node has not followed since the talkers started
-    takes: bool = True  # its sync node has the planned filters; else it leaves the talkers out
+    takes: bool = True  # its sync node has the planned filters; else it leaves odometry out
     ghosts: tuple[str, ...] = ()  # registered nodes that were killed
     node: str = ""  # the name of a node of its own that another robot has too
     sums: Mapping[str, str] = field(default_factory=dict)  # type -> md5 sum, where it is another one
