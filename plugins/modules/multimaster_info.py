@@ -50,10 +50,11 @@ options:
         not returned.
       - The part V(system) returns RV(hostname), RV(python), RV(os) and RV(systemd); every other part returns the value
         of its name.
+      - The part V(masters) is not looked at by default, since it asks roscores and nodes.
     type: list
     elements: str
     choices:
-      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, ports, exports, sshd, environment]
+      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, ports, masters, exports, sshd, environment]
     default:
       [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, ports, exports, sshd, environment]
   destinations:
@@ -107,6 +108,23 @@ EXAMPLES = r"""
 - name: Read back what a new login shell sees
   rosfleet.multimaster.multimaster_info:
     parts: [environment]
+
+- name: Check by yourself that every robot sees at least two masters
+  hosts: robots
+  gather_facts: false
+  become: true
+  tasks:
+    - name: Ask the roscore and the nodes of multimaster_fkie, whoever has started them
+      rosfleet.multimaster.multimaster_info:
+        parts: [masters]
+      register: seen
+
+    - name: Say what is missing
+      ansible.builtin.assert:
+        that:
+          - seen.masters | length == 1
+          - seen.masters[0].discovery | map(attribute='masters') | flatten | selectattr('online') | length >= 2
+          - seen.masters[0].sync | length == 1
 """
 
 RETURN = r"""
@@ -609,6 +627,214 @@ ports:
       returned: always
       type: str
       sample: roscore.service
+masters:
+  description:
+    - The roscores on the TCP ports among O(ports), with the discovery and sync nodes that are registered there.
+    - They are asked by their own protocols, so no ROS is needed, and it does not matter who has started them. Each question takes
+      at most five seconds. What others tell is plain text of at most 200 characters.
+  returned: with the part V(masters)
+  type: list
+  elements: dict
+  contains:
+    port:
+      description: The TCP port on which it listens.
+      returned: always
+      type: int
+      sample: 11311
+    process:
+      description: The process that has the port open, as far as this user may see it.
+      returned: always
+      type: dict
+      contains:
+        pid:
+          description: Its number, 0 where it cannot be seen.
+          returned: always
+          type: int
+          sample: 512
+        command:
+          description: Its command line.
+          returned: always
+          type: str
+          sample: /usr/bin/python3 /usr/bin/rosmaster --core -p 11311
+        user:
+          description: The user who owns the socket.
+          returned: always
+          type: str
+          sample: robot
+        unit:
+          description: Its systemd unit, empty where it has none.
+          returned: always
+          type: str
+          sample: roscore.service
+    uri:
+      description: The URI by which the roscore calls itself.
+      returned: always
+      type: str
+      sample: http://kobuki1computer:11311/
+    pid:
+      description: The process number that the roscore tells.
+      returned: always
+      type: int
+      sample: 512
+    run_id:
+      description: The parameter C(/run_id), another one for each start of a roscore; empty where it is not set.
+      returned: always
+      type: str
+      sample: 2bb5b2a4-e5e1-11f1-8d6a-0242c0a801e5
+    rosdistro:
+      description: The parameter C(/rosdistro), empty where it is not set.
+      returned: always
+      type: str
+      sample: noetic
+    rosversion:
+      description: The parameter C(/rosversion), empty where it is not set.
+      returned: always
+      type: str
+      sample: 1.15.15
+    nodes:
+      description: How many nodes are registered with a topic or a service, those of other robots included.
+      returned: always
+      type: int
+      sample: 7
+    topics:
+      description: How many topics have a publisher or a subscriber.
+      returned: always
+      type: int
+      sample: 12
+    services:
+      description: How many services are registered.
+      returned: always
+      type: int
+      sample: 30
+    discovery:
+      description: The discovery nodes, known by a service C(list_masters) in any namespace; eight at most.
+      returned: always
+      type: list
+      elements: dict
+      contains:
+        node:
+          description: The name of the node.
+          returned: always
+          type: str
+          sample: /master_discovery
+        service:
+          description: The name of its service.
+          returned: always
+          type: str
+          sample: /master_discovery/list_masters
+        implementation:
+          description: V(bundled) or V(upstream); empty where it does not answer at RV(masters[].discovery[].uri).
+          returned: always
+          type: str
+          sample: upstream
+        uri:
+          description: Where it answers other robots, empty where it does not list its own master.
+          returned: always
+          type: str
+          sample: http://192.168.1.229:11611
+        group:
+          description: Its multicast group, as its parameter at the roscore says; empty where that is not set.
+          returned: always
+          type: str
+          sample: 226.0.0.0
+        group_port:
+          description: The UDP port of the heartbeats, as its parameter at the roscore says; 0 where that is not set.
+          returned: always
+          type: int
+          sample: 11511
+        masters:
+          description: The masters that it lists, its own among them.
+          returned: always
+          type: list
+          elements: dict
+          contains:
+            name:
+              description: The name of the master.
+              returned: always
+              type: str
+              sample: kobuki2computer
+            uri:
+              description: The URI of its roscore.
+              returned: always
+              type: str
+              sample: http://kobuki2computer:11311/
+            online:
+              description: Whether it is heard.
+              returned: always
+              type: bool
+              sample: true
+            discoverer_name:
+              description: The name of its discovery node.
+              returned: always
+              type: str
+              sample: /master_discovery
+            monitoruri:
+              description: Where its discovery node answers.
+              returned: always
+              type: str
+              sample: http://192.168.1.239:11611
+        error:
+          description: Why it did not tell its masters, or empty.
+          returned: always
+          type: str
+          sample: ""
+    sync:
+      description: The sync nodes, known by a service C(get_sync_info) in any namespace; eight at most.
+      returned: always
+      type: list
+      elements: dict
+      contains:
+        node:
+          description: The name of the node.
+          returned: always
+          type: str
+          sample: /master_sync
+        service:
+          description: The name of its service.
+          returned: always
+          type: str
+          sample: /master_sync/get_sync_info
+        implementation:
+          description: V(bundled) or V(upstream). The bundled one writes the parameter C(/rosfleet_multimaster/imports).
+          returned: always
+          type: str
+          sample: upstream
+        imports:
+          description: What it has registered for each other master.
+          returned: always
+          type: list
+          elements: dict
+          contains:
+            master:
+              description: The URI of that master's roscore.
+              returned: always
+              type: str
+              sample: http://kobuki2computer:11311/
+            nodes:
+              description: How many of its nodes.
+              returned: always
+              type: int
+              sample: 3
+            topics:
+              description: How many of its topics.
+              returned: always
+              type: int
+              sample: 5
+            services:
+              description: How many of its services.
+              returned: always
+              type: int
+              sample: 8
+        error:
+          description: Why it did not tell them, or empty.
+          returned: always
+          type: str
+          sample: ""
+    error:
+      description: Why the roscore gave no answer, or empty. Where something else than a roscore answers on a port, there is no entry.
+      returned: always
+      type: str
+      sample: ""
 exports:
   description: Assignments of ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME in the files that shells read, other than the
     collection's.
@@ -748,6 +974,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
     system,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import facts
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding
 
 
@@ -802,6 +1029,7 @@ PARTS = (
     Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
     Part("packages", fkie.packages, 30, [], options=("packages",)),
     Part("ports", ports.holders, 15, [], options=("ports",)),
+    Part("masters", facts.masters, 60, [], options=("ports",)),
     Part("exports", shells.exports, 5, []),
     Part("sshd", shells.sshd, 10, NO_SSHD),
     Part("environment", shells.seen, 20, {"login": None, "ssh": None, "desktop": None}),
@@ -856,7 +1084,7 @@ def main() -> None:
                 "type": "list",
                 "elements": "str",
                 "choices": [part.name for part in PARTS],
-                "default": [part.name for part in PARTS],
+                "default": [part.name for part in PARTS if part.name != "masters"],
             },
         },
         supports_check_mode=True,

@@ -9,6 +9,8 @@ import subprocess
 import sys
 import time
 
+import by_hand
+
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 OURS = "ls /etc/sysctl.d /etc/rosfleet-multimaster /usr/local/lib/rosfleet-multimaster 2>/dev/null | grep -c rosfleet"
 
@@ -50,6 +52,34 @@ def test_a_stranger_on_the_port_of_the_roscore_is_named(untouched):
     assert "stranger.service" in output
     assert "set multimaster_roscore to 'existing'" in output
     assert untouched.run(FIRST, OURS, check=False).strip() == "0"
+
+
+def test_robots_that_were_set_up_by_hand_are_verified_and_told_as_such(untouched):
+    """A roscore and the bundled nodes that a person has started, as docs/nodes.md says; nothing of the collection is there."""
+    addresses = {FIRST: "192.168.1.229", SECOND: "192.168.1.239"}
+    with by_hand.robots(untouched, addresses, by_hand.BUNDLED):
+        status, output = untouched.play("playbooks/verify.yml")
+        assert status == 0, output
+        assert "PASSED: none of" in output
+        assert f"services are active: {FIRST}, {SECOND} expected: what site.yml sets up" in output
+        assert "UDP port 11511 and TCP port 11611: python3 -m rosfleet_multimaster.master_discovery" in output
+        status, output = untouched.module(FIRST, "multimaster_info", {"parts": ["masters"]})
+        assert status == 0, output
+        (seen,) = json.loads(output.partition("=>")[2])["masters"]
+        (discovery,), (sync,) = seen["discovery"], seen["sync"]
+        assert {entry["name"]: entry["online"] for entry in discovery["masters"]} == dict.fromkeys(addresses, True)
+        assert (discovery["implementation"], discovery["group"], sync["implementation"]) == (
+            "bundled",
+            "224.0.0.1",
+            "bundled",
+        )
+        assert (seen["uri"], seen["process"]["unit"]) == (f"http://{FIRST}:11311/", f"{by_hand.ROSCORE}.service")
+        untouched.run(SECOND, f"systemctl stop {by_hand.DISCOVERY}")
+        status, output = untouched.play("playbooks/verify.yml", variables={"verify_patience": 3})
+        assert status != 0
+        assert f"no discovery node listens on TCP port 11611 of {SECOND}" in output
+    for host in addresses:
+        assert untouched.run(host, OURS, check=False).strip() == "0"
 
 
 def test_a_computer_that_is_down_is_named_and_spoils_nothing(untouched):

@@ -11,7 +11,7 @@ import typing
 import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types, tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import NODE, STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import CALLER, NO_SCRIPT, Ros
@@ -83,10 +83,24 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
     service = next((name for name in sorted(services) if name.endswith(SYNC_INFO)), None)
     if service is None:
         raise OSError(f"{ros.uri}: no master_sync tells what it has registered")
+    try:
+        return _synced(tcpros.call(str(ros.ask("lookupService", service)), service, tcpros.GET_SYNC_INFO, CALLER))
+    except tcpros.UnknownType:
+        pass  # of another version of multimaster_fkie, whose classes may be there
     answers, error = _ask(ros, {"types": [], "service": service})
     if not _of_masters(answers.get("service")):
         raise OSError(f"{service} does not tell what is registered: {error or 'no answer'}")
     return answers["service"]
+
+
+def _synced(hosts: typing.List[typing.Dict[str, typing.Any]]) -> typing.Dict[str, typing.Dict[str, str]]:
+    """Return {URI of a master: {node: URI}} out of the answer of get_sync_info."""
+    found: typing.Dict[str, typing.Dict[str, str]] = {}
+    for host in hosts:
+        nodes = found.setdefault(host["masteruri"], {})
+        for entry in host["publisher"] + host["subscriber"] + host["services"]:
+            nodes[entry["node"]] = entry["nodeuri"]
+    return found
 
 
 def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str, str], str]:

@@ -18,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.comm
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
@@ -110,15 +111,18 @@ def roscore(ros: Ros, deadline: float) -> typing.Dict[str, str]:
 
 
 def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.Dict[str, typing.Any]:
-    """Run `rosservice call /master_discovery/list_masters`, again until the wanted names are online."""
+    """Do what `rosservice call /master_discovery/list_masters` does, again until the wanted names are online."""
     began = time.monotonic()
 
     def look() -> typing.Dict[str, typing.Any]:
         try:
-            output, error = ros.run("rosservice", ["call", LIST_MASTERS], deadline - time.monotonic())
+            ros.command("rosservice")
+            rows, error = _listed(ros, deadline)
         except NoRos as problem:
             return {"masters": [], "error": str(problem), "hopeless": True}
-        return {"masters": listed(output), "error": error, "hopeless": False}
+        except OSError as problem:
+            return {"masters": [], "error": plain(problem), "hopeless": False}
+        return {"masters": rows, "error": error, "hopeless": False}
 
     seen = awaited(
         look,
@@ -126,6 +130,16 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
         deadline,
     )
     return {"masters": seen["masters"], "error": seen["error"], "seconds": round(time.monotonic() - began, 1)}
+
+
+def _listed(ros: Ros, deadline: float) -> typing.Tuple[typing.List[typing.Dict[str, typing.Any]], str]:
+    """Call list_masters; return its masters, and an error or ''. Raises OSError with a sentence, and NoRos."""
+    try:
+        rows = tcpros.call(str(ros.ask("lookupService", LIST_MASTERS)), LIST_MASTERS, tcpros.LIST_MASTERS, CALLER)
+    except tcpros.UnknownType:  # of another version of multimaster_fkie, whose classes the command may know
+        output, error = ros.run("rosservice", ["call", LIST_MASTERS], deadline - time.monotonic())
+        return listed(output), error
+    return [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows], ""
 
 
 def listed(output: str) -> typing.List[typing.Dict[str, typing.Any]]:

@@ -4,11 +4,15 @@
 """Fixtures for the tests of the probes: an environment with small commands of ROS, and a roscore."""
 
 import os
+import pathlib
+import sys
 import threading
 import xmlrpc.server
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent))  # the module `provider`
 
 
 @pytest.fixture
@@ -36,6 +40,9 @@ class Master:
 
     def getSystemState(self, caller):
         return 1, "", [[["/multimaster_verify/kobuki2computer", ["/rostopic_1_1"]]], [], []]
+
+    def lookupService(self, caller, service):
+        return -1, "unknown service", ""
 
     def lookupNode(self, caller, node):
         return (1, "", "http://kobuki2computer:41233/") if node == "/rostopic_1_1" else (-1, "unknown node", "")

@@ -17,6 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify impor
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as probe_ros
 from hypothesis import given
 from hypothesis import strategies as st
+from provider import GET_SYNC_INFO, answer, head, provider, rows, synced
 
 MEMBERS = [
     {"name": "here", "address": "127.0.0.1", "discovery_address": "", "robot": "one"},
@@ -39,6 +40,7 @@ class Node:
 class Master:
     """The roscore of robot one: /base and /ear are its own, /planner is of robot two, /dead does not answer."""
 
+    sync = ""
     imports = {THERE: {"/planner": "http://127.0.0.2:1/"}}
 
     def __init__(self):
@@ -56,6 +58,9 @@ class Master:
         if self.imports is None:
             return -1, "not set", 0
         return 1, "", json.dumps({"node": "/master_sync", "uri": "x", "imports": self.imports})
+
+    def lookupService(self, caller, service):
+        return 1, "", self.sync
 
     def lookupNode(self, caller, node):
         return (1, "", self.uris[node]) if node in self.uris else (-1, "unknown node", "")
@@ -185,11 +190,15 @@ def test_connections_with_other_robots(ros, served):
     ]
 
 
-def test_another_implementation_is_asked_by_its_service(ros):
+@pytest.mark.parametrize("own_words", [True, False])
+def test_another_implementation_is_asked_by_its_service(ros, own_words):
+    """Of today's type it is read here; of another one by the Python of ROS, which may have its classes."""
     made, master = ros
     master.imports = None
-    found = looked_at(made)
-    assert [entry["master"] for entry in found["imports"]] == [THERE]
+    content = rows(synced("http://other:1/", "/planner", "http://127.0.0.2:1/"))
+    with provider(head(md5sum=GET_SYNC_INFO if own_words else "older"), answer(content)) as master.sync:
+        found = looked_at(made)
+    assert [entry["master"] for entry in found["imports"]] == ["http://other:1/" if own_words else THERE]
 
 
 @pytest.mark.parametrize(
@@ -205,7 +214,8 @@ def test_another_implementation_is_asked_by_its_service(ros):
 def test_a_parameter_that_anybody_has_set_is_no_answer(ros, said):
     made, master = ros
     master.getParam = lambda caller, name: (1, "", said)
-    assert [part["master"] for part in looked_at(made)["imports"]] == [THERE]
+    with provider(head(md5sum="older")) as master.sync:
+        assert [part["master"] for part in looked_at(made)["imports"]] == [THERE]
 
 
 def test_without_an_answer_of_it_there_is_a_sentence(ros):
@@ -213,7 +223,8 @@ def test_without_an_answer_of_it_there_is_a_sentence(ros):
     master.imports = None
     path = pathlib.Path(made.file).parent / "python"
     path.write_text("#!/bin/sh\necho 'ImportError: no rosservice' >&2; exit 1\n")
-    found = looked_at(made)
+    with provider(head(md5sum="older")) as master.sync:
+        found = looked_at(made)
     assert "get_sync_info does not tell" in found["error"] and "ImportError" in found["error"]
     assert found["topics"] == []
 

@@ -11,6 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify impor
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
 from hypothesis import given
 from hypothesis import strategies as st
+from provider import LIST_MASTERS, answer, head, master, provider, rows
 
 
 def test_command_runs_in_the_environment_of_the_file(ros):
@@ -142,3 +143,28 @@ def test_environment_is_read_as_it_is_written(variables):
     environment = environment_module.Environment(variables)
     render = dict(environment_module.CONSUMERS)["/etc/rosfleet-multimaster/environment"]
     assert probe_ros.environment(render(environment, environment_module.Machine())) == variables
+
+
+def test_list_masters_is_asked_without_a_command(roscore, monkeypatch):
+    made, command = roscore
+    command("rosservice", "exit 1")
+    with provider(head(md5sum=LIST_MASTERS), answer(rows(master("one"), master("two", online=False)))) as uri:
+        monkeypatch.setattr(type(made), "ask", lambda self, method, name: uri)
+        found = probe_ros.list_masters(made, {"one"}, 0)
+    assert [(entry["name"], entry["online"]) for entry in found["masters"]] == [("one", True), ("two", False)]
+    assert not found["error"]
+
+
+def test_another_version_of_list_masters_is_asked_by_the_command(roscore, monkeypatch):
+    made, command = roscore
+    command("rosservice", f"cat <<'END'\n{OLD}END\n")
+    with provider(head(md5sum="0", type="multimaster_msgs_fkie/DiscoverMasters")) as uri:
+        monkeypatch.setattr(type(made), "ask", lambda self, method, name: uri)
+        found = probe_ros.list_masters(made, set(), 0)
+    assert [entry["name"] for entry in found["masters"]] == ["kobuki1computer"]
+
+
+def test_a_discovery_that_is_not_there_is_a_sentence(roscore):
+    made, command = roscore
+    command("rosservice", "exit 1")
+    assert "unknown service" in probe_ros.list_masters(made, {"one"}, 0)["error"]

@@ -1,0 +1,195 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The facts of roscores on this computer, and of the discovery and sync nodes at them, read without ROS.
+
+Whatever answers on a port may be anything: each answer is bounded, and made plain.
+"""
+
+import typing
+import xmlrpc.client
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import STATE
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
+
+CALLER = "/multimaster_info"
+LIST_MASTERS, SYNC_INFO = "/list_masters", "/get_sync_info"  # the ends of the names of services
+IMPORTS = "/rosfleet_multimaster/imports"  # a parameter that the bundled master_sync alone writes
+NODES = 8  # discovery nodes of a roscore that are asked, and sync nodes: one of each is usual
+PATIENCE = 30.0  # seconds for all roscores
+BUNDLED, UPSTREAM = "bundled", "upstream"
+
+Row = typing.Dict[str, typing.Any]
+Tables = typing.List[typing.Dict[str, typing.List[str]]]
+
+
+class Strange(OSError):
+    """Something else than a roscore answers."""
+
+
+def masters(wanted: typing.List[Row], proc: str = "/proc") -> typing.List[Row]:
+    """Describe each roscore on the TCP ports of `wanted`; a port on which something else answers is left out."""
+    held: typing.Dict[int, Row] = {}
+    for entry in ports.holders([entry for entry in wanted if entry["protocol"] == "tcp"], proc):
+        held.setdefault(entry["port"], entry)
+    places = [held[port] for port in sorted(held)]
+    found = concurrently(_master, places, PATIENCE, lambda place: _entry(place, f"no answer within {PATIENCE:g} s"))
+    return [entry for entry in found if entry is not None]
+
+
+def _master(place: Row) -> typing.Optional[Row]:
+    """Describe the roscore at a place; None where something else answers there."""
+    roscore = Roscore(_uri_at(place))
+    entry = _entry(place, "")
+    try:
+        entry["uri"] = plain(roscore.ask("getUri"))
+        entry["pid"] = _number(roscore.ask("getPid"))
+        for name in ("run_id", "rosdistro", "rosversion"):
+            entry[name] = plain(roscore.parameter("/" + name, "")).strip()
+        publishers, subscribers, services = tables = roscore.state()
+    except Strange:
+        return None
+    except OSError as problem:
+        return dict(entry, error=plain(problem))
+    nodes = {node for table in tables for users in table.values() for node in users}
+    entry.update(nodes=len(nodes), topics=len({*publishers, *subscribers}), services=len(services))
+    entry["discovery"] = [_discovery(roscore, entry["uri"], *pair) for pair in _providers(services, LIST_MASTERS)]
+    entry["sync"] = [_sync(roscore, *pair) for pair in _providers(services, SYNC_INFO)]
+    return entry
+
+
+def _entry(place: Row, error: str) -> Row:
+    return {
+        "port": place["port"],
+        "process": {key: place[key] for key in ("pid", "command", "user", "unit")},
+        "uri": "",
+        "pid": 0,
+        "run_id": "",
+        "rosdistro": "",
+        "rosversion": "",
+        "nodes": 0,
+        "topics": 0,
+        "services": 0,
+        "discovery": [],
+        "sync": [],
+        "error": error,
+    }
+
+
+def _uri_at(place: Row) -> str:
+    """Return the URI at which this computer reaches a socket that is bound to an address."""
+    address = "127.0.0.1" if place["address"] in ("0.0.0.0", "::") else place["address"]
+    return f"http://{f'[{address}]' if ':' in address else address}:{place['port']}/"
+
+
+def _providers(services: typing.Dict[str, typing.List[str]], end: str) -> typing.List[typing.Tuple[str, str]]:
+    """List (service, node) of the services whose names end so, the first ones."""
+    return [(name, services[name][0]) for name in sorted(services) if name.endswith(end) and services[name]][:NODES]
+
+
+class Roscore:
+    """The master API of a roscore. Raises OSError where it gives no value, and Strange where it is none."""
+
+    def __init__(self, uri: str) -> None:
+        self._uri = uri
+
+    def ask(self, method: str, *arguments: typing.Any) -> typing.Any:
+        """Call a method and return its value."""
+        try:
+            code, message, value = getattr(server(self._uri, STATE), method)(CALLER, *arguments)
+        except OSError as problem:
+            raise OSError(f"{self._uri}: {problem.strerror or problem}") from problem
+        except xmlrpc.client.Error as problem:  # another XML-RPC server, or another HTTP server
+            raise Strange(f"{self._uri}: {problem}") from problem
+        except Exception as problem:  # http.client's and expat's own
+            raise Strange(f"{self._uri}: {type(problem).__name__}") from problem
+        if code != 1:
+            raise OSError(f"{self._uri}: {method}: {message}")
+        return value
+
+    def parameter(self, name: str, default: typing.Any) -> typing.Any:
+        """Return a parameter, or the default where it is not set."""
+        try:
+            return self.ask("getParam", name)
+        except Strange:
+            raise
+        except OSError:
+            return default
+
+    def state(self) -> Tables:
+        """Return publishers, subscribers and services: {name: nodes}."""
+        told = self.ask("getSystemState")
+        try:
+            return [{str(name): [str(node) for node in nodes] for name, nodes in told[part]} for part in range(3)]
+        except (LookupError, TypeError, ValueError) as problem:
+            raise Strange(f"{self._uri}: no state of a roscore") from problem
+
+    def call(self, service: str, known: typing.Any) -> typing.List[Row]:
+        """Call a service that has no questions."""
+        return tcpros.call(str(self.ask("lookupService", service)), service, known, CALLER)
+
+
+def _discovery(roscore: Roscore, uri: str, service: str, node: str) -> Row:
+    """Describe a discovery node, by its list of masters and its parameters at the roscore."""
+    entry: Row = {"node": plain(node), "service": plain(service), "masters": [], "error": ""}
+    try:
+        entry["masters"] = roscore.call(service, tcpros.LIST_MASTERS)
+    except OSError as problem:
+        entry["error"] = plain(problem)
+    own = [master for master in entry["masters"] if master["uri"].rstrip("/") == uri.rstrip("/")]
+    entry["uri"] = own[0]["monitoruri"] if own else ""
+    entry["implementation"] = _implementation(entry["uri"])
+    entry["group"] = plain(_private(roscore, node, "mcast_group", ""))
+    entry["group_port"] = _number(_private(roscore, node, "mcast_port", 0))
+    return entry
+
+
+def _private(roscore: Roscore, node: str, name: str, default: typing.Any) -> typing.Any:
+    try:
+        return roscore.parameter(f"{node}/{name}", default)
+    except OSError:
+        return default
+
+
+def _implementation(uri: str) -> str:
+    """Return whose discovery node answers at a URI: the bundled one tells this computer whom it ignores. Empty if nobody does."""
+    if not uri.startswith("http://"):
+        return ""
+    try:
+        server(uri).getOutsiders()
+        return BUNDLED
+    except xmlrpc.client.Fault:
+        return UPSTREAM
+    except Exception:  # whatever answers there
+        return ""
+
+
+def _sync(roscore: Roscore, service: str, node: str) -> Row:
+    """Describe a sync node, by what it tells of its imports."""
+    entry: Row = {"node": plain(node), "service": plain(service), "imports": [], "error": ""}
+    try:
+        entry["imports"] = [_imported(host) for host in roscore.call(service, tcpros.GET_SYNC_INFO)]
+    except OSError as problem:
+        entry["error"] = plain(problem)
+    entry["implementation"] = BUNDLED if _private(roscore, "", IMPORTS[1:], None) is not None else UPSTREAM
+    return entry
+
+
+def _imported(host: Row) -> Row:
+    """Count what is registered for another master."""
+    entries = [*host["publisher"], *host["subscriber"], *host["services"]]
+    return {
+        "master": plain(host["masteruri"]),
+        "nodes": len({entry["node"] for entry in entries}),
+        "topics": len({entry["topic"] for entry in [*host["publisher"], *host["subscriber"]]}),
+        "services": len(host["services"]),
+    }
+
+
+def _number(value: typing.Any) -> int:
+    """Return a whole number of others; 0 where it is none."""
+    return value if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 31 else 0

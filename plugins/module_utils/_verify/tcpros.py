@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Services of discovery and sync nodes, called by their own protocol (http://wiki.ros.org/ROS/TCPROS), without ROS here.
+
+Whoever answers may be anybody: time, bytes and numbers of entries are bounded.
+"""
+
+import socket
+import struct
+import time
+import typing
+import urllib.parse
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+
+CALL = 5.0  # seconds that a call may take, from the connection to the last byte
+MOST = 2 << 20  # bytes of an answer: 5,000 topics are 1 MB
+_HEADER = 1 << 14  # bytes of a header
+_ENTRIES = 50000  # of all lists of an answer
+
+Row = typing.Dict[str, typing.Any]
+
+
+class UnknownType(OSError):
+    """A service of another type than these are read of; its text says which."""
+
+
+class Reader:
+    """The values of a message, one after the other. Raises ValueError where they are none."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self._at, self._entries = data, 0, 0
+
+    def number(self) -> int:
+        """A uint32."""
+        return struct.unpack("<I", self._take(4))[0]
+
+    def flag(self) -> bool:
+        """A bool."""
+        return self._take(1) != b"\0"
+
+    def text(self) -> str:
+        """A string."""
+        return self._take(self.number()).decode("utf-8", "replace")
+
+    def many(self, read: typing.Callable[["Reader"], typing.Any]) -> typing.List[typing.Any]:
+        """A list of values that `read` reads."""
+        count = self.number()
+        self._entries += count
+        if self._entries > _ENTRIES:
+            raise ValueError(f"more than {_ENTRIES} entries")
+        return [read(self) for unused in range(count)]
+
+    def _take(self, size: int) -> bytes:
+        end = self._at + size
+        if end > len(self._data):
+            raise ValueError("its end is missing")
+        taken, self._at = self._data[self._at : end], end
+        return taken
+
+
+def _master(reader: Reader) -> Row:
+    """fkie_multimaster_msgs/ROSMaster."""
+    name, uri = reader.text(), reader.text()
+    for unused in range(4):  # two times
+        reader.number()
+    return {
+        "name": plain(name),
+        "uri": plain(uri),
+        "online": reader.flag(),
+        "discoverer_name": plain(reader.text()),
+        "monitoruri": plain(reader.text()),
+    }
+
+
+def _topic(reader: Reader) -> Row:
+    """fkie_multimaster_msgs/SyncTopicInfo."""
+    return {"topic": reader.text(), "node": reader.text(), "nodeuri": reader.text()}
+
+
+def _service(reader: Reader) -> Row:
+    """fkie_multimaster_msgs/SyncServiceInfo."""
+    return {
+        "service": reader.text(),
+        "serviceuri": reader.text(),
+        "node": reader.text(),
+        "nodeuri": reader.text(),
+    }
+
+
+def _synced(reader: Reader) -> Row:
+    """fkie_multimaster_msgs/SyncMasterInfo."""
+    return {
+        "masteruri": reader.text(),
+        "nodes": reader.many(Reader.text),
+        "publisher": reader.many(_topic),
+        "subscriber": reader.many(_topic),
+        "services": reader.many(_service),
+    }
+
+
+# md5 sum of a service -> how an entry of its answer is read; both services answer with one list, and ask nothing
+LIST_MASTERS = {"31a962d97ea3e3c12d428ff4786f124b": _master}
+GET_SYNC_INFO = {"d5261ec56e202860a07fb47b41e1b2a8": _synced}
+
+
+def call(
+    uri: str, service: str, known: typing.Mapping[str, typing.Callable[[Reader], Row]], caller: str
+) -> typing.List[Row]:
+    """Call a service at its URI (rosrpc://host:port) and read the list in its answer. Raises OSError with a sentence."""
+    try:
+        return _call(uri, service, known, caller, time.monotonic() + CALL)
+    except socket.timeout:
+        raise OSError(f"{service} gave no answer within {CALL:g} s") from None
+    except ValueError as problem:  # also of a URI that is none
+        raise OSError(f"{service} gave an answer that is none: {plain(problem)}") from None
+
+
+def _call(
+    uri: str,
+    service: str,
+    known: typing.Mapping[str, typing.Callable[[Reader], Row]],
+    caller: str,
+    deadline: float,
+) -> typing.List[Row]:
+    place = urllib.parse.urlsplit(uri)
+    if place.scheme != "rosrpc" or not place.hostname or not place.port:
+        raise ValueError(f"{plain(uri)} is no address of a service")
+    with socket.create_connection((place.hostname, place.port), CALL) as connection:
+        fields = {"callerid": caller, "service": service, "md5sum": "*"}
+        connection.sendall(_block(b"".join(_block(f"{name}={value}".encode()) for name, value in fields.items())))
+        told = _fields(_read_block(connection, _HEADER, deadline))
+        if "error" in told:
+            raise OSError(f"{service}: {plain(told['error'])}")
+        if told.get("md5sum") not in known:
+            raise UnknownType(
+                f"{service} is of the type {plain(told.get('type', ''))} ({plain(told.get('md5sum', ''))}), which is not known"
+            )
+        connection.sendall(_block(b""))
+        good = _read(connection, 1, deadline) == b"\1"
+        answer = _read_block(connection, MOST, deadline)
+    if not good:
+        raise OSError(f"{service}: {plain(answer.decode('utf-8', 'replace'))}")
+    return Reader(answer).many(known[told["md5sum"]])
+
+
+def _block(content: bytes) -> bytes:
+    return struct.pack("<I", len(content)) + content
+
+
+def _read_block(connection: socket.socket, most: int, deadline: float) -> bytes:
+    (size,) = struct.unpack("<I", _read(connection, 4, deadline))
+    if size > most:
+        raise ValueError(f"it has {size} bytes")
+    return _read(connection, size, deadline)
+
+
+def _read(connection: socket.socket, size: int, deadline: float) -> bytes:
+    data = bytearray()
+    while len(data) < size:
+        left = deadline - time.monotonic()
+        if left <= 0:
+            raise socket.timeout
+        connection.settimeout(left)
+        piece = connection.recv(min(size - len(data), 1 << 16))
+        if not piece:
+            raise ValueError("the connection was closed")
+        data += piece
+    return bytes(data)
+
+
+def _fields(head: bytes) -> typing.Dict[str, str]:
+    found, at = {}, 0
+    while at + 4 <= len(head):
+        (size,) = struct.unpack_from("<I", head, at)
+        name, _equals, value = head[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
+        found[name] = value
+        at += 4 + size
+    return found
