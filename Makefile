@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup lab demo lab-down check lint sanity unit molecule systems bench bench-site test test-long test-interop checkout format house readme lock copies shipped
+.PHONY: help setup lab demo lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop checkout format house readme lock copies shipped
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -48,6 +48,9 @@ systems: lab ## injected faults and the commands of the README, on real systems
 
 test-long: bench-site ## what takes too long for 'make test': losses of minutes, Debian 11, and the bench
 	@$(PYTHON) tools/test.py long
+
+test-faults: lab ## the catalogue of faults on real systems, and its table in docs/verification.md (half an hour)
+	@$(PYTHON) tools/test.py faults
 
 test-interop: checkout lab ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout)
 	@FKIE="$(abspath $(FKIE))" $(PYTHON) tools/test.py interop

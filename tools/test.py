@@ -10,7 +10,7 @@ and what ends, and once a minute what is still running. A failure stops no other
 test and its log.
 
 A test is: a test case of pytest, a sanity test of ansible-test (one per interpreter), a Molecule scenario, a tool of the
-lint group, a demonstration.
+lint group, a demonstration, a fault of the catalogue.
 """
 
 from __future__ import annotations
@@ -93,6 +93,14 @@ def sanity_tests(suite: Suite, status: int, output: str) -> Outcome:
     if status and not failed:
         failed = (suite.label,)
     return Outcome(max(run - len(failed), 0), failed)
+
+
+def faults(suite: Suite, status: int, output: str) -> Outcome:
+    """The catalogue of faults names those that were not as expected; each fault is a test."""
+    told = re.search(r"^(\d+) of (\d+) named first(?:; not: (.+))?$", output, re.MULTILINE)
+    if told is None:
+        return Outcome(0, (suite.label,))
+    return Outcome(int(told[1]), tuple(f"{suite.label} {name}" for name in (told[3] or "").split(", ") if name))
 
 
 def pytest_cases(suite: Suite, status: int, _output: str) -> Outcome:
@@ -260,11 +268,19 @@ SUITES = [
         limit=LONG_LIMIT,
     ),
     demonstration("bullseye", 90, "--suite=bullseye", layout="single_computer", group="long"),
+    Suite(
+        "faults",
+        "catalogue",
+        (sys.executable, "tests/faults/run.py", "--page"),
+        faults,
+        labs=("faults",),
+        limit=LONG_LIMIT,
+    ),
     cases("interop", "pytest", "tests/interop", labs=("interop", "by-hand"), limit=LONG_LIMIT),
 ]
 
 #: Groups that run only when they are named: they take hours, or need what the project does not have.
-ON_REQUEST = {"interop", "long"}
+ON_REQUEST = {"faults", "interop", "long"}
 
 #: What one runs before every commit: files, types, unit tests, and one pair of robots from nothing to messages.
 CHECK = ("lint", "unit", "demo:single_computer")

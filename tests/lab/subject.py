@@ -76,10 +76,10 @@ class Lab:
     def wait_until_up(self, host):
         containers.wait(containers.container(self.name, host))
 
-    def play(self, name, *options, variables=None, programs=Path(sys.executable).parent):
+    def play(self, name, *options, variables=None, programs=Path(sys.executable).parent, environment=None):
         """Run a playbook; returns its exit status and its output on one line."""
         extra = ["-e", json.dumps(variables)] if variables else []
-        return self._ansible(programs / "ansible-playbook", name, *options, *extra)
+        return self._ansible(programs / "ansible-playbook", name, *options, *extra, environment=environment)
 
     def module(self, host, name, arguments):
         """Run one module of the collection on a computer; returns exit status and output on one line."""
@@ -98,11 +98,16 @@ class Lab:
         words = ("-m", "ansible.builtin.raw", "-e", json.dumps(variables), "-a", command)
         return self._ansible(Path(sys.executable).with_name("ansible"), host, *words)[1]
 
-    def _ansible(self, program, *words):
+    def _ansible(self, program, *words, environment=None):
         done = subprocess.run(
             [program, "-i", self.inventory, "-i", self.connection, *words],
             cwd=ROOT,
-            env={**os.environ, "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"), "ANSIBLE_NOCOLOR": "1"},
+            env={
+                **os.environ,
+                "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"),
+                "ANSIBLE_NOCOLOR": "1",
+                **(environment or {}),
+            },
             capture_output=True,
             text=True,
             timeout=300,

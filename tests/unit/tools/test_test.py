@@ -123,3 +123,11 @@ def test_the_failed_sanity_tests_are_named():
     )
     assert judged.judge(judged, 1, output) == (2, ("group:one import --python 3.8",))
     assert judged.judge(judged, 0, output.partition("FATAL")[0]) == (3, ())
+
+
+def test_the_faults_that_were_not_named_first_are_named():
+    suite = next(suite for suite in runner.SUITES if suite.group == "faults")
+    told = suite.judge(suite, 1, "[1/3] clock ...\n\n1 of 3 named first; not: filter_icmp, loss\n")
+    assert told == runner.Outcome(1, ("faults:catalogue filter_icmp", "faults:catalogue loss"))
+    assert suite.judge(suite, 0, "3 of 3 named first\n") == runner.Outcome(3)
+    assert suite.judge(suite, 1, "faults: site.yml has failed\n").failed == ("faults:catalogue",)

@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The table of the catalogue in docs/verification.md, between two marks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from catalogue import Fault
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "verification.md"
+BEGIN = "<!-- faults: written by `make test-faults` -->"
+END = "<!-- end of faults -->"
+
+
+def table(rows: Iterable[tuple[Fault, str]]) -> str:
+    """A row for each fault: its file, what it is, the part that is expected, and what came of it."""
+    lines = ["| fault | | expected | named |", "|---|---|---|---|"]
+    for fault, verdict in rows:
+        part = f"`{' '.join(fault.parts[0])}` of {fault.at[0]}"
+        lines.append(f"| `{fault.name}` | {fault.title} | {part} | {verdict} |")
+    return "\n".join(lines)
+
+
+def write(rows: Iterable[tuple[Fault, str]]) -> None:
+    """Replace what stands between the marks."""
+    before, _begin, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    _old, _end, after = rest.partition(END)
+    PAGE.write_text(f"{before}{BEGIN}\n\n{table(rows)}\n\n{END}{after}", encoding="utf-8")

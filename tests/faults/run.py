@@ -1,0 +1,193 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The catalogue of faults on real systems: each is injected, verified, compared with the part that was expected, and undone.
+
+    python tests/faults/run.py [--only NAME]... [--quick] [--record FOLDER] [--page]
+
+`make test-faults` runs all of it and writes the table of docs/verification.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+sys.path[:0] = [str(HERE), str(ROOT / "tests" / "lab")]
+
+import judge  # noqa: E402
+import page  # noqa: E402
+import state  # noqa: E402
+from catalogue import LAB, Fault, Step, facts_of, load  # noqa: E402
+from layout import Extra, read_inventory  # noqa: E402
+from podman import LabError  # noqa: E402
+from subject import Lab, lab_of  # noqa: E402
+from words import STRANGER, STRANGERS_ADDRESS, Words  # noqa: E402
+
+NAME = "faults"
+INVENTORY = HERE / "inventory"
+SETTLES = 30.0  # seconds until a fault has its effect, at most
+WORK = ROOT / ".work" / "faults"
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of one fault."""
+
+    fault: Fault
+    verdict: str
+    found: judge.Named
+    seconds: float  # of the verification
+    left: tuple[str, ...] = ()  # what undo has not taken back
+
+    @property
+    def ok(self) -> bool:
+        """The part was named first, and nothing is left of the fault."""
+        return self.verdict == judge.FIRST and not self.left
+
+
+class Catalogue:
+    """The lab, and the faults on it one after the other."""
+
+    def __init__(self, lab: Lab, record: Path | None) -> None:
+        self.lab, self.record, self.words = lab, record, Words(lab)
+        variables = read_inventory(INVENTORY)["_meta"]["hostvars"]
+        self.masters = {of.get("multimaster_master", name) for name, of in variables.items()}
+        self.before = state.look(lab, variables, self.masters)
+
+    def tried(self, fault: Fault) -> Result:
+        """One fault from its injection until the fleet is as before."""
+        try:
+            for step in fault.inject:
+                self._do(step)
+            for step in fault.settled:
+                self._settle(step)
+            found, seconds = self._verified(fault)
+        except AssertionError as problem:  # of a command on a computer: the other faults are tried all the same
+            found, seconds = judge.Named(text=f"it could not be made: {problem}"), 0.0
+        finally:
+            for step in fault.undo:
+                self._do(step, check=False)
+            left = state.back(self.lab, self.before, self.masters)
+        if left:
+            self._repair()
+        return Result(fault, judge.verdict(fault, found), found, seconds, tuple(left))
+
+    def _do(self, step: Step, *, check: bool = True) -> None:
+        if step.where == LAB:
+            self.words.say(step.what)
+        else:
+            self.lab.run(step.where, step.what, check=check)
+
+    def _settle(self, step: Step) -> None:
+        patiently = f"for time in $(seq {SETTLES:.0f}); do {{ {step.what}; }} && exit; sleep 1; done; exit 1"
+        self.lab.run(step.where, patiently)
+
+    def _verified(self, fault: Fault) -> tuple[judge.Named, float]:
+        """What playbooks/verify.yml names first, and how long it took."""
+        report, observations = (WORK / f"{fault.name}.{kind}.json" for kind in ("report", "observations"))
+        for path in (report, observations):
+            path.unlink(missing_ok=True)
+        began = time.monotonic()
+        output = self.lab.play(
+            "playbooks/verify.yml",
+            variables={"verify_report": str(report)},
+            environment={
+                "ANSIBLE_CALLBACK_PLUGINS": str(HERE / "callbacks"),
+                "ANSIBLE_CALLBACKS_ENABLED": "observations",
+                "OBSERVATIONS_FILE": str(observations),
+            },
+        )[1]
+        seconds = time.monotonic() - began
+        found = judge.named(json.loads(report.read_text())) if report.exists() else judge.Named(text=output[-600:])
+        if self.record and observations.exists():
+            self._keep(fault, json.loads(observations.read_text()), found)
+        return found, seconds
+
+    def _keep(self, fault: Fault, observations: dict, found: judge.Named) -> None:
+        """Keep what fleet_report got, to be judged again without a lab."""
+        row = {"fault": fault.name, "title": fault.title, "parts": fault.parts, "at": fault.at, "named": found.text}
+        text = json.dumps({**row, **observations}, separators=(",", ":"))
+        (self.record / f"{fault.name}.json").write_text(text + "\n")
+
+    def _repair(self) -> None:
+        """What undo has left is site.yml's to put right, so that the next fault is alone."""
+        status, output = self.lab.play("site.yml")
+        if status:
+            raise LabError(f"the fleet cannot be brought back: {output[-600:]}")
+        self.before = state.look(self.lab, self.before, self.masters)
+
+
+def chosen(only: Sequence[str], quick: bool) -> list[Fault]:
+    """The faults of this run."""
+    faults = load(facts_of(read_inventory(INVENTORY), {STRANGER: STRANGERS_ADDRESS}))
+    unknown = set(only) - {fault.name for fault in faults}
+    if unknown:
+        raise LabError(
+            f"there is no fault {', '.join(sorted(unknown))}; expected some of {', '.join(f.name for f in faults)}."
+        )
+    return [fault for fault in faults if (fault.name in only if only else fault.quick or not quick)]
+
+
+def run(options: argparse.Namespace) -> list[Result]:
+    """Try the chosen faults in a lab."""
+    faults = chosen(options.only, options.quick)
+    for folder in filter(None, (WORK, options.record)):
+        folder.mkdir(parents=True, exist_ok=True)
+    results = []
+    with lab_of(NAME, INVENTORY, {STRANGER: Extra((STRANGERS_ADDRESS,))}) as lab:
+        status, output = lab.play("site.yml")
+        if status:
+            raise LabError(f"site.yml has failed: {output[-600:]}")
+        catalogue = Catalogue(lab, options.record)
+        for number, fault in enumerate(faults, 1):
+            print(f"[{number}/{len(faults)}] {fault.name}: {fault.title} ...", flush=True)
+            results.append(catalogue.tried(fault))
+            print("\n".join(told(results[-1])), flush=True)
+    return results
+
+
+def told(result: Result) -> list[str]:
+    """The lines about one fault."""
+    lines = [f"    {result.verdict} ({result.seconds:.0f} s): {result.found.text}"]
+    return lines + [f"    left by undo: {line}" for line in result.left]
+
+
+def main() -> int:
+    """Exit status 0 only when each part was named first."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--only", metavar="NAME", action="append", default=[], help="this fault (more than once: these)"
+    )
+    parser.add_argument("--quick", action="store_true", help="only those that are part of make test")
+    parser.add_argument(
+        "--record", metavar="FOLDER", type=Path, help="keep the plan and the observations of each fault"
+    )
+    parser.add_argument("--page", action="store_true", help="write the table into docs/verification.md")
+    options = parser.parse_args()
+    if options.page and (options.only or options.quick):
+        parser.error("--page writes the table of all faults; leave out --only and --quick")
+    try:
+        results = run(options)
+    except (LabError, subprocess.SubprocessError) as problem:
+        print(f"faults: {problem}", file=sys.stderr)
+        return 1
+    if options.page:
+        page.write([(result.fault, result.verdict) for result in results])
+    failed = [result.fault.name for result in results if not result.ok]
+    print(
+        f"\n{len(results) - len(failed)} of {len(results)} named first{'; not: ' if failed else ''}{', '.join(failed)}"
+    )
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

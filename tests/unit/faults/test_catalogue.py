@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The files of the catalogue say what the runner, the lab and the diagnosis know; the page lists each of them."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import FAULTS
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "tests" / "lab")]
+
+import catalogue  # noqa: E402
+import judge  # noqa: E402
+import page  # noqa: E402
+import words  # noqa: E402
+
+HOSTS = yaml.safe_load((ROOT / "tests" / "faults" / "inventory" / "hosts.yml").read_text())
+COMPUTERS = {name for robot in HOSTS["robots"]["children"].values() for name in robot["hosts"]}
+FACTS = {
+    **{f"{name}{suffix}": "192.0.2.1" for name in COMPUTERS for suffix in ("", ".common")},
+    "group": "226.0.0.0",
+    "port": "11511",
+}
+ALL = catalogue.load(FACTS)
+SHELL = [(fault.name, step) for fault in ALL for step in (*fault.inject, *fault.settled, *fault.undo)]
+
+
+@pytest.mark.parametrize("fault", ALL, ids=lambda fault: fault.name)
+def test_a_file_names_parts_and_places_that_exist(fault):
+    assert fault.inject and fault.undo
+    assert set(fault.parts) <= set(FAULTS)
+    assert set(fault.at) & (COMPUTERS | {words.COMMON, words.STRANGERS_ADDRESS})
+
+
+def test_steps_are_of_computers_or_words_of_the_lab_and_bash_reads_them():
+    for name, step in SHELL:
+        if step.where == catalogue.LAB:
+            assert step.what in words.WORDS, name
+        else:
+            assert step.where in COMPUTERS, name
+            read = subprocess.run(["bash", "-n", "-c", step.what], capture_output=True, text=True, check=False)
+            assert read.returncode == 0 and not read.stderr, f"{name}: {shlex.quote(step.what)}: {read.stderr}"
+
+
+def test_every_fault_of_the_lab_is_taken_back_by_a_word():
+    for fault in ALL:
+        assert [step.where for step in fault.inject].count("lab") == [step.where for step in fault.undo].count("lab")
+
+
+def test_the_quick_half_is_a_half():
+    assert len(ALL) / 3 < sum(fault.quick for fault in ALL) < len(ALL)
+
+
+def test_the_page_lists_every_file():
+    text = page.PAGE.read_text(encoding="utf-8").partition(page.BEGIN)[2].partition(page.END)[0]
+    assert sorted(re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)) == sorted(fault.name for fault in ALL)
+
+
+def test_the_page_is_written_between_its_marks(tmp_path, monkeypatch):
+    copy = tmp_path / "page.md"
+    copy.write_text(f"before\n{page.BEGIN}\nold\n{page.END}\nafter\n")
+    monkeypatch.setattr(page, "PAGE", copy)
+    page.write([(ALL[0], judge.FIRST)])
+    text = copy.read_text()
+    assert text.startswith(f"before\n{page.BEGIN}") and text.endswith(f"{page.END}\nafter\n")
+    assert "old" not in text and f"| `{ALL[0].name}` |" in text and "| first |" in text
+
+
+def written(tmp_path, text):
+    path = tmp_path / "one.yml"
+    path.write_text(text)
+    return path
+
+
+def test_a_key_or_a_placeholder_that_nobody_knows_is_refused(tmp_path):
+    head = "title: t\nundo: []\nparts: [clock off]\nat: [a]\n"
+    with pytest.raises(catalogue.CatalogueError, match="one.yml: injekt is not known, inject is missing"):
+        catalogue.read(written(tmp_path, f"{head}injekt: []"), FACTS)
+    with pytest.raises(catalogue.CatalogueError, match="<elsewhere> is not known"):
+        catalogue.read(written(tmp_path, f"{head}inject: [{{a: ping <elsewhere>}}]"), FACTS)
