@@ -19,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet, World
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import Trace
 
+CONNECTIONS, LARGE = "connections of nodes", "large packets"
 REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"
 TRANSLATED = "translated"
 NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 32768
@@ -43,9 +44,9 @@ TRAFFIC = (
         lambda member: member.discovery,
         lambda fleet, address: Packet("udp", address, port=fleet.multicast_port),
     ),
-    Traffic("connections of nodes", lambda member: True, lambda fleet, address: Packet("tcp", address, port=NODES)),
+    Traffic(CONNECTIONS, lambda member: True, lambda fleet, address: Packet("tcp", address, port=NODES)),
     Traffic(
-        "large packets",
+        LARGE,
         lambda member: True,
         lambda fleet, address: Packet("tcp", address, port=NODES, size=1500, whole=True),
     ),
@@ -85,17 +86,26 @@ class Prediction:
     @property
     def failing(self) -> Mapping[End, Sequence[Pair]]:
         """The pairs that would fail, by where and why, the most frequent first."""
-        groups: dict[End, list[Pair]] = {}
-        for pair in self.pairs:
-            if pair.after == FAILS and pair.end is not None:
-                groups.setdefault(pair.end, []).append(pair)
-        return dict(sorted(groups.items(), key=lambda item: -len(item[1])))
+        bad = [pair for pair in self.pairs if pair.after == FAILS and pair.end is not None]
+        small = {(pair.observer, pair.target) for pair in bad if pair.traffic == CONNECTIONS}
+        groups: dict[tuple[str, str], list[Pair]] = {}
+        for pair in bad:
+            if pair.end and not (pair.traffic == LARGE and (pair.observer, pair.target) in small):
+                groups.setdefault((pair.end.outcome, pair.end.where), []).append(pair)
+        return {_joined(pairs): pairs for pairs in sorted(groups.values(), key=len, reverse=True)}
 
     def number(self, now: str = "", after: str = "", traffic: str = "") -> int:
         """Count the pairs with these states; an empty text is any."""
         return sum(
             now in ("", pair.now) and after in ("", pair.after) and traffic in ("", pair.traffic) for pair in self.pairs
         )
+
+
+def _joined(pairs: Sequence[Pair]) -> End:
+    """One end for what ends at one place in one way."""
+    ends = [pair.end for pair in pairs if pair.end is not None]
+    words = (dict.fromkeys(filter(None, values)) for values in zip(*ends, strict=True))
+    return End(*(" and ".join(texts) for texts in words))
 
 
 def predict(fleet: FleetPlan, infos: Mapping[str, found.Info]) -> Prediction:

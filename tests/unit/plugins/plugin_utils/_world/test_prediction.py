@@ -56,6 +56,13 @@ def test_the_first_hop_that_would_fail_is_told_in_one_sentence(name):
     assert all("{" not in sentence and sentence.endswith(".") and "; expected " in sentence for sentence in sentences)
 
 
+def test_what_ends_at_one_place_is_one_sentence():
+    everything = change(WORLD, "tibi-visio", rules=(Rule("forward", "drop"),))
+    (sentence,) = prediction.warnings(predicted(everything))
+    assert "a packet filter on it drops ping and connections of nodes, so tibi-nav -> dabo-nav" in sentence
+    assert " and 2 more would not work" in sentence
+
+
 def test_what_a_filter_would_drop_is_unsure_where_it_says_more():
     world = change(WORLD, "kobuki", rules=(Rule("in", "drop", "icmp"),))
     read = infos(world)
