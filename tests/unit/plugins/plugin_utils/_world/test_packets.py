@@ -24,6 +24,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo, group, report, trace
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import COMMON, planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.prediction import predict
 from worlds import address, change, change_interface, fig12, ping, route, tcp
 
 PLAN = fig12()
@@ -234,6 +235,7 @@ TRIED = (
 
 OBSERVERS = (INNER, FAR_GATEWAY, "kobuki")
 PROBE = "ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network"
+INFO = "ansible_collections.rosfleet.multimaster.plugins.modules.multimaster_info"
 COLLECTIONS = pathlib.Path(__file__).parents[5] / ".work/collections"
 
 
@@ -281,6 +283,12 @@ class Namespaces:
         """What the probe of the verification says of these addresses."""
         program = f"import json, sys; from {PROBE} import ping; print(json.dumps(ping(sys.argv[1:], 2, 0.7)))"
         return json.loads(self.run(start, f"{sys.executable} -c '{program}' {' '.join(others)}"))
+
+    def info(self, machine):
+        """What multimaster_info reads there."""
+        parts = '["interfaces", "routing", "forwarding", "filters"]'
+        program = f"import json; from {INFO} import look; print(json.dumps(look(dict(parts={parts}))))"
+        return json.loads(self.run(machine, f"{sys.executable} -c '{program}'"))
 
     def next_hop(self, start, other):
         """The gateway that its kernel takes, and the source; None for no route."""
@@ -331,11 +339,14 @@ def namespaces():
 
 @pytest.mark.parametrize("name", ["planned", *TRIED])
 def test_a_kernel_agrees(name, namespaces):
+    """Pings of the verification's probe, the kernel's routes, and the prediction of what multimaster_info reads there."""
     world = WORLD if name == "planned" else ENDS[name][0]
     namespaces.become(world)
     addresses = {str(member.address): member.name for member in PLAN.members}
     with ThreadPoolExecutor(2) as pool:
         found = dict(zip(OBSERVERS, pool.map(lambda one: namespaces.pings(one, addresses), OBSERVERS)))
+        infos = dict(zip(PLAN.computers, pool.map(namespaces.info, PLAN.computers)))
+    expected = {(pair.observer, pair.target): pair.now for pair in predict(PLAN, infos).pairs if pair.traffic == "ping"}
     for one in OBSERVERS:
         machine = world.machines[one]
         for other, name_of in addresses.items():
@@ -343,6 +354,8 @@ def test_a_kernel_agrees(name, namespaces):
                 continue
             way = echo(world, one, ping(other))
             assert found[one][other]["ok"] == way.ok, (one, other, way)
+            predicted = "reaches" if way.ok and not way.there.translations else "fails"
+            assert expected[one, name_of] == predicted, (one, other, infos)
             if told := report(world, one, way.there):
                 assert found[one][other]["error"] == told
             chosen = machine.route(IPv4Address(other))
