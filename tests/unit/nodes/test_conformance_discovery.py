@@ -364,7 +364,7 @@ def test_15_11_one_silent_master_does_not_postpone_the_others():
 
 
 def test_15_12_the_pace_of_the_looks_is_a_parameter_and_nothing_lowers_it_for_good():
-    assert overlay(DISCOVERY, {})[0]["rosmaster_hz"] == 10.0
+    assert overlay(DISCOVERY, {})[0]["rosmaster_hz"] == 12.5
     source = (NODES / "rosfleet_multimaster/parts/source.py").read_text(encoding="utf-8")
     assert "max(self._period, min(took * SHARE, SLOWEST))" in source, "each pause follows from the last look alone"
 

@@ -10,7 +10,7 @@ from xmlrpc.client import Fault
 
 import pytest
 from rosfleet_multimaster.core.filters import Filters, Pattern, Rules
-from rosfleet_multimaster.core.graph import Malformed, Node, Policy, State, document
+from rosfleet_multimaster.core.graph import Malformed, Node, Policy, Provider, State, document
 from rosfleet_multimaster.core.members import Members
 from rosfleet_multimaster.core.sync import Fetch
 from rosfleet_multimaster.edge import rpc_server
@@ -199,3 +199,45 @@ def test_the_document_of_a_whole_answer_is_that_of_the_old_way(there):
     rpc = Rpc(there.uri, 5.0)
     quick, old = rpc.call(DIFFERENCES, ASK, "", 0, 0), rpc.call("masterInfoFiltered", ASK)
     assert quick[2] is True and quick[3] == old == document(there.own.state, [Rules(), Rules(do_not_sync=Pattern())])
+
+
+def test_what_came_from_a_third_robot_is_not_told_but_to_whom_own_subscribers_hear_it(there):
+    there.has({"/a": "/one"})
+    there.own.state = replace(there.own.state, subscribers={"/heard": ("/one",)}, stamp=3.0, local_stamp=3.0)
+    there.told.news(there.own.state, there.secret)
+    here, state = Here(there), there.own.state
+    time.sleep(0.3)  # it waits for news by then
+    third = Node("http://robot3:5000/", "http://robot3:11311/", "remote")
+    there.own.state = replace(
+        state,
+        stamp=4.0,
+        publishers={**state.publishers, "/far": ("/third",), "/heard": ("/third",)},
+        subscribers={"/heard": ("/one", "/third")},
+        services={"/ask": ("/third",)},
+        providers={"/ask": Provider("rosrpc://robot3:1", third.origin, "remote")},
+        nodes={**state.nodes, "/third": third},
+    )
+    there.told.news(there.own.state, there.secret)
+    time.sleep(0.3)
+    assert here.states.empty(), "nobody is woken for it"
+    there.own.state = replace(there.own.state, local_stamp=5.0)
+    there.told.news(there.own.state, there.secret)
+    told = here.states.get(timeout=5)
+    assert dict(told.publishers) == {"/a": ("/one",), "/heard": ("/third",)} and not told.services
+    assert dict(told.subscribers) == {"/heard": ("/one",)} and sorted(told.nodes) == ["/one", "/third"]
+    here.found.follower.stop()
+
+
+def test_many_changes_of_third_robots_are_no_answers(there):
+    there.has({"/a": "/one"})
+    epoch, revision = Rpc(there.uri, 5.0).call(DIFFERENCES, ASK, "", 0, 0)[:2]
+    third = Node("http://robot3:5000/", "http://robot3:11311/", "remote")
+    for number in range(50):
+        publishers = {**there.own.state.publishers, f"/far{number}": ("/third",)}
+        nodes = {**there.own.state.nodes, "/third": third}
+        there.own.state = replace(there.own.state, stamp=10.0 + number, publishers=publishers, nodes=nodes)
+        there.told.news(there.own.state, there.secret)
+    began = time.monotonic()
+    answer = Rpc(there.uri, 5.0).call(DIFFERENCES, ASK, epoch, revision, 0.5)
+    assert time.monotonic() - began >= 0.5 and answer[0] == epoch and answer[1] == revision + 50
+    assert not any(answer[3][4:]) and answer[4] == [[], [], []]

@@ -10,7 +10,7 @@ from typing import Any, Dict, Optional, Tuple
 
 from .core import parameters, report
 from .core.differences import Stamps
-from .core.discovery import Ask, Discovery, Event, Say, Send, Settings
+from .core.discovery import FAR, Ask, Discovery, Event, Say, Send, Settings
 from .core.graph import Policy, State
 from .core.members import Members, Networks
 from .core.mirror import Mirror
@@ -32,7 +32,8 @@ from .parts.source import Follower, Source, in_own_thread
 from .parts.told import Told
 
 LOOKS = {True: 30.0, False: 1.0}  # seconds between two looks at the addresses, where the kernel tells of changes or not
-SETTLE = 0.02  # seconds from a change to its announcement: changes come in bursts
+#: seconds from a change of own nodes to its announcement, and of others' nodes: changes come in bursts
+SETTLE, SETTLE_OTHERS = 0.02, 0.5
 LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however much changes
 
 
@@ -51,7 +52,7 @@ class MasterDiscovery:
         self.told: Dict[str, Master] = {}
         self.status = ""
         self.looked = 0.0  # when the addresses were looked at
-        self.shown = False  # the own master is shown as it is,
+        self.shown: Optional[float] = None  # the local stamp with which the own master is shown,
         self.show_due: Optional[float] = None  # or will be then
         self.network_problem = ""
         self.malformed_requests = 0
@@ -246,10 +247,11 @@ class MasterDiscovery:
             program.LOG.info("the roscore answers again")
         self.own.state, self.own.away = state, ""
         self.changes.news(state, do_not_sync)
-        if self.node is None or not self.shown:
+        if self.node is None or self.shown is None:
             self._show_own(monotonic())
-        elif self.show_due is None:  # who follows is told first: the rest can wait for what else there is to tell
-            self.show_due = monotonic() + SETTLE
+        else:  # who follows is told first: the rest can wait for what else there is to tell
+            settle = SETTLE if state.local_stamp != self.shown else SETTLE_OTHERS
+            self.show_due = min(self.show_due or FAR, monotonic() + settle)
         if self.node is None:
             self.node = ros.DiscoveryNode(lambda: self.masters, lambda: self.loop.post(self._refresh))
             self.identity.service = self.node.service_uri()
@@ -259,7 +261,7 @@ class MasterDiscovery:
     def _show_own(self, now: float) -> None:
         self.show_due = None
         master = self.own.announced(self.datagrams.place[0])
-        self.shown = master is not None
+        self.shown = None if master is None else master.local_stamp
         if master is not None:
             self.core.own_state(master, now)
             self._carry_out()  # at once: who sees READY=1 or the node finds the own master
@@ -271,7 +273,7 @@ class MasterDiscovery:
                 program.LOG.error("the roscore at %s does not answer: %s", self.roscore.rpc.uri, problem)
                 notify(f"STATUS=the roscore at {self.roscore.rpc.uri} does not answer")
                 self.status = ""
-            self.shown = False
+            self.shown = None
             self.own.away = f"its roscore does not answer: {problem}"
 
     def _refresh(self) -> None:

@@ -155,6 +155,23 @@ def own(state: State) -> State:
     )
 
 
+def offered(state: State) -> State:
+    """The part of a state that other robots may want: what is of its own master, and who else its own subscribers hear.
+
+    What a master has of others is with these. In a fleet of many robots it is nearly everything that each one has.
+    """
+    mine = own(state)
+    if len(mine.nodes) == len(state.nodes):
+        return state
+    heard = {topic: state.publishers[topic] for topic in mine.subscribers if topic in state.publishers}
+    used = {node for users in heard.values() for node in users}
+    return replace(
+        mine,
+        publishers={**mine.publishers, **heard},
+        nodes={name: node for name, node in state.nodes.items() if name in mine.nodes or name in used},
+    )
+
+
 # What is told to whom
 
 

@@ -77,7 +77,7 @@ DISCOVERY: Mapping[str, Parameter] = {
     "interface": Parameter("", "text"),
     "rpc_port": Parameter(None, "port"),
     "rpc_addr": Parameter("", "text"),
-    "rosmaster_hz": Parameter(10.0, "rate"),
+    "rosmaster_hz": Parameter(12.5, "rate"),
     "heartbeat_hz": Parameter(_CORE.heartbeat_hz, "rate"),
     "measurement_intervals": Parameter(_CORE.measurement_intervals, "count"),
     "offline_after": Parameter(_CORE.offline_after, "seconds"),

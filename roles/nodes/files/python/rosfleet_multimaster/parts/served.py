@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, Callable, Dict, Iterable, List, Optional, Set, Tuple
 
 from ..core.filters import InvalidPattern, Pattern, Rules
-from ..core.graph import Policy, State, document, own_types, stamp_text
+from ..core.graph import Policy, State, document, offered, own_types, stamp_text
 from ..core.members import ALLOW, Members
 from ..core.outsiders import Outsider
 from ..core.peer import Master
@@ -129,7 +129,7 @@ class Served:
             def seen(state: State) -> List[Any]:
                 shown, rules = viewer(state)
                 with self._filtering:
-                    return document(shown, [*rules, wanted])
+                    return document(offered(shown), [*rules, wanted])
 
             return Look((self._is_here(caller), *viewer(NO_STATE)[1], wanted), seen)
 

@@ -41,21 +41,24 @@ class Told:
         self._state: Optional[State] = None
         self._secret: Any = None
         self._news = 0  # counts what those who wait are woken for
+        self._own = 0  # revision of the last one
         self._filters: OrderedDict[Key, Tuple[Rules, int]] = OrderedDict()
         self._digests: Dict[Tuple[str, int], str] = {}  # of the present revision
 
     def news(self, state: State, secret: Any) -> None:
-        """Take the state and what is secret now, and wake who waits where one is another."""
+        """Take the state and what is secret now, and wake who waits where either is another, and not only what is of others."""
         if state is self._state and secret == self._secret:
             return
         replaced = changes(self._state, state) if self._state is not None else {}
         with self._changed:
+            same = self._state is not None and state.local_stamp == self._state.local_stamp and secret == self._secret
             if state is not self._state:
                 self._history.add(replaced)
                 self._digests.clear()
             self._state, self._secret = state, secret
-            self._news += 1
-            self._changed.notify_all()
+            if not same:  # what came from others is with the next answer: each of them knows it, too
+                self._news, self._own = self._news + 1, self._history.revision
+                self._changed.notify_all()
 
     def filter_of(self, caller: str, epoch: str) -> Rules:
         """The filter that a caller gave before. Raises Refused."""
@@ -84,7 +87,7 @@ class Told:
         begun_at: Optional[float] = None
         while True:
             with self._changed:
-                state, now, seen = self._state, self._history.revision, self._news
+                state, now, seen, own = self._state, self._history.revision, self._news, self._own
                 undo = self._history.since(revision)
             self._current()
             if state is None:
@@ -96,7 +99,7 @@ class Told:
                 self._remember(caller, epoch, wanted)
                 return [epoch, now, True, seeing.document(state), [[], [], []], ""]
             begun_at = state.local_stamp if begun_at is None else begun_at
-            if found or revision == asked != now or state.local_stamp != begun_at:
+            if found or asked < own or state.local_stamp != begun_at:
                 return [epoch, now, False, *found, ""]
             revision = asked = now  # a change that the rules hide: nothing to tell
             if not self._wait(seen, until):
