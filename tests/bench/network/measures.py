@@ -13,7 +13,7 @@ from links import cut, mend, until
 from subject import NODES, Lab
 from systems import ADDRESSES, GIVER, HERE, TAKER, System, take
 
-PAUSE = {False: 0.1, True: 0.5}  # before each change; upstream polls each two seconds
+PAUSE = {False: 0.05, True: 0.5}  # before each change; upstream polls each two seconds
 FIRST = 30  # publishers for the first message
 IDLE = 30.0  # seconds
 FULL_NODES, FULL_TOPICS = 30, 100  # of the large graph: 3,000 topics
