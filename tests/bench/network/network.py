@@ -133,7 +133,9 @@ def main() -> int:
         for name in names:
             report["systems"][name] = {}
             measure(SYSTEMS[name], options.fkie, 0.1 if options.quick else 1.0, report["systems"][name])
-            write(report, figures.table(report["systems"], report["titles"]), WORK)  # a run of half an hour may be broken off
+            write(
+                report, figures.table(report["systems"], report["titles"]), WORK
+            )  # a run of half an hour may be broken off
         if "managed" in names and not options.quick:
             report["crowd"] = crowd.simulated(say)
     except (AssertionError, LabError) as problem:

@@ -19,6 +19,7 @@ from ..edge.rpc_server import Refused
 
 LONGEST_WAIT = 60.0  # seconds
 MOST_FILTERS, MOST_TEXT = 512, 1 << 22  # filters that are remembered, and their characters
+FILTERS_PER_CALLER = 8
 
 Key = Tuple[str, str]  # caller, epoch
 
@@ -73,6 +74,9 @@ class Told:
         with self._changed:
             self._filters[caller, epoch] = (wanted, size)
             self._filters.move_to_end((caller, epoch))
+            own = [key for key in self._filters if key[0] == caller]
+            if len(own) > FILTERS_PER_CALLER:  # nobody makes the others' forgotten
+                del self._filters[own[0]]
             while len(self._filters) > MOST_FILTERS or sum(held for _rules, held in self._filters.values()) > MOST_TEXT:
                 self._filters.popitem(last=False)
 

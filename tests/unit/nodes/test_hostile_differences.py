@@ -1,0 +1,259 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Hostile peers on the quick way: one that answers questions for differences, and one that asks them. Sockets on 127.0.0.1."""
+
+import gzip
+import queue
+import socket
+import threading
+import time
+import xmlrpc.client
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosfleet_multimaster.core.differences import applied
+from rosfleet_multimaster.core.filters import Filters
+from rosfleet_multimaster.core.graph import Malformed, Node, Policy, State, document
+from rosfleet_multimaster.core.members import Members
+from rosfleet_multimaster.core.pace import BURST, RATE
+from rosfleet_multimaster.core.sync import Announced, Fetch, Sync
+from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_server import RpcServer
+from rosfleet_multimaster.edge.xml_rpc import STATE
+from rosfleet_multimaster.parts import fetcher, followed, told
+from rosfleet_multimaster.parts.followed import Answer, View
+from rosfleet_multimaster.parts.served import DIFFERENCES, OwnMaster, Served
+from rosfleet_multimaster.parts.told import Told
+
+URI, OWN = "http://robot2:11311/", "http://own:11311/"
+NODE = Node("http://robot2:5000/", URI, "local")
+TRUE = State(URI, "robot2", 1.0, 1.0, {"/a": ("/one",)}, {}, {}, {"/a": "x/Y"}, {"/one": NODE})
+NOTHING = [[], [], []]
+ASK = Filters({}).rules("robot2").to_wire(False)
+
+
+def rows(**parts):
+    """A document with these parts, and else nothing."""
+    names = ("publishers", "subscribers", "services", "types", "nodes", "providers")
+    return ["2.0", "2.0", parts.pop("uri", URI), "robot2", *(parts.get(name, []) for name in names)]
+
+
+class Peer:
+    """A discovery that answers the first question for differences truly, and then as the test says."""
+
+    def __init__(self, answer):
+        """`answer(number)`: the values of the answer, or bytes with all of HTTP."""
+        self.asked, peer = [], self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+            disable_nagle_algorithm = True
+
+            def do_POST(self):
+                arguments, method = xmlrpc.client.loads(self.rfile.read(int(self.headers["Content-Length"])))
+                found = [DIFFERENCES] if method != DIFFERENCES else peer.next(arguments, answer)
+                if isinstance(found, bytes):
+                    self.wfile.write(found)
+                    self.close_connection = True
+                    return
+                if callable(found):
+                    found(self.wfile)
+                    return
+                body = xmlrpc.client.dumps((found,), methodresponse=True, allow_none=True).encode()
+                self.send_response(200)
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
+
+            def log_message(self, *_arguments):
+                pass
+
+        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.server.daemon_threads, self.server.block_on_close = True, False
+        self.uri = f"http://127.0.0.1:{self.server.server_address[1]}"
+        threading.Thread(target=self.server.serve_forever, args=(0.05,), daemon=True).start()
+
+    def next(self, arguments, answer):
+        self.asked.append(arguments)
+        return ["e", 1, True, document(TRUE), NOTHING, ""] if len(self.asked) == 1 else answer(len(self.asked))
+
+
+@pytest.fixture(name="following")
+def _following(monkeypatch):
+    """Follow a hostile peer: (peer, states, why it is over)."""
+    monkeypatch.setattr(followed, "TIMEOUT", 0.3)
+    monkeypatch.setattr(followed, "WAIT", (0.2, 0.3))
+    made = []
+
+    def follow(answer):
+        peer, states, over = Peer(answer), queue.Queue(), queue.Queue()
+        fetch = Fetch(URI, peer.uri, Filters({}).rules("robot2"))
+        found = fetcher._fetch(fetch, None, View(fetch, OWN, False, Members()), True)
+        found.follower.start(lambda *news: states.put(news[1]), lambda *why: over.put(why[1]))
+        made.append((peer, found.follower))
+        return peer, states, over
+
+    yield follow
+    for peer, follower in made:
+        follower.stop()
+        peer.server.shutdown()
+        peer.server.server_close()
+
+
+def ok(body, head=""):
+    return f"HTTP/1.1 200 OK\r\nContent-Length: {len(body)}\r\n{head}\r\n".encode() + body
+
+
+def drip(wfile):
+    wfile.write(b"HTTP/1.1 200 OK\r\nContent-Length: 100000\r\n\r\n")
+    try:
+        while True:
+            wfile.write(b" ")
+            wfile.flush()
+            time.sleep(0.05)
+    except OSError:
+        pass
+
+
+BOMB = gzip.compress(b"<value>" * (STATE // 7 + 1000), mtime=0)
+MANY = [[f"/flood/{number}", ["/one"]] for number in range(followed.MOST + 1)]
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        ok(BOMB, "Content-Encoding: gzip\r\n"),
+        ok(b"x"),
+        b"HTTP/1.1 500 No\r\n\r\n",
+        drip,
+        None,
+        7,
+        ["e", 2, False, rows(uri="http://robot3:11311/"), NOTHING, ""],
+        ["e", 2, False, rows(publishers=MANY), NOTHING, ""],
+        ["e", 2, False, rows(publishers=[["/b", "/one"]]), NOTHING, ""],
+        ["e", 2, False, rows(), [[], []], ""],
+        ["e", 2, False, rows(), [[1], [], []], ""],
+        ["e", "2", False, rows(), NOTHING, ""],
+        ["", 2, True, rows(), NOTHING, ""],
+        ["e", 2, 0, rows(), NOTHING, ""],
+        ["e", 2, False, rows(nodes=[["/one", "http://x:1/", URI, 1]]), NOTHING, ""],
+    ],
+    ids=lambda answer: repr(answer)[:40],
+)
+def test_what_is_no_difference_ends_the_following_and_takes_nothing(following, answer):
+    _peer, states, over = following(lambda _number: answer)
+    problem = over.get(timeout=10)
+    assert states.empty() and len(str(problem)) < 500
+
+
+@pytest.mark.parametrize("kind", ["empty", "news", "replays", "wholes"])
+def test_however_fast_it_answers_it_is_asked_at_the_pace(following, kind):
+    def answer(number):
+        topic = f"/b{number % 2}"
+        told = rows(
+            publishers=[[topic, ["/one"]]],
+            types=[[topic, "x/Y"]],
+            nodes=[["/one", NODE.uri, URI, 1, "local"]],
+        )
+        answers = {
+            "empty": ["e", 1, False, rows(), NOTHING, ""],
+            "news": ["e", number, False, told, [[f"/b{(number + 1) % 2}"], [], []], ""],
+            "replays": ["e", 1, False, told, NOTHING, ""],
+            "wholes": [f"e{number}", number, True, told, NOTHING, ""],
+        }
+        return answers[kind]
+
+    began = time.monotonic()
+    peer, _states, over = following(answer)
+    time.sleep(2.0)
+    most = {"empty": 4, "wholes": 6}.get(kind, BURST + RATE * (time.monotonic() - began) + 2)
+    assert over.empty() and len(peer.asked) <= most
+
+
+def test_a_digest_that_never_fits_costs_one_whole_after_the_other_and_no_more(following):
+    peer, _states, over = following(
+        lambda number: (
+            ["e", 1, True, document(TRUE), NOTHING, ""]
+            if peer_asks_for_all(peer.asked[-1])
+            else ["e", 1, False, rows(), NOTHING, "0" * 32]
+        )
+    )
+    time.sleep(2.0)
+    assert over.empty() and len(peer.asked) <= 8
+
+
+def peer_asks_for_all(arguments):
+    return arguments[1] == ""
+
+
+texts = st.sampled_from(["/a", "/b", "/own", "/one", "", "x", "/\n", "/" + "x" * 2000])
+values = st.one_of(st.none(), st.integers(-3, 3), texts, st.lists(texts, max_size=2))
+nodes = st.tuples(
+    texts, st.sampled_from(["http://robot2:5000/", "http://own:1/", 7]), st.sampled_from([URI, OWN]), values, values
+)
+tables = st.lists(
+    st.one_of(st.tuples(texts, st.lists(texts, max_size=2)), st.tuples(texts, texts)).map(list), max_size=3
+)
+documents = st.tuples(*[st.just("2.0")] * 2, st.sampled_from([URI, OWN]), texts, *[tables] * 4, st.lists(nodes), tables)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.one_of(values, documents.map(list)), st.one_of(values, st.lists(st.lists(values, max_size=2), max_size=4)))
+def test_any_difference_is_a_state_of_the_same_master_or_malformed(told_rows, gone):
+    try:
+        state = Answer(["e", 1, False, told_rows, gone, ""]).state(TRUE)
+    except Malformed:
+        return
+    assert state.uri == URI
+    core = Sync(Filters({}), OWN, "/master_sync", False, False, None)
+    core.announced(Announced("robot2", URI, "http://robot2:11611/", "/d", 1.0, 1.0, True), 0.0)
+    (fetch,) = core.due(1.0)
+    core.fetched(fetch, TRUE, "", 1.0)
+    core.followed(URI, state, {})
+    for item in core.wanted(2.0):
+        assert item.registration.node in state.nodes and state.nodes[item.registration.node].origin != OWN
+    assert applied(state, rows(), NOTHING) == state or state.stamp != 2.0 or state.name != "robot2"
+
+
+# One that asks
+
+
+@pytest.fixture(name="there")
+def _there(monkeypatch):
+    own = OwnMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, state=TRUE, away="")
+    changes = Told(own.current)
+    changes.news(TRUE, None)
+    served = Served(own, Policy(), {}, set, lambda: None, str, list, changes)
+    monkeypatch.setattr(served, "_is_here", lambda caller: False)
+    server = RpcServer("127.0.0.1", 0, served.methods(), lambda *_why: None)
+    yield f"http://127.0.0.1:{server.server_address[1]}", changes, server
+    server.stop()
+
+
+@pytest.mark.parametrize("wait", [float("nan"), -1.0, True, -1e300])
+@pytest.mark.parametrize("revision", [0, -5, 2**31 - 1, True])
+def test_odd_numbers_are_answered_at_once(there, wait, revision):
+    uri, _changes, _server = there
+    epoch, now = Rpc(uri, 5.0).call(DIFFERENCES, ASK, "", 0, 0)[:2]
+    began = time.monotonic()
+    body = xmlrpc.client.dumps((ASK, epoch, now if revision is True else revision, wait), DIFFERENCES, allow_none=True)
+    host, port = uri[7:].split(":")
+    with socket.create_connection((host, int(port)), 5.0) as connection:
+        head = f"POST / HTTP/1.1\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
+        connection.sendall((head + body).encode())
+        connection.settimeout(5.0)
+        assert connection.recv(100).startswith(b"HTTP/1.")
+    assert time.monotonic() - began < 3.0
+
+
+def test_many_filters_of_one_caller_make_nobody_elses_forgotten(there):
+    _uri, changes, _server = there
+    look = told.Look((), lambda state: document(state, []))
+    for caller, count in (("192.168.1.1", 1), ("192.168.1.66", told.MOST_FILTERS + 10)):
+        for number in range(count):
+            seen = told.Look((caller, number), look.document)
+            changes.answer(caller, Filters({}).rules(f"r{number}"), lambda seen=seen: seen, "", 0, 0.0)
+    kept = [caller for caller, _epoch in changes._filters]
+    assert kept.count("192.168.1.1") == 1 and kept.count("192.168.1.66") == told.FILTERS_PER_CALLER
