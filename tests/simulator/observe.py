@@ -70,7 +70,8 @@ def _probe(state, network, ros, name, started):
     missing = NO_ROS if name in state.without_ros else ""
     error, robot, _large = ros.asks(name)
     uri = ros.environment(name).get("ROS_MASTER_URI", "")
-    talks = not missing and bool(ros.registered(name))
+    # rostopic ends at once where it is refused, and waits where nothing comes back.
+    talks = not missing and (not error or error.endswith(("timed out", "within 2 s")))
     return seen.Probe(
         **_network(network, name, by_name=True),
         masters=ros.masters_seen(name),
