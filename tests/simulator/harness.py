@@ -68,17 +68,24 @@ def _run(random, fleet, faulty):
 
 
 def _injected(random, number, state, run, rows):
-    found = []
+    """The trial with these faults, or None where one of them cannot be injected, or cannot be seen beside the other."""
+    healthy_state, found = state, []
     seen = observe(state, run, number)
     for of in rows:
         row = random.choice(of)
+        chance = random.getstate()
         made = row.inject(state, random)
         if made is None or any(place == made[1] for _row, place in found):
             return None
         state, place = made
         now = observe(state, run, number)
         if now == seen:
-            return None  # nobody can see it
+            return None
+        if found:
+            random.setstate(chance)
+            alone = row.inject(healthy_state, random)
+            if alone is None or alone[1] != place or now == observe(alone[0], run, number):
+                return None  # it hides the one before
         seen = now
         found.append((row, place))
     return Trial(number, state, run, tuple(found), seen)

@@ -227,6 +227,18 @@ def test_the_verification_names_the_cause(lab):
     assert lab.play("playbooks/verify.yml")[0] == 0
 
 
+def test_the_prediction_names_the_first_place_at_which_packets_would_end(lab):
+    chain = "add chain ip other c { type filter hook input priority 0; }"
+    lab.run(SECOND, f"nft 'add table ip other; {chain}; add rule ip other c ip protocol icmp drop'")
+    status, output = lab.play("playbooks/predict.yml")
+    lab.run(SECOND, "nft delete table ip other")
+    assert status == 0, output
+    assert f"1. a packet filter on {SECOND} drops ping" in output
+    assert "PREDICTED: 6 of 8 ways would work after site.yml." in output
+    status, output = lab.play("playbooks/predict.yml")
+    assert status == 0 and "PREDICTED: all of 8 ways would work after site.yml." in output, output
+
+
 def test_one_fork_verifies_as_well(lab):
     """Also while somebody listens to what the nodes of both robots say."""
     lab.start(FIRST, "listens", "rostopic echo /diagnostics")
