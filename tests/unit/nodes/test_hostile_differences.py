@@ -140,7 +140,7 @@ MANY = [[f"/flood/{number}", ["/one"]] for number in range(followed.MOST + 1)]
         ["e", 2, 0, rows(), NOTHING, ""],
         ["e", 2, False, rows(nodes=[["/one", "http://x:1/", URI, 1]]), NOTHING, ""],
     ],
-    ids=lambda answer: repr(answer)[:40],
+    ids=lambda answer: getattr(answer, "__name__", repr(answer)[:40]),
 )
 def test_what_is_no_difference_ends_the_following_and_takes_nothing(following, answer):
     _peer, states, over = following(lambda _number: answer)
