@@ -151,8 +151,14 @@ def scores(trials):
             score = table[row.name]
             score.verdicts[verdict] += 1
             if verdict != FIRST:
-                score.misses.append((trial.number, place, _said(found)))
+                score.misses.append((trial.number, place + _unseen(trial, place), _said(found)))
     return table
+
+
+def _unseen(trial, place):
+    """Why nobody could look at a place itself, or at the fault from another one."""
+    outside = " (not in the run)" if place in trial.state.fleet.computers and place not in trial.run else ""
+    return outside + (f" (no login on {', '.join(trial.noise)})" if trial.noise else "")
 
 
 def _said(found):
