@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from ansible.plugins.action import ActionBase
@@ -23,7 +23,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, Finding, evaluate
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import explained
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     Multicast,
     Observation,
@@ -58,25 +59,30 @@ class ActionModule(ActionBase):
         except Mismatch as problem:
             result.update(failed=True, msg=f"The plan of the fleet cannot be read: {problem}")
             return result
-        findings: Iterable[Finding] = evaluate(CHECKS, fleet, observations)
-        everything = list(findings) if path else []  # otherwise only what is not ok is kept
+        verification = Verification(CHECKS, fleet, observations)
+        everything = list(verification.rows()) if path else []  # otherwise only what is not ok is kept
         computers = [host for host in fleet.computers if host in observations]
-        summary = report.summarise(everything or findings, computers, len(fleet.computers))
+        if path:
+            summary = report.summarise(everything, computers, len(fleet.computers))
+        else:
+            summary = report.summarised(verification, computers, len(fleet.computers))
+        diagnosis = explained(verification, summary.notable)
         if path:
             try:
-                write(path, plain_data(report.document(summary, everything)))
+                write(path, plain_data(report.document(summary, diagnosis, everything)))
             except OSError as problem:
                 result.update(
                     failed=True, msg=f"The report cannot be written to {path}: {problem.strerror}; name another file."
                 )
                 return result
-        Display().display("\n" + plain_lines(report.render(summary)) + "\n")
+        Display().display("\n" + plain_lines(report.render(summary, diagnosis)) + "\n")
         result.update(
             changed=False,
             passed=not summary.number(FAILED),
             msg=report.verdict_line(summary),
             checks=report.counts(summary),
-            findings=plain_data([finding._asdict() for finding in summary.notable]),
+            findings=plain_data(report.findings(diagnosis)),
+            unexplained=plain_data([row._asdict() for row in diagnosis.unexplained]),
         )
         return result
 

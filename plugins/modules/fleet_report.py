@@ -9,9 +9,10 @@ version_added: "0.1.0"
 description:
   - Reads what M(rosfleet.multimaster.multicast_verify) and M(rosfleet.multimaster.multimaster_verify) have returned on
     all computers of the play, compares it with the plan of M(rosfleet.multimaster.fleet_plan), and prints a table, a
-    matrix where there are at most sixteen computers, and for everything that is not as it should be what was expected,
-    what was found, the likely cause and what to do.
-  - Each finding that only follows from another one says so, and is not explained again.
+    matrix where there are at most sixteen computers, and the findings.
+  - A finding is a part of the fleet that is broken, such as a route, a packet filter or a clock, with what shows it, what
+    follows from it, and what to do. The findings are the fewest parts that explain all that failed, and that no success
+    contradicts. Where two parts explain the same, both are named, with the command that decides.
   - It is a judgement, so a failed check is a result and no failure; RV(passed) tells, for an assertion after it.
   - A computer that is unreachable, or gave no result, is a finding of its own.
   - With C(--limit), only the computers of the play are judged, each against all others as far as these take part.
@@ -53,7 +54,7 @@ options:
     elements: str
     default: []
   path:
-    description: A file on the controller for all findings as JSON, for example V(verification.json). None, if empty.
+    description: A file on the controller for all results and findings as JSON, for example V(verification.json). None, if empty.
     type: str
     default: ""
 author:
@@ -124,26 +125,100 @@ checks:
       type: int
       sample: 0
 findings:
-  description: Everything that is not as expected.
+  description: The parts of the fleet that are broken, the most important first.
   returned: success
   type: list
   elements: dict
   sample:
-    - check: name
+    - kind: names
+      place: kobuki1computer
+      mode: loopback
+      what: kobuki2computer
+      verdict: failed
+      sentence: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
+      remedy: run site.yml, which also keeps cloud-init from writing the line again at boot
+      decide: "on kobuki1computer: getent ahostsv4 kobuki2computer; cat /etc/hosts"
+      rivals: []
+      seen:
+        - {check: name, observer: kobuki1computer, target: kobuki2computer, verdict: failed, expected: 192.168.1.239, found: 127.0.1.1}
+      follows: 3
+  contains:
+    kind:
+      description: What the part is, such as V(names), V(route) or V(filter).
+      returned: always
+      type: str
+      sample: names
+    place:
+      description: Where it is, a computer, a robot, a network, or two of them.
+      returned: always
+      type: str
+      sample: kobuki1computer
+    mode:
+      description: How it is broken.
+      returned: always
+      type: str
+      sample: loopback
+    what:
+      description: What of it is concerned, such as the names that are looked up; or empty.
+      returned: always
+      type: str
+      sample: kobuki2computer
+    verdict:
+      description: The worst of what follows from it, V(failed), V(warning) or V(unknown).
+      returned: always
+      type: str
+      sample: failed
+    sentence:
+      description: The same in a sentence.
+      returned: always
+      type: str
+      sample: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
+    remedy:
+      description: What to do.
+      returned: always
+      type: str
+      sample: run site.yml, which also keeps cloud-init from writing the line again at boot
+    decide:
+      description: The command that shows whether it is this part.
+      returned: always
+      type: str
+      sample: "on kobuki1computer: getent ahostsv4 kobuki2computer; cat /etc/hosts"
+    rivals:
+      description: Other parts that explain the same, each with C(kind), C(place), C(mode) and C(sentence). It is one of all these.
+      returned: always
+      type: list
+      elements: dict
+      sample: []
+    seen:
+      description: The results with a value that shows it; none where it was concluded.
+      returned: always
+      type: list
+      elements: dict
+      sample:
+        - {check: name, observer: kobuki1computer, target: kobuki2computer, verdict: failed, expected: 192.168.1.239, found: 127.0.1.1}
+    follows:
+      description: How many results are not as expected because of it. The file of O(path) lists them.
+      returned: always
+      type: int
+      sample: 3
+unexplained:
+  description: The results that are not as expected, and that no broken part explains, as after lost packets.
+  returned: success
+  type: list
+  elements: dict
+  sample:
+    - check: rpc_port
       observer: kobuki1computer
       target: kobuki2computer
       verdict: failed
-      expected: 192.168.1.239
-      found: Name or service not known
-      cause: the name is not known there
-      remedy: run site.yml, which writes /etc/hosts
-      because: ""
+      expected: TCP port 11611 of 192.168.1.239 opens
+      found: no answer within 2 s
   contains:
     check:
       description: The name of the check.
       returned: always
       type: str
-      sample: name
+      sample: rpc_port
     observer:
       description: The computer that has looked.
       returned: always
@@ -163,27 +238,12 @@ findings:
       description: What was expected.
       returned: always
       type: str
-      sample: 192.168.1.239
+      sample: TCP port 11611 of 192.168.1.239 opens
     found:
       description: What was found.
       returned: always
       type: str
-      sample: Name or service not known
-    cause:
-      description: The likely cause, or empty.
-      returned: always
-      type: str
-      sample: the name is not known there
-    remedy:
-      description: What to do, or empty.
-      returned: always
-      type: str
-      sample: run site.yml, which writes /etc/hosts
-    because:
-      description: The check whose failure explains this one, or empty.
-      returned: always
-      type: str
-      sample: ""
+      sample: no answer within 2 s
 msg:
   description: The result in one sentence.
   returned: success

@@ -168,7 +168,7 @@ options:
   environment:
     description:
       - The variables of ROS on this computer where O(environment_file) is not there, since the collection did not set it up, for
-        example V({ROS_MASTER_URI: http://kobuki1computer:11311}).
+        example C(ROS_MASTER_URI) with V(http://kobuki1computer:11311).
     type: dict
     default: {}
   patience:
@@ -323,6 +323,35 @@ members:
           returned: always
           type: str
           sample: ""
+    ping_large:
+      description:
+        - The same for packets to the planned address that are as large as this computer's interface allows, 1500 bytes at
+          most, and that nobody may split. A router that tells that they are too large for the next network is as good as
+          an answer. Null where small ones are not answered.
+      returned: for every other computer
+      type: dict
+      sample: {ok: true, rtt_ms: 0.5, error: ""}
+      contains:
+        ok:
+          description: Whether an answer came.
+          returned: always
+          type: bool
+          sample: true
+        rtt_ms:
+          description: The round-trip time in milliseconds, or null without an answer.
+          returned: always
+          type: float
+          sample: 0.5
+        error:
+          description: Why there is none, or empty.
+          returned: always
+          type: str
+          sample: ""
+    neighbour:
+      description: The hardware address that this computer knows for the planned address; empty for a computer in another network.
+      returned: for every other computer
+      type: str
+      sample: 02:42:c0:a8:01:ef
 default_routes:
   description: The default routes of this computer.
   returned: when O(state=collected)
@@ -357,7 +386,15 @@ forwarding:
   sample:
     ip_forward: 1
     interfaces:
-      - {interface: eth0, addresses: [192.168.1.201], forwarding: 1, rp_filter: 2, send_redirects: 1}
+      - interface: eth0
+        addresses: [192.168.1.201]
+        forwarding: 1
+        rp_filter: 2
+        send_redirects: 1
+        prefixes: [24]
+        mtu: 1500
+        mac: '02:42:c0:a8:01:c9'
+        state: up
   contains:
     ip_forward:
       description: C(net.ipv4.ip_forward), or null where it cannot be read.
@@ -369,7 +406,16 @@ forwarding:
       returned: always
       type: list
       elements: dict
-      sample: [{interface: eth0, addresses: [192.168.1.201], forwarding: 1, rp_filter: 2, send_redirects: 1}]
+      sample:
+        - interface: eth0
+          addresses: [192.168.1.201]
+          forwarding: 1
+          rp_filter: 2
+          send_redirects: 1
+          prefixes: [24]
+          mtu: 1500
+          mac: '02:42:c0:a8:01:c9'
+          state: up
       contains:
         interface:
           description: The interface.
@@ -397,6 +443,27 @@ forwarding:
           returned: always
           type: int
           sample: 1
+        prefixes:
+          description: The length of the network prefix of each of the addresses.
+          returned: always
+          type: list
+          elements: int
+          sample: [24]
+        mtu:
+          description: The largest packet that the interface sends, in bytes, or null where it cannot be read.
+          returned: always
+          type: int
+          sample: 1500
+        mac:
+          description: The hardware address of the interface, or empty.
+          returned: always
+          type: str
+          sample: 02:42:c0:a8:01:c9
+        state:
+          description: The operational state of the interface as the kernel tells it, such as V(up) or V(down), or empty.
+          returned: always
+          type: str
+          sample: up
 masters:
   description: The discovery node of every master.
   returned: when O(state=collected)

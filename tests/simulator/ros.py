@@ -325,9 +325,15 @@ class Ros:
             topics=tuple(topics),
             services=tuple(self.own_services(robot)),
             imports=tuple(imports),
-            silent=its.ghosts,
+            silent=(*its.ghosts, *self._hung(its)),
             connections=tuple(connections),
         )
+
+    @staticmethod
+    def _hung(its):
+        """The nodes of the collection that are registered and do not answer."""
+        nodes = {"/master_discovery": its.discovery, "/master_sync": its.sync}
+        return tuple(node for node, state in nodes.items() if state == HUNG)
 
     def _connected(self, computer, other):
         error, machine, _address = self.reach(computer, self.started_as(self.state.master(other)), NODES)

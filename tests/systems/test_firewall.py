@@ -35,7 +35,7 @@ def test_a_stranger_finds_nothing_and_a_member_everything(fleet):
 def test_verify_names_what_the_next_boot_would_miss_and_nothing_else(fleet):
     fleet.run("ana-pc", "systemctl disable multimaster-firewall")
     status, output = fleet.play("playbooks/verify.yml")
-    assert status != 0 and "Failed: 1. the packet filter is as planned: ana-pc" in output, output
+    assert status != 0 and "Findings: 1. the packet filter of ana-pc is not as planned" in output, output
     assert "FAILED: 1 of " in output, output  # with the filter, all else is green
     assert fleet.play_filter() == {"ana-pc": 1, "bob-pc": 0}
 

@@ -15,11 +15,14 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import echo, echo_request
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import TOO_LARGE, echo, echo_request
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
 ANSWER = 1.0  # seconds that an echo reply may take
+LARGEST = 1500  # bytes of a large packet: what Ethernet takes
+# From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
+IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
 
 
 def is_address(text: str) -> bool:
@@ -75,7 +78,28 @@ def members(
             ping_address=pings[entry["address"]],
             ping_name=pings[entry["addresses"][0]] if entry["addresses"] else unknown,
         )
+    _look_closer(strange)
     return found
+
+
+def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
+    """Add what only those show that have answered: whether large packets arrive, and at which hardware address they are."""
+    mtus = {interface.name: interface.mtu for interface in machine.interfaces()}
+    sizes = {
+        entry["address"]: min(mtus.get(entry["route"]["device"]) or LARGEST, LARGEST)
+        for entry in answered
+        if entry["ping_address"]["ok"]
+    }
+    large = ping(sizes, sizes=sizes)
+    known = neighbours()
+    for entry in answered:
+        entry.update(ping_large=large.get(entry["address"]), neighbour=known.get(entry["address"], ""))
+
+
+def neighbours(path: str = "/proc/net/arp") -> typing.Dict[str, str]:
+    """Read {address: hardware address} of the neighbours that the kernel knows (proc(5))."""
+    rows = [line.split() for line in text(path).splitlines()[1:]]
+    return {row[0]: row[3] for row in rows if len(row) >= 6 and row[3] != "00:00:00:00:00:00"}
 
 
 def resolve(name: str) -> typing.Tuple[typing.List[str], str]:
@@ -88,9 +112,16 @@ def resolve(name: str) -> typing.Tuple[typing.List[str], str]:
 
 
 def ping(
-    addresses: typing.Iterable[str], tries: int = TRIES, answer: float = ANSWER
+    addresses: typing.Iterable[str],
+    tries: int = TRIES,
+    answer: float = ANSWER,
+    sizes: typing.Optional[typing.Dict[str, int]] = None,
 ) -> typing.Dict[str, typing.Dict[str, typing.Any]]:
-    """Send ICMP echo requests to all addresses at once, and again to those that do not answer (RFC 792); needs root."""
+    """Send ICMP echo requests to all addresses at once, and again to those that do not answer (RFC 792); needs root.
+
+    With `sizes`, the packet to each address has so many bytes, and nobody may split it. A router that tells that it is too
+    large for the next network is as good as an answer: the kernel makes smaller ones then (RFC 1191).
+    """
     results = {address: {"ok": False, "rtt_ms": None, "error": ""} for address in addresses}
     if not results:
         return results
@@ -98,24 +129,31 @@ def ping(
         link = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP)
     except OSError as problem:
         return {address: dict(entry, error=f"no raw socket: {problem.strerror}") for address, entry in results.items()}
-    identifier = int.from_bytes(os.urandom(2), "big")
-    sent: typing.Dict[int, typing.Tuple[str, float]] = {}
     with link:
         link.setblocking(False)
-        for number in range(tries):
-            late = [address for address, entry in results.items() if not entry["ok"]]
-            for address in late:
-                sequence = len(sent) & 0xFFFF
-                sent[sequence] = address, time.monotonic()
-                try:
-                    link.sendto(echo_request(identifier, sequence), (address, 0))
-                except OSError as problem:
-                    results[address]["error"] = problem.strerror or str(problem)
-            _gather(link, identifier, sent, results, time.monotonic() + answer)
+        if sizes:
+            link.setsockopt(socket.IPPROTO_IP, IP_MTU_DISCOVER, IP_PMTUDISC_PROBE)
+        _ask(link, results, tries, answer, sizes or {})
     for entry in results.values():
         if not entry["ok"]:
             entry["error"] = entry["error"] or f"no answer to {tries} requests"
     return results
+
+
+def _ask(link: socket.socket, results: typing.Dict, tries: int, answer: float, sizes: typing.Dict[str, int]) -> None:
+    """Send requests to whoever has not answered, and read what comes back, as often as is asked for."""
+    identifier = int.from_bytes(os.urandom(2), "big")
+    sent: typing.Dict[int, typing.Tuple[str, float]] = {}
+    for unused in range(tries):
+        late = [address for address, entry in results.items() if not entry["ok"]]
+        for address in late:
+            sequence = len(sent) & 0xFFFF
+            sent[sequence] = address, time.monotonic()
+            try:
+                link.sendto(echo_request(identifier, sequence, sizes.get(address, 0)), (address, 0))
+            except OSError as problem:
+                results[address]["error"] = problem.strerror or str(problem)
+        _gather(link, identifier, sent, results, time.monotonic() + answer)
 
 
 def _gather(link: socket.socket, identifier: int, sent: typing.Dict, results: typing.Dict, deadline: float) -> None:
@@ -135,7 +173,9 @@ def _note(link: socket.socket, identifier: int, sent: typing.Dict, results: typi
     if heard is None or heard.sequence not in sent:
         return
     address, when = sent[heard.sequence]
-    if heard.error:
+    if heard.error and heard.error.endswith(TOO_LARGE):
+        results[address].update(ok=True, error="")
+    elif heard.error:
         results[address]["error"] = heard.error
     elif heard.source == address:
         milliseconds = round((time.monotonic() - when) * 1000, 3)
@@ -186,6 +226,10 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
                     "forwarding": value("conf", name, "forwarding"),
                     "rp_filter": larger(name, "rp_filter"),
                     "send_redirects": larger(name, "send_redirects"),
+                    "prefixes": [entry.prefix for entry in interface.addresses if entry.family == "inet"],
+                    "mtu": interface.mtu or None,
+                    "mac": text(f"/sys/class/net/{name}/address").strip(),
+                    "state": text(f"/sys/class/net/{name}/operstate").strip(),
                 }
             )
     return {"ip_forward": value("ip_forward"), "interfaces": found}

@@ -7,10 +7,14 @@ import socket
 import struct
 import typing
 
+TOO_LARGE = "packet too large"
+HEADERS = 28  # bytes of the headers of IPv4 and ICMP
+
 # RFC 792: (type, code) of the messages that come back instead of an echo reply
 _REFUSALS = {
     (3, 0): "network unreachable",
     (3, 1): "host unreachable",
+    (3, 4): TOO_LARGE,
     (3, 9): "network administratively prohibited",
     (3, 10): "host administratively prohibited",
     (3, 13): "communication administratively prohibited",
@@ -51,9 +55,9 @@ def checksum(data: bytes) -> int:
     return ~total & 0xFFFF
 
 
-def echo_request(identifier: int, sequence: int) -> bytes:
-    """Make an ICMP echo request (RFC 792) without data; both numbers have 16 bits."""
-    head = struct.pack("!BBHHH", 8, 0, 0, identifier, sequence)
+def echo_request(identifier: int, sequence: int, size: int = 0) -> bytes:
+    """Make an ICMP echo request (RFC 792); both numbers have 16 bits. With `size`, the IPv4 packet has so many bytes."""
+    head = struct.pack("!BBHHH", 8, 0, 0, identifier, sequence) + bytes(max(0, size - HEADERS))
     return head[:2] + struct.pack("!H", checksum(head)) + head[4:]
 
 

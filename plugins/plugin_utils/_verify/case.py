@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from ipaddress import IPv4Address
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
@@ -20,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.excha
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     Datagrams,
     Exchange,
+    ForwardingInterface,
     HeardTopic,
     Icmp,
     ListedMaster,
@@ -29,7 +30,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     SeenMaster,
     SeenMember,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import Way, Ways
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON, Way, Ways
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class Participant:
     callers: frozenset[str] = frozenset()  # the addresses from which it was called
     # who answered each round of pings of the group, by the number of the round
     rounds: Sequence[tuple[int, frozenset[str]]] = ()
+    answers_broadcasts: bool = False  # by plan
 
     @classmethod
     def of(cls, name: str, plan: ComputerPlan, seen: Observation) -> Participant:
@@ -66,6 +68,9 @@ class Participant:
             answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
             callers=frozenset(entry.address for entry in multicast.callers),
             rounds=_rounds(multicast.icmp),
+            answers_broadcasts=any(
+                entry.name == "net.ipv4.icmp_echo_ignore_broadcasts" and entry.value == "0" for entry in plan.sysctl
+            ),
         )
 
     @property
@@ -74,7 +79,6 @@ class Participant:
         return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))
 
 
-# The pairs of computers that a check may name in `explained_by`, before a colon.
 def _rounds(icmp: Icmp | None) -> Sequence[tuple[int, frozenset[str]]]:
     return [(entry.round, frozenset(entry.answered)) for entry in icmp.rounds] if icmp else ()
 
@@ -88,34 +92,89 @@ def _runs(computer: Participant) -> bool:
     return computer.seen.found is not None and bool(computer.seen.found.runs)
 
 
-SIDES = (
-    "",  # observer and target of the check itself
-    "observer",
-    "target",
-    "back",  # the target looks at the observer
-    "gateway",  # of the observer's network
-    "its gateway",  # of the target's network
-    "to gateway",
-    "to its gateway",
-    "master",  # the computer with the observer's roscore
-    "its master",
-    "to its master",
-    "between masters",
-)
+def own_networks(computer: Participant, ways: Ways) -> dict[str, ForwardingInterface]:
+    """Return the interface of a computer on each of its networks, as far as it was looked at."""
+    probe, plan = computer.seen.probe, computer.plan
+    planned = {str(plan.common_address): COMMON, str(plan.address): ways.network(plan.robot)}
+    return {
+        planned[address]: interface
+        for interface in (probe.forwarding.interfaces if probe else ())
+        for address in interface.addresses
+        if address in planned
+    }
 
 
-@dataclass(eq=False)  # not frozen: there are millions in a large fleet, and freezing makes them three times slower
-class Case:
-    """The fleet, an observer, and a target, which is a member or a master of the plan."""
+def own_mtus(computer: Participant, ways: Ways) -> dict[str, int]:
+    """Return the MTU of a computer on each of its networks, as far as it was looked at."""
+    networks = own_networks(computer, ways).items()
+    return {network: interface.mtu for network, interface in networks if interface.mtu is not None}
+
+
+def usual_mtus(computers: Iterable[Participant], ways: Ways) -> dict[str, int]:
+    """Return the MTU that most computers have on each network."""
+    counts: dict[str, Counter[int]] = defaultdict(Counter)
+    for computer in computers:
+        for network, mtu in own_mtus(computer, ways).items():
+            counts[network][mtu] += 1
+    return {network: max(sizes, key=lambda mtu: (sizes[mtu], mtu)) for network, sizes in counts.items()}
+
+
+@dataclass(frozen=True)
+class Everything:
+    """The fleet and all that was seen of it, which all cases share."""
 
     fleet: FleetPlan
     ways: Ways
-    observer: Participant
-    target: str
-    address: IPv4Address  # of the target
-    target_master: Master | None  # in a check of masters only
     run: Mapping[str, Participant]  # the computers of this run
     exchanges: Exchanges
+    usual: Mapping[str, int]  # network -> the MTU that most have there
+
+
+class Case:  # no dataclass: there are hundreds of thousands in a large fleet, and each is looked at by many checks
+    """The fleet, an observer, and a target, which is a member or a master of the plan."""
+
+    __slots__ = (
+        "address",
+        "exchanges",
+        "fleet",
+        "member",
+        "observer",
+        "own",
+        "peer",
+        "planned",
+        "probe",
+        "run",
+        "target",
+        "target_master",
+        "topic",
+        "udp",
+        "usual",
+        "ways",
+    )
+
+    def __init__(
+        self, everything: Everything, observer: Participant, target: str, address: str, target_master: Master | None
+    ) -> None:
+        self.fleet = everything.fleet
+        self.ways = everything.ways
+        self.run = everything.run
+        self.exchanges = everything.exchanges
+        self.usual = everything.usual
+        self.observer = observer
+        self.target = target
+        self.address = address  # of the target
+        self.target_master = target_master  # in a check of masters only
+        # the result of multimaster_verify on the observer
+        self.probe: Probe | None = observer.seen.probe
+        # the target, if it takes part in this run, and the datagrams between the two
+        self.peer: Participant | None = self.run.get(target)
+        self.udp: Datagrams | None = observer.udp.get(target) if self.peer is not None else None
+        # the target, as multimaster_verify on the observer saw it, and the topic of its talker
+        self.member: SeenMember | None = observer.members.get(target)
+        self.topic: HeardTopic | None = observer.topics.get(target)
+        # target and observer among the members of the plan; None for the router
+        self.planned: Member | None = self.ways.members.get(target)
+        self.own: Member | None = self.ways.members.get(observer.name)
 
     @property
     def master(self) -> Master:
@@ -146,21 +205,6 @@ class Case:
         return master is None or (not _set_up(master) and (master is not self.observer or _runs(master)))
 
     @property
-    def probe(self) -> Probe | None:
-        """The result of multimaster_verify on the observer."""
-        return self.observer.seen.probe
-
-    @property
-    def peer(self) -> Participant | None:
-        """The target, if it takes part in this run."""
-        return self.run.get(self.target)
-
-    @property
-    def udp(self) -> Datagrams | None:
-        """The datagrams between observer and target; None where the target does not take part."""
-        return self.observer.udp.get(self.target) if self.target in self.run else None
-
-    @property
     def back_udp(self) -> Datagrams | None:
         """The datagrams between target and observer, as the target counts them."""
         return self.peer.udp.get(self.observer.name) if self.peer else None
@@ -168,26 +212,6 @@ class Case:
     def hears_target(self) -> bool:
         """Say if datagrams of the target arrive here on the group."""
         return bool(self.udp and self.udp.heard_from)
-
-    @property
-    def member(self) -> SeenMember | None:
-        """The target, as multimaster_verify on the observer saw it."""
-        return self.observer.members.get(self.target)
-
-    @property
-    def topic(self) -> HeardTopic | None:
-        """The topic of the target's talker, as the observer heard it."""
-        return self.observer.topics.get(self.target)
-
-    @property
-    def planned(self) -> Member | None:
-        """The target among the members of the plan; None for the router."""
-        return self.ways.members.get(self.target)
-
-    @property
-    def own(self) -> Member | None:
-        """The observer among the members of the plan; None for the router."""
-        return self.ways.members.get(self.observer.name)
 
     @property
     def way(self) -> Way:
@@ -206,24 +230,3 @@ class Case:
     def masters(self) -> tuple[str, str]:
         """The computers with the roscores of the observer and of the target."""
         return self.ways.master(self.observer.plan.robot), self.ways.master(self.planned.robot if self.planned else "")
-
-    def sides(self) -> dict[str, tuple[str, str]]:
-        """Find the (observer, target) of each of SIDES; an empty name is nobody's."""
-        observer, target = self.observer.name, self.target
-        gateway, its_gateway = (found.name if found else "" for found in self.gateways)
-        master, its_master = self.masters
-        pairs = (
-            (observer, target),
-            (observer, observer),
-            (target, target),
-            (target, observer),
-            (gateway, gateway),
-            (its_gateway, its_gateway),
-            (observer, gateway),
-            (observer, its_gateway),
-            (master, master),
-            (its_master, its_master),
-            (observer, its_master),
-            (master, its_master),
-        )
-        return dict(zip(SIDES, pairs, strict=True))

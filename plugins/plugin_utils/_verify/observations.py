@@ -59,6 +59,8 @@ class SeenMember:
     route: Route | None = None
     ping_address: Ping | None = None
     ping_name: Ping | None = None
+    ping_large: Ping | None = None  # as large as the observer's interface allows; None where no small one was answered
+    neighbour: str = ""  # its hardware address, as the observer's kernel knows it; empty in another network
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,10 @@ class ForwardingInterface:
     forwarding: int | None = None
     rp_filter: int | None = None
     send_redirects: int | None = None
+    prefixes: tuple[int, ...] = ()  # the prefix length of each of the addresses; empty where it was not looked at
+    mtu: int | None = None
+    mac: str = ""
+    state: str = ""  # the kernel's operational state: up, down, unknown and so on
 
 
 @dataclass(frozen=True)

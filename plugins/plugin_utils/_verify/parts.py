@@ -18,6 +18,7 @@ class Fault(NamedTuple):
 
     Texts have {place} and {what}. `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
     A `hard` fault lets nothing pass, so a success that needs the part clears it; of another one a success says little.
+    A fault that is `read` is never concluded: a value on the machine shows it.
     """
 
     sentence: str
@@ -25,6 +26,7 @@ class Fault(NamedTuple):
     decide: str = ""  # empty: the remedy shows it, too
     cost: float = 3.0
     hard: bool = True
+    read: bool = False  # a value on the machine shows it; without that value it is not concluded
     what: str = ""  # stands for a part's `what` where it has none
 
 
@@ -89,7 +91,7 @@ FILTERS: Mapping[tuple[str, str], Fault] = {
         f"a packet filter on {{place}} drops {dropped}{said}",
         f"allow {allowed} between the computers of the fleet; see {RULES}",
         RULES,
-        cost=3.0 + more,
+        cost=(2.7 if mode == "group" else 2.5) + more,
         what={"udp": "11511", "rpc": "11611", "roscore": "11311"}.get(mode, ""),
     )
     for mode, (dropped, allowed) in DROPPED.items()
@@ -107,7 +109,9 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=2.0,
     ),
     ("computer", "unmeasured"): Fault(
-        "{place} could not be looked at", "on the controller: ansible-playbook playbooks/verify.yml -vv --limit {place}"
+        "{place} could not be looked at",
+        "on the controller: ansible-playbook playbooks/verify.yml -vv --limit {place}",
+        read=True,
     ),
     ("computer", "overloaded"): Fault(
         "{place} is overloaded",
@@ -117,35 +121,45 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("computer", "disk"): Fault("{place} has no room on {what}", "on {place}: df -h; du -xsh /var/log", what="a disk"),
     # Names
-    ("names", "unknown"): Fault("{place} does not know {what}", f"{SITE}, which writes /etc/hosts", HOSTS, cost=2.0),
+    ("names", "unknown"): Fault(
+        "{place} does not know {what}", f"{SITE}, which writes /etc/hosts", HOSTS, cost=2.0, read=True, what="a name"
+    ),
     ("names", "loopback"): Fault(
         "/etc/hosts on {place} binds {what} to the loopback interface",
         f"{SITE}, which also keeps cloud-init from writing the line again at boot",
         HOSTS,
         cost=2.0,
+        read=True,
+        what="a name",
     ),
     ("names", "old"): Fault(
         "on {place} {what} means another address: an older line of /etc/hosts, or a name server",
         f"{SITE}, which names the line that stands against it",
         HOSTS,
         cost=2.0,
+        read=True,
+        what="a name",
     ),
     ("names", "several"): Fault(
         "on {place} {what} has a second address: another line of /etc/hosts, or a name server",
         "remove the line that is not the collection's from /etc/hosts on {place}",
         HOSTS,
         cost=2.0,
+        read=True,
+        what="a name",
     ),
     ("names", "rights"): Fault(
         "on {place} root alone can look up {what}: the rights of /etc/hosts or /etc/nsswitch.conf",
         "on {place}: chmod 644 /etc/hosts /etc/nsswitch.conf",
         "on {place}: ls -l /etc/hosts /etc/nsswitch.conf; runuser -u nobody -- getent ahostsv4 {what}",
         what="names",
+        read=True,
     ),
     ("names", "order"): Fault(
         "{place} asks a name server before /etc/hosts, or not /etc/hosts at all",
         "on {place}: put files first in the line hosts of /etc/nsswitch.conf",
         "on {place}: grep ^hosts /etc/nsswitch.conf",
+        read=True,
     ),
     # Interfaces and links
     ("interface", "address"): Fault(
@@ -227,6 +241,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         ROUTES,
         cost=2.0,
         what="the others",
+        read=True,
     ),
     ("route", "defaults"): Fault(
         "{place} has two default routes",
@@ -235,11 +250,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         ROUTES,
         cost=2.5,
         hard=False,
+        read=True,
     ),
     ("route", "circle"): Fault(
         "{place} sends packets for {what} back to where they came from",
         f"{SITE} on it; see there: ip route get {{what}}",
         what="the others",
+        read=True,
     ),
     ("forwarding", "off"): Fault(
         "{place} drops what is meant for another network, so nobody gets through it",
@@ -264,6 +281,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         f"{SITE}; if it changes again, see on {{place}} what else changes the packet filter",
         RULES,
         hard=False,
+        read=True,
     ),
     ("filter", "pair"): Fault(
         "something drops packets between {place}, and between nobody else: a packet filter or a route with the other's address",
@@ -276,6 +294,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: sysctl -a --pattern rp_filter",
         cost=3.5,
         hard=False,
+        read=True,
     ),
     ("redirects", "sent"): Fault(
         "{place} sends ICMP redirects, because packets turn round on the common network",
@@ -286,6 +305,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "translate nothing between the robots' networks; a container or virtual machine: connect it by a bridge; "
         "see on {place}: nft list ruleset; iptables -t nat -S",
         "on {place}: nft list ruleset; iptables -t nat -S",
+        cost=2.0,
     ),
     # What a computer is for ROS
     ("clock", "off"): Fault(
@@ -301,6 +321,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: systemctl show --property Environment multimaster-discovery",
         cost=2.0,
         what="the variables of ROS",
+        read=True,
     ),
     ("environment", "shell"): Fault(
         "nodes started on {place} have another environment than planned: {what}",
@@ -308,10 +329,11 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: bash -lc env | grep ^ROS; grep -n ROS_ ~/.bashrc ~/.profile",
         cost=2.0,
         what="ROS_HOSTNAME or ROS_IP",
+        read=True,
     ),
     ("roscore", "dead"): Fault("no roscore answers on {place}", f"start it; see {ROSCORE}", ROSCORE, cost=1.5),
     ("roscore", "hung"): Fault(
-        "the roscore on {place} runs and does not answer", f"restart it; see {ROSCORE}", ROSCORE, cost=3.0
+        "the roscore on {place} runs and does not answer", f"restart it; see {ROSCORE}", ROSCORE, cost=2.4
     ),
     ("roscore", "name"): Fault(
         "the roscore on {place} calls itself {what}",
@@ -319,6 +341,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: rosparam get /rosdistro; env | grep ^ROS",
         cost=2.0,
         what="otherwise than planned",
+        read=True,
     ),
     ("discovery", "dead"): Fault(
         "the discovery node of {place} does not run", f"start it; see {DISCOVERY}", DISCOVERY, cost=1.5
@@ -332,6 +355,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: ss -lunp | grep python; rosparam get /master_discovery",
         cost=2.8,
     ),
+    ("discovery", "port"): Fault(
+        "the discovery node of {place} does not listen on TCP port {what}",
+        f"{SITE}, so that it has the planned port; see {DISCOVERY}",
+        "on {place}: ss -ltnp",
+        cost=2.5,
+        what="11611",
+    ),
     ("discovery", "configuration"): Fault(
         "the discovery node of {place} does not serve what is planned",
         f"{SITE} on it; see {DISCOVERY}",
@@ -343,7 +373,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "the sync node of {place} runs and registers nothing of the others",
         f"restart it; see {SYNC}; rosservice call /master_sync/get_sync_info",
         SYNC,
-        cost=2.5,
+        cost=2.6,
     ),
     ("sync", "configuration"): Fault(
         "the sync node of {place} takes other topics and services than planned: {what}",
@@ -352,11 +382,20 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=3.2,
         what="other parameters",
     ),
+    ("sync", "limit"): Fault(
+        "{what} offers more than the 5000 registrations that the sync node of {place} takes of one master",
+        "leave out what nobody needs, by multimaster_filters or multimaster_exports",
+        what="a master",
+    ),
+    ("sync", "untold"): Fault(
+        "the sync node of {place} does not tell what it has registered",
+        "on {place}: rosservice call /master_sync/get_sync_info",
+    ),
     ("sync", "stale"): Fault(
         "the sync node of {place} has not followed the changes of {what}",
         f"restart it; see {SYNC}",
         SYNC,
-        cost=3.3,
+        cost=2.5,
         what="another master",
     ),
     ("service", "down"): Fault(
@@ -368,7 +407,9 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         hard=False,
         what="multimaster-*",
     ),
-    ("service", "missing"): Fault("{what} was not set up on {place}", f"{SITE} on it", cost=1.0, what="multimaster-*"),
+    ("service", "missing"): Fault(
+        "{what} was not set up on {place}", f"{SITE} on it", cost=1.0, what="multimaster-*", read=True
+    ),
     # What is registered and exchanged
     ("registration", "ghost"): Fault(
         "the roscore of {place} holds nodes that do not answer: {what}; they ended without saying so, as by kill -9",
@@ -403,6 +444,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "correct multimaster_exports or multimaster_filters of the robot, and run site.yml",
         cost=3.0,
         what="see multimaster_exports",
+        read=True,
     ),
     ("messages", "differ"): Fault(
         "message definitions differ on {place}: {what}",
@@ -414,6 +456,19 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: rosmsg md5 std_msgs/String",
         what="rospy fails there",
     ),
+    # Who has set it up
+    ("set_up", "by_hand"): Fault(
+        "{place} was set up by hand, or by something else",
+        f"nothing, if that is wanted: the other checks say if the fleet talks; else {SITE}",
+    ),
+    ("set_up", "others"): Fault(
+        "the nodes on {place} were started by hand, or by something else; they are judged as they are",
+        f"nothing, if that is wanted; else stop them on {{place}}, and {SITE}",
+    ),
+    ("set_up", "refused"): Fault(
+        "site.yml would refuse {place}, before it changes anything",
+        "do what the sentences say",
+    ),
     # Others
     ("setting", "icmp_group"): Fault(
         "{place} does not answer pings of a group; discovery does not depend on it",
@@ -424,10 +479,10 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place} {what} cannot be looked at, as in some containers", "nothing", what="a value"
     ),
     ("stranger", "present"): Fault(
-        "{place} hears others on the group of this fleet: {what}",
-        "add them to the inventory, put their addresses into multimaster_allow, or give this fleet another "
+        "{what} at {place} is no computer of the inventory, and uses the group and port of this fleet",
+        "add it to the inventory, put {place} into multimaster_allow, or give this fleet another "
         "multimaster_multicast_group or port",
-        what="an unknown master",
+        what="somebody",
     ),
     # The next boot
     ("boot", "unit"): Fault(
@@ -449,4 +504,14 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: grep -rn manage_etc_hosts /etc/cloud",
     ),
     **FILTERS,
+}
+
+# What follows from another fault of the same place, though it was read by itself: fault -> the faults before it.
+FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
+    ("set_up", "by_hand"): (("set_up", "others"),),
+    ("discovery", "dead"): (("roscore", "dead"),),
+    ("sync", "dead"): (("roscore", "dead"),),
+    ("roscore", "name"): (("environment", "service"),),
+    ("route", "missing"): (("link", "down"), ("interface", "address")),
+    ("route", "other"): (("route", "defaults"), ("interface", "address"), ("interface", "prefix")),
 }

@@ -1,77 +1,98 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Findings as a table for the terminal and as data for a file.
+"""Rows and findings as a table for the terminal and as data for a file.
 
-Pure: findings in, text out.
+Pure: what was judged in, text out.
 """
 
 from __future__ import annotations
 
 import textwrap
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS, TITLES
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import Diagnosis, Found
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     FAILED,
     OK,
     UNKNOWN,
     VERDICTS,
     WARNING,
-    Finding,
+    Row,
+    Verification,
 )
 
 WIDTH = 120
 MATRIX = 16  # computers: a larger matrix is no longer read
 CELL = 8  # columns of one of them, where there is room
-SENTENCES = 20  # groups of findings that are printed; all are in the file
-PAIRS = 4  # pairs that are named in one of them
+SENTENCES = 20  # findings that are printed; all are in the file
+PAIRS = 4  # pairs, names or networks that are named in one of them
 WORST = (FAILED, UNKNOWN, WARNING, OK)
 
 
 @dataclass
 class Summary:
-    """The summary of a stream of findings: numbers, the findings that are not ok, and the matrix where it is small."""
+    """The summary of a stream of rows: numbers, the rows that are not ok, and the matrix where it is small."""
 
     computers: Sequence[str]  # of this run
     fleet: int  # computers of the fleet
     counts: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
-    notable: list[Finding] = field(default_factory=list)
+    notable: list[Row] = field(default_factory=list)
     cells: dict[tuple[str, str], Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
 
     def number(self, verdict: str) -> int:
-        """Count the findings with a verdict."""
+        """Count the rows with a verdict."""
         return sum(counts[verdict] for counts in self.counts.values())
 
     @property
     def total(self) -> int:
-        """Count all findings."""
+        """Count all rows."""
         return sum(counts.total() for counts in self.counts.values())
 
 
-def summarise(findings: Iterable[Finding], computers: Sequence[str], fleet: int) -> Summary:
-    """Look at every finding once."""
+def summarise(rows: Iterable[Row], computers: Sequence[str], fleet: int) -> Summary:
+    """Look at every row once."""
     summary = Summary(computers, fleet)
-    small = len(computers) <= MATRIX
-    for finding in findings:
-        summary.counts[finding.check][finding.verdict] += 1
-        if finding.verdict != OK:
-            summary.notable.append(finding)
+    small = fits(computers)
+    for row in rows:
+        summary.counts[row.check][row.verdict] += 1
+        if row.verdict != OK:
+            summary.notable.append(row)
         if small:
-            summary.cells[finding.observer, finding.target][finding.verdict] += 1
+            summary.cells[row.observer, row.target][row.verdict] += 1
     return summary
 
 
-def render(summary: Summary) -> str:
+def summarised(verification: Verification, computers: Sequence[str], fleet: int) -> Summary:
+    """Judge everything, and keep only what is read: in a large fleet, of what is good the numbers."""
+    passed: Counter[str] | None = None if fits(computers) else Counter()
+    summary = summarise(verification.rows(passed), computers, fleet)
+    for check, number in (passed or {}).items():
+        summary.counts[check][OK] += number
+    return summary
+
+
+def fits(computers: Sequence[str]) -> bool:
+    """Say if there are so few computers that the matrix is printed."""
+    return len(computers) <= MATRIX
+
+
+def render(summary: Summary, diagnosis: Diagnosis) -> str:
     """The report for the terminal, at most 120 columns wide where names allow it."""
     parts = [_title(summary), _table(summary)]
-    if 1 < len(summary.computers) <= MATRIX:
+    if len(summary.computers) > 1 and fits(summary.computers):
         parts.append(_matrix(summary))
-    for verdict, heading in ((FAILED, "Failed"), (WARNING, "Warnings"), (UNKNOWN, "Not judged")):
-        parts += _sentences(summary, verdict, heading)
+    numbers = count(1)
+    if diagnosis.looked_at < diagnosis.of:
+        parts.append(f"Explained are {diagnosis.looked_at} of {diagnosis.of} results that are not as expected.")
+    for verdict, heading in ((FAILED, "Findings"), (WARNING, "Warnings"), (UNKNOWN, "Not judged")):
+        parts += _findings([entry for entry in diagnosis.findings if entry.verdict == verdict], heading, numbers)
+    parts += _unexplained(diagnosis.unexplained)
     parts.append(verdict_line(summary))
     return "\n\n".join(parts)
 
@@ -114,44 +135,72 @@ def _cell(counts: Mapping[str, int] | None, width: int) -> str:
     return {UNKNOWN: "?", WARNING: "warn", OK: "ok"}[worst]
 
 
-def _sentences(summary: Summary, verdict: str, heading: str) -> list[str]:
-    """The findings that no other one explains, those with the same cause together."""
-    groups: dict[tuple[str, str, str], list[Finding]] = defaultdict(list)
-    explained = 0
-    for finding in summary.notable:
-        if finding.verdict == verdict and finding.because:
-            explained += 1
-        elif finding.verdict == verdict:
-            groups[finding.check, finding.cause, finding.remedy].append(finding)
-    if not groups and not explained:
+def _findings(findings: Sequence[Found], heading: str, numbers: Iterator[int]) -> list[str]:
+    if not findings:
         return []
     lines = [f"{heading}:"]
-    for number, findings in enumerate(list(groups.values())[:SENTENCES], 1):
-        lines += _group(number, findings)
-    if len(groups) > SENTENCES:
-        lines.append(f"  and {len(groups) - SENTENCES} more kinds: all are in the file that verify_report names.")
-    if explained:
-        follow = "1 more follows" if explained == 1 else f"{explained} more follow"
-        lines.append(f"  {follow} from {'these' if verdict == FAILED else 'what failed'}.")
+    for entry, number in zip(findings[:SENTENCES], numbers, strict=False):
+        lines += _filled((label.format(number=number), text) for label, text in _finding(entry))
+    if len(findings) > SENTENCES:
+        lines.append(f"  and {len(findings) - SENTENCES} more: all are in the file that verify_report names.")
     return ["\n".join(lines)]
 
 
-def _group(number: int, findings: Sequence[Finding]) -> list[str]:
-    first = findings[0]
-    pairs = [whom(finding) for finding in findings[:PAIRS]]
-    if len(findings) > PAIRS:
-        pairs.append(f"and {len(findings) - PAIRS} more")
-    alike = len({(finding.expected, finding.found) for finding in findings}) == 1
-    found: dict[str, str] = {}  # what was found -> by whom first
-    for finding in findings:
-        found.setdefault(finding.found, "" if alike else f" ({whom(finding)})")
-    rows = [
-        (f"{number:>3}. ", f"{TITLES[first.check]}: {', '.join(pairs)}"),
-        ("     expected: ", first.expected + found[first.found]),
-        *(("     found:    ", text + of) for text, of in list(found.items())[:PAIRS]),
-        ("     cause:    ", first.cause),
-        ("     remedy:   ", first.remedy),
-    ]
+def _finding(entry: Found) -> Iterator[tuple[str, str]]:
+    """The lines of a finding: (label, text)."""
+    if entry.rivals:
+        yield "{number:>3}. ", "one of these: " + "; or ".join(part.sentence() for part in entry.candidates)
+    else:
+        yield "{number:>3}. ", entry.sentence()
+    for row in entry.proof[:1]:
+        yield "     seen:     ", f"{_where(entry.proof)}: expected {row.expected}, found {row.found}"
+    if not entry.proof:
+        yield "     for it:   ", _counted(row.check for row in entry.rows) + " fail"
+        if entry.passed:
+            yield "     besides:  ", "in the same pairs these succeed: " + _counted(entry.passed)
+    elif entry.rows:
+        yield "     follows:  ", _counted(row.check for row in entry.rows)
+    yield "     behind:   ", _behind(entry)
+    if entry.rivals:
+        yield "     decide:   ", "; ".join(dict.fromkeys(part.decide() for part in entry.candidates))
+    yield "     do:       ", entry.remedy()
+
+
+def _behind(entry: Found) -> str:
+    """The computers that could not be looked at because of it."""
+    names = dict.fromkeys(row.observer for row in entry.rows if row.check == "reachable")
+    others = [name for name in names if name != entry.part.place]
+    more = f" and {len(others) - PAIRS} more" if len(others) > PAIRS else ""
+    return f"not examined: {', '.join(others[:PAIRS])}{more}" if others else ""
+
+
+def _where(rows: Sequence[Row]) -> str:
+    """The check and the pairs of some rows."""
+    pairs = list(dict.fromkeys(whom(row) for row in rows if row.check == rows[0].check))
+    more = f" and {len(pairs) - PAIRS} more" if len(pairs) > PAIRS else ""
+    return f"{TITLES[rows[0].check]}: {', '.join(pairs[:PAIRS])}{more}"
+
+
+def _counted(checks: Iterable[str]) -> str:
+    """Titles of checks with how often each is there."""
+    return ", ".join(f"{TITLES[check]} ({number})" for check, number in Counter(checks).most_common())
+
+
+def _unexplained(rows: Sequence[Row]) -> list[str]:
+    """What no part explains that has no success against it: a few packets were lost, or more than one thing is odd."""
+    if not rows:
+        return []
+    lines = ["Not explained (lost packets, or something that comes and goes: run it again):"]
+    groups: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        groups[row.check].append(row)
+    for group in groups.values():
+        text = f"{_where(group)}: expected {group[0].expected}, found {group[0].found}"
+        lines += _filled([("   -  ", text)])
+    return ["\n".join(lines)]
+
+
+def _filled(rows: Iterable[tuple[str, str]]) -> list[str]:
     return [
         textwrap.fill(
             text,
@@ -166,9 +215,9 @@ def _group(number: int, findings: Sequence[Finding]) -> list[str]:
     ]
 
 
-def whom(finding: Finding) -> str:
-    """The computer, or the pair, of a finding."""
-    return finding.observer if finding.observer == finding.target else f"{finding.observer} -> {finding.target}"
+def whom(row: Row) -> str:
+    """The computer, or the pair, of a row."""
+    return row.observer if row.observer == row.target else f"{row.observer} -> {row.target}"
 
 
 def verdict_line(summary: Summary) -> str:
@@ -185,18 +234,43 @@ def verdict_line(summary: Summary) -> str:
     return f"PASSED: none of {summary.total} checks failed{more}."
 
 
-def document(summary: Summary, findings: Sequence[Finding]) -> dict[str, Any]:
-    """All findings as plain data."""
+def document(summary: Summary, diagnosis: Diagnosis, rows: Sequence[Row]) -> dict[str, Any]:
+    """All findings and rows as plain data."""
     return {
         "computers": list(summary.computers),
         "verdict": FAILED if summary.number(FAILED) else OK,
         "checks": counts(summary),
-        "findings": [finding._asdict() for finding in findings],
+        "findings": findings(diagnosis, listed=True),
+        "unexplained": [row._asdict() for row in diagnosis.unexplained],
+        "rows": [row._asdict() for row in rows],
     }
 
 
+def findings(diagnosis: Diagnosis, listed: bool = False) -> list[dict[str, Any]]:
+    """The findings as plain data; what follows from each is counted, or listed."""
+    return [
+        {
+            "kind": entry.part.kind,
+            "place": entry.part.place,
+            "mode": entry.part.mode,
+            "what": entry.what,
+            "verdict": entry.verdict,
+            "sentence": entry.sentence(),
+            "remedy": entry.remedy(),
+            "decide": entry.part.decide(),
+            "rivals": [
+                {"kind": part.kind, "place": part.place, "mode": part.mode, "sentence": part.sentence()}
+                for part in entry.rivals
+            ],
+            "seen": [row._asdict() for row in entry.proof],
+            "follows": [row._asdict() for row in entry.rows] if listed else len(entry.rows),
+        }
+        for entry in diagnosis.findings
+    ]
+
+
 def counts(summary: Summary) -> list[dict[str, Any]]:
-    """One entry per check that was made: its id, its title, and how many findings have each verdict."""
+    """One entry per check that was made: its id, its title, and how many rows have each verdict."""
     return [
         {
             "check": check.id,

@@ -5,9 +5,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from urllib.parse import urlsplit
 
+KEPT = 10000  # answers that are kept: a fleet has few URIs, and each is seen from many computers
 
+
+@lru_cache(KEPT)
 def plain(uri: str) -> str:
     """Return a URI in the form in which two of them are compared: small letters, no slash at the end."""
     return uri.rstrip("/").lower()
@@ -18,6 +22,7 @@ def same_uri(one: str, other: str) -> bool:
     return plain(one) == plain(other)
 
 
+@lru_cache(KEPT)
 def host_of(uri: str) -> str:
     """Return the host of a URI in small letters; empty where there is none."""
     return (urlsplit(uri).hostname or "").lower()

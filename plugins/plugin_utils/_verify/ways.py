@@ -8,8 +8,7 @@ Pure: the plan of the fleet in, facts out. Everything is looked up, nothing is s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from ipaddress import IPv4Address
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
@@ -19,15 +18,20 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
     Master,
     Member,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import Part
+
+COMMON = "the common network"
 
 
 class Way(NamedTuple):
     """A way from an observer to a target; a gateway is None where the way does not cross it."""
 
-    source: IPv4Address
-    next_hop: IPv4Address | None  # None on the same network
+    source: str
+    next_hop: str | None  # None on the same network
     own: Gateway | None  # of the observer's network
     its: Gateway | None  # of the target's network
+    # the gateways that the route may have; an empty text is a route without a gateway
+    hops: frozenset[str] = frozenset([""])
 
     @property
     def crosses(self) -> bool:
@@ -41,41 +45,54 @@ class Ways:
     def __init__(self, fleet: FleetPlan) -> None:
         self.members: Mapping[str, Member] = {member.name: member for member in fleet.members}
         self.gateways: Mapping[str, Gateway] = fleet.gateways  # robot -> gateway
+        self._router = fleet.router
         self.masters: Mapping[str, Master] = fleet.master_of
-        self.names: Mapping[IPv4Address, frozenset[str]] = {
-            entry.address: frozenset(name.lower() for name in entry.names) for entry in fleet.hosts_entries
+        # what each member may be called, in small letters: its names and its address
+        names = {entry.address: [name.lower() for name in entry.names] for entry in fleet.hosts_entries}
+        self.called: Mapping[str, frozenset[str]] = {
+            name: frozenset([name.lower(), str(member.address), *names.get(member.address, ())])
+            for name, member in self.members.items()
         }
-        self.robots: dict[str, list[str]] = {}  # robot -> its members
-        for name, member in self.members.items():
-            self.robots.setdefault(member.robot, []).append(name)
-        first = [gateway.name for gateway in self.gateways.values() if gateway.name]
-        known = set(first)
-        self._gateways_first = first + [name for name in self.members if name not in known]
-        # robot -> its members without the gateway
-        self.inner = {robot: [name for name in names if name not in known] for robot, names in self.robots.items()}
-        self._orders: dict[str, Sequence[str]] = {}
+        # as texts, because machines say texts
+        self.addresses = {name: str(member.address) for name, member in self.members.items()}
+        self.discovery_addresses = {name: str(member.discovery_address) for name, member in self.members.items()}
+        self._known: dict[tuple[str, str], Way] = {}  # by computer, and robot of the target
+        # of all interfaces, those of devices without a name among them
+        self._at = {str(entry.address): name for name, plan in fleet.computers.items() for entry in plan.networks}
+        for gateway in self.gateways.values():
+            self._at.update({str(gateway.address): gateway.title, str(gateway.common_address): gateway.title})
+        self.master_at: Mapping[str, Master] = {master.computer: master for master in fleet.masters}
+        self.parts: dict[tuple[str, str], frozenset[Part]] = {}  # between two computers, as needs.way finds them
+
+    def network(self, robot: str) -> str:
+        """Name the network that the computers of a robot are in."""
+        return f"the network of {robot}" if robot in self.gateways else COMMON
+
+    def at(self, address: str) -> str:
+        """Name the computer with an address; empty where none is known."""
+        return self._at.get(address, "")
 
     def way(self, plan: ComputerPlan, target: str) -> Way:
         """Find the way from the computer of a plan to a member."""
-        member = self.members[target]
-        if plan.robot == member.robot:
-            return Way(plan.address, None, None, None)
+        key = plan.computer, self.members[target].robot
+        if key not in self._known:
+            self._known[key] = self._way(plan, key[1])
+        return self._known[key]
+
+    def _way(self, plan: ComputerPlan, robot: str) -> Way:
+        if plan.robot == robot:
+            return Way(str(plan.address), None, None, None)
         own = None if plan.common_address else self.gateways.get(plan.robot)
-        its = self.gateways.get(member.robot)
+        its = self.gateways.get(robot)
         if own:
-            return Way(plan.address, own.address, own, its)
-        return Way(plan.common_address or plan.address, its.common_address if its else None, None, its)
-
-    def order(self, robot: str) -> Sequence[str]:
-        """Sort the members for a computer of a robot: its own gateway first, then other gateways, then the rest.
-
-        So whatever others depend on is looked at before them.
-        """
-        if robot not in self._orders:
-            own = self.gateways[robot].name if robot in self.gateways else ""
-            rest = [name for name in self._gateways_first if name != own]
-            self._orders[robot] = [own, *rest] if own else rest
-        return self._orders[robot]
+            hop = str(own.address)
+            return Way(str(plan.address), hop, own, its, frozenset([hop]))
+        if not its:
+            return Way(str(plan.common_address or plan.address), None, None, None)
+        hops = {str(its.common_address)}
+        if plan.common_address and plan.routes_expected and self._router:
+            hops.add(str(self._router.address))  # with multimaster_routes: existing they may go by the router
+        return Way(str(plan.common_address or plan.address), str(its.common_address), None, its, frozenset(hops))
 
     def master(self, robot: str) -> str:
         """Name the computer with the roscore of a robot; empty for the router, which has none."""

@@ -89,13 +89,13 @@ def functions(robots: int) -> dict[str, float]:
     plan, planned = spent(lambda: fleets.plan(robots, OF_A_ROBOT))
     _data, written = spent(lambda: to_plain(plan))
     seen = fleets.observed(plan)
-    findings = fleets.engine.evaluate(fleets.CHECKS, plan, seen)
-    summary, judged = spent(lambda: report.summarise(findings, list(seen), len(seen)))
+    verification, indexed = spent(lambda: fleets.engine.Verification(fleets.CHECKS, plan, seen))
+    summary, judged = spent(lambda: report.summarised(verification, list(seen), len(seen)))
     return {
         "robots": robots,
         "computers": robots * OF_A_ROBOT,
         "plan": round(planned + written, 2),
-        "judgement": judged,
+        "judgement": round(indexed + judged, 2),
         "findings": summary.total,
     }
 

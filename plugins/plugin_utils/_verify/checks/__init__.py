@@ -3,8 +3,7 @@
 
 """The checks of the verification, one table: the rows of each file of this package, in the order of CHECKS.
 
-In each file a row stands below its judge and its predicates. The order counts: a check may be explained by checks that
-stand before it, and by itself at a gateway.
+In each file a row stands below its judge, and below what its results say about the parts of the fleet.
 """
 
 from __future__ import annotations

@@ -13,11 +13,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     OK,
     UNKNOWN,
     WARNING,
-    Cause,
     Check,
     Documented,
     Judgement,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import Parts, of
 
 NOT_OURS = Judgement(UNKNOWN, "what site.yml sets up", "the collection has not set this computer up")
 
@@ -35,20 +35,9 @@ def of_site_yml(judge: Judge, looked: Callable[[Case], bool]) -> Judge:
     return judged
 
 
-def _by_hand(case: Case) -> bool:
-    return case.by_hand
-
-
-BY_HAND = Cause(
-    "it was set up by hand, or by something else",
-    "nothing, if that is wanted: the other checks say if the fleet talks; else run site.yml",
-    when=_by_hand,
-)
-
-
-def _other_nodes(case: Case) -> bool:
-    found = case.observer.seen.found
-    return found is not None and bool(found.runs)
+def unless_by_hand(evidence: Callable[[Case], Parts]) -> Callable[[Case], Parts]:
+    """Return the evidence of such a check: where nothing is judged, because of this and nothing else."""
+    return lambda case: of("set_up", case.observer.name, "by_hand") if case.by_hand else evidence(case)
 
 
 def _as_planned(case: Case) -> Judgement | None:
@@ -57,6 +46,11 @@ def _as_planned(case: Case) -> Judgement | None:
         return None
     other = [text.removeprefix(f"{case.observer.name}: ") for text in (*found.runs, *found.noted)]
     return Judgement(WARNING if other else OK, "nothing that site.yml would refuse", " ".join(other) or "nothing")
+
+
+def _against(case: Case) -> Parts:
+    found = case.observer.seen.found
+    return of("set_up", case.observer.name, "others" if found is not None and found.runs else "refused")
 
 
 AS_PLANNED = Check(
@@ -68,14 +62,7 @@ AS_PLANNED = Check(
         "computer",
         "nobody else holds the ports of its services, and site.yml would refuse nothing else there (warning)",
     ),
-    causes=(
-        Cause(
-            "the nodes were started by hand, or by something else; they are judged as they are",
-            "nothing, if that is wanted; else stop them on {observer}, and run site.yml",
-            when=_other_nodes,
-        ),
-        Cause("site.yml would refuse this computer, before it changes anything", "do what the sentences say"),
-    ),
+    evidence=_against,
 )
 
 CHECKS = (AS_PLANNED,)

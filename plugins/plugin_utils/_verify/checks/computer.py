@@ -6,26 +6,30 @@
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.by_hand import BY_HAND, of_site_yml
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case, own_mtus, own_networks
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.by_hand import (
+    of_site_yml,
+    unless_by_hand,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     COMPUTER,
     FAILED,
     OK,
     UNKNOWN,
     WARNING,
-    Cause,
     Check,
     Documented,
     Judgement,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import NONE, Parts, joined, of, roscore
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     DefaultRoute,
     ForwardingInterface,
     Probe,
+    Roscore,
     Service,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import on_loopback, same_uri
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import same_uri
 
 # The kernel of gateways and of the router
 
@@ -53,26 +57,25 @@ def _forwarding(case: Case) -> Judgement | None:
     return Judgement(FAILED, expected, f"1, but net.ipv4.conf.{closed[0]}.forwarding is 0")
 
 
+def _forwarding_evidence(case: Case) -> Parts:
+    name = case.observer.name
+    if case.probe is not None and case.probe.forwarding.ip_forward is None:
+        return of("setting", name, "unread", what="net.ipv4.ip_forward")
+    return of("forwarding", name, "off")
+
+
 FORWARDING = Check(
     id="forwarding",
     title="gateways and the router pass packets on",
     scope=COMPUTER,
     judge=_forwarding,
     documented=Documented("gateways, router", "`net.ipv4.ip_forward` is 1, also on the interfaces of the plan", "4.2"),
-    causes=(
-        Cause(
-            "{observer} drops what is meant for another network, so nobody gets through it",
-            "run site.yml; if the value comes back, see on {observer}: grep -r ip_forward /etc/sysctl.* /usr/lib/sysctl.d",
-        ),
-    ),
+    needs=lambda case: of("forwarding", case.observer.name, "off"),
+    evidence=_forwarding_evidence,
 )
 
 
 # Reachable
-
-
-def _behind_gateway(case: Case) -> bool:
-    return any(case.gateways)
 
 
 def _reachable(case: Case) -> Judgement:
@@ -81,24 +84,29 @@ def _reachable(case: Case) -> Judgement:
     return Judgement(OK, "an answer to the controller", "an answer")
 
 
+def _itself(case: Case) -> Parts:
+    return of("computer", case.observer.name, "off", "login")
+
+
+def _itself_or_gateway(case: Case) -> Parts:
+    """The controller may be on the other side of the gateway, or not."""
+    found = _itself(case)
+    for gateway in filter(None, case.gateways):
+        found |= of("computer", gateway.title, "off") | of("forwarding", gateway.title, "off")
+        found |= of("filter", gateway.title, "forward")
+        found |= of("link", gateway.title, "down", what=case.ways.network(case.observer.plan.robot))
+        found |= of("route", case.observer.name, "missing", "other")
+    return found
+
+
 REACHABLE = Check(
     id="reachable",
     title="computer answers the controller",
     scope=COMPUTER,
     judge=_reachable,
     documented=Documented("computer", "it answers the controller"),
-    explained_by=("gateway:reachable", "gateway:forwarding"),
-    causes=(
-        Cause(
-            "switched off, not on its network, or without the way back by its gateway {gateway}",
-            "switch it on, and see there: ip route; from the controller try: ping {gateway}, then ping {address}",
-            when=_behind_gateway,
-        ),
-        Cause(
-            "switched off, not on the network, or the login is refused",
-            "switch it on, and try: ansible <computer> -m ansible.builtin.ping",
-        ),
-    ),
+    needs=_itself,
+    suspects=_itself_or_gateway,
 )
 
 
@@ -107,10 +115,6 @@ REACHABLE = Check(
 
 def _has_services(case: Case) -> bool:
     return case.probe is not None and bool(case.observer.plan.services)
-
-
-def _no_service(case: Case) -> bool:
-    return case.probe is not None and any(entry.load_state == "not-found" for entry in case.probe.services)
 
 
 def _services(case: Case) -> Judgement | None:
@@ -137,22 +141,41 @@ def _state(entry: Service) -> str:
     return "not there" if entry.load_state == "not-found" else f"{entry.active_state} ({entry.sub_state})"
 
 
+def _services_evidence(case: Case) -> Parts:
+    found, name = NONE, case.observer.name
+    states = {entry.name: entry for entry in (case.probe.services if case.probe else ())}
+    for service in case.observer.plan.services:
+        entry, unit = states.get(service), f"multimaster-{service}.service"
+        if entry is None or entry.active_state != "active":
+            missing = entry is not None and entry.load_state == "not-found"
+            found |= of("service", name, "missing", what=unit) if missing else _down(name, service, unit)
+        elif entry.restarts:
+            found |= of("service", name, "restarting", what=unit)
+    return found
+
+
+def _down(computer: str, service: str, unit: str) -> Parts:
+    if service in ("roscore", "discovery", "sync"):
+        return of(service, computer, "dead")
+    return of("service", computer, "down", what=unit)
+
+
+def _running(case: Case) -> Parts:
+    name = case.observer.name
+    return frozenset().union(
+        *(_down(name, service, f"multimaster-{service}.service") for service in case.observer.plan.services)
+    )
+
+
 SERVICES = Check(
     id="services",
     title="services are active",
     scope=COMPUTER,
     judge=of_site_yml(_services, _has_services),
     documented=Documented("computer", "its services are active and were never started again by systemd", "3.3"),
-    causes=(
-        BY_HAND,
-        Cause("it was not set up", "run site.yml", when=_no_service),
-        Cause("a service does not start, or ends by itself", "read why there: journalctl -b -u 'multimaster-*'"),
-    ),
+    needs=_running,
+    evidence=unless_by_hand(_services_evidence),
 )
-
-
-def _closed_process(case: Case) -> bool:
-    return case.probe is not None and all(not entry.differing for entry in case.probe.services)
 
 
 def _environment(case: Case) -> Judgement | None:
@@ -167,6 +190,14 @@ def _environment(case: Case) -> Judgement | None:
     return Judgement(FAILED if differing else OK, expected, "; ".join(differing) or "the same")
 
 
+def _environment_evidence(case: Case) -> Parts:
+    services = case.probe.services if case.probe else ()
+    differing = sorted({name for entry in services if entry.active_state == "active" for name in entry.differing or ()})
+    if not differing:
+        return of("setting", case.observer.name, "unread", what="the environment of a service")
+    return of("environment", case.observer.name, "service", what=", ".join(differing))
+
+
 ENVIRONMENT = Check(
     id="environment",
     title="services run with the planned environment",
@@ -175,12 +206,8 @@ ENVIRONMENT = Check(
     documented=Documented(
         "computer", "the process of each service really has the variables of the environment file", "3.2"
     ),
-    explained_by=("services",),
-    causes=(
-        BY_HAND,
-        Cause("root may not look at other processes there, as in some containers", "nothing", when=_closed_process),
-        Cause("the file was changed after the service started", "run site.yml"),
-    ),
+    needs=lambda case: of("environment", case.observer.name, "service"),
+    evidence=unless_by_hand(_environment_evidence),
 )
 
 
@@ -207,6 +234,102 @@ MEASURED = Check(
     scope=COMPUTER,
     judge=_measured,
     documented=Documented("computer", "the measurements gave a result"),
+    needs=lambda case: of("computer", case.observer.name, "unmeasured"),
+    evidence=lambda case: of("computer", case.observer.name, "unmeasured"),
+)
+
+
+# Addresses
+
+
+def _prefixes(case: Case) -> list[str]:
+    """List the planned addresses whose interface has a network of another size."""
+    sizes = {str(entry.address): entry.network.prefixlen for entry in case.observer.plan.networks}
+    seen = case.probe.forwarding.interfaces if case.probe else ()
+    pairs = (pair for entry in seen for pair in zip(entry.addresses, entry.prefixes, strict=False))
+    return [f"{address}/{size}" for address, size in pairs if sizes.get(address, size) != size]
+
+
+def _missing_addresses(case: Case) -> list[str]:
+    seen = case.probe.forwarding.interfaces if case.probe else ()
+    present = {address for entry in seen for address in entry.addresses}
+    return [str(entry.address) for entry in case.observer.plan.networks if str(entry.address) not in present]
+
+
+def _addresses(case: Case) -> Judgement | None:
+    if case.probe is None or not case.probe.forwarding.interfaces:
+        return None
+    expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
+    found = [f"no interface has {address}" for address in _missing_addresses(case)]
+    found += [f"the link to {network} is down" for network in _down_links(case)] + _prefixes(case)
+    # Where it does harm, other checks fail; a robot alone, without any network, is well without them.
+    return Judgement(WARNING if found else OK, expected, ", ".join(found) or "all of them")
+
+
+def _down_links(case: Case) -> list[str]:
+    networks = own_networks(case.observer, case.ways).items()
+    return [network for network, interface in networks if interface.state in ("down", "lowerlayerdown")]
+
+
+def _addresses_evidence(case: Case) -> Parts:
+    name = case.observer.name
+    found = of("interface", name, "address") if _missing_addresses(case) else NONE
+    found |= of("interface", name, "prefix") if _prefixes(case) else NONE
+    return found | joined(of("link", name, "down", what=network) for network in _down_links(case))
+
+
+def _addresses_needs(case: Case) -> Parts:
+    """A link whose state is told is up; where it is not told, nobody knows."""
+    networks = own_networks(case.observer, case.ways).items()
+    up = joined(
+        of("link", case.observer.name, "down", what=network) for network, seen in networks if seen.state == "up"
+    )
+    return of("interface", case.observer.name, "address", "prefix") | up
+
+
+ADDRESSES = Check(
+    id="addresses",
+    title="interfaces have the planned addresses",
+    scope=COMPUTER,
+    judge=_addresses,
+    documented=Documented(
+        "computer",
+        "an interface has each of its addresses with the prefix length of its network, and its link is up (warning)",
+    ),
+    needs=_addresses_needs,
+    evidence=_addresses_evidence,
+)
+
+
+def _odd_sizes(case: Case) -> dict[str, str]:
+    """Find the networks on which the computer's MTU is another than that of most: network -> what was found."""
+    found = {}
+    for network, mtu in own_mtus(case.observer, case.ways).items():
+        usual = case.usual.get(network, mtu)
+        if mtu != usual:
+            found[network] = f"{mtu} on {network}, where most have {usual}"
+    return found
+
+
+def _mtu(case: Case) -> Judgement | None:
+    if not own_mtus(case.observer, case.ways):
+        return None
+    odd = _odd_sizes(case)
+    return Judgement(WARNING if odd else OK, "the MTU of the others", "; ".join(odd.values()) or "the same")
+
+
+MTU = Check(
+    id="mtu",
+    title="interfaces have the MTU of the others",
+    scope=COMPUTER,
+    judge=_mtu,
+    documented=Documented("computer", "each interface has the MTU that most have on its network (warning)"),
+    needs=lambda case: joined(
+        of("interface", case.observer.name, "mtu", what=network) for network in own_mtus(case.observer, case.ways)
+    ),
+    evidence=lambda case: joined(
+        of("interface", case.observer.name, "mtu", what=network) for network in _odd_sizes(case)
+    ),
 )
 
 
@@ -231,12 +354,8 @@ REVERSE_PATH = Check(
         "gateways, router",
         "the reverse-path filter is not strict: the larger value of `all` and the interface is not 1 (warning)",
     ),
-    causes=(
-        Cause(
-            "{observer} drops packets that come in on another interface than the one that leads back to their source",
-            "run site.yml, which sets net.ipv4.conf.all.rp_filter to 2; the larger value of all and the interface counts",
-        ),
-    ),
+    needs=lambda case: of("reverse_path", case.observer.name, "strict"),
+    evidence=lambda case: of("reverse_path", case.observer.name, "strict"),
 )
 
 
@@ -254,25 +373,11 @@ REDIRECTS = Check(
     scope=COMPUTER,
     judge=_redirects,
     documented=Documented("router", "no ICMP redirects are sent into the common network (warning)"),
-    causes=(
-        Cause(
-            "packets turn round on the common network, and each brings its sender an ICMP redirect, which ping takes "
-            "for an error",
-            "run site.yml, which sets net.ipv4.conf.*.send_redirects to 0; it is sent where all or the interface has 1",
-        ),
-    ),
+    evidence=lambda case: of("redirects", case.observer.name, "sent"),
 )
 
 
 # The robot's roscore
-
-
-def _roscore_silent(case: Case) -> bool:
-    return case.probe is not None and bool(case.probe.roscore.error)
-
-
-def _roscore_on_loopback(case: Case) -> bool:
-    return case.probe is not None and on_loopback(case.probe.roscore.answer)
 
 
 def _master_uri(case: Case) -> Judgement | None:
@@ -291,37 +396,33 @@ def _master_uri(case: Case) -> Judgement | None:
     return Judgement(OK if good else FAILED, expected, found)
 
 
+def _roscore_suspects(case: Case) -> Parts:
+    name, master = case.observer.name, case.masters[0]
+    if case.probe is not None and "refused" in case.probe.roscore.error.lower():
+        return of("roscore", master, "dead")
+    return roscore(case, name, master) - of("roscore", master, "dead")
+
+
+def _master_uri_evidence(case: Case) -> Parts:
+    seen = case.probe.roscore if case.probe else Roscore()
+    if seen.uri and not same_uri(seen.uri, case.ways.masters[case.observer.plan.robot].uri):
+        return of("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {seen.uri}")
+    return NONE if seen.error else of("roscore", case.masters[0], "name", what=seen.answer)
+
+
 MASTER_URI = Check(
     id="master_uri",
     title="ROS_MASTER_URI means the robot's roscore",
     scope=COMPUTER,
     judge=_master_uri,
     documented=Documented("computer", "`ROS_MASTER_URI` and the roscore's own `getUri` are the planned URI", "3.2"),
-    explained_by=("services", "master:reachable", "master:services"),
-    causes=(
-        Cause(
-            "no roscore answers at that URI",
-            "start it, and see on {master}: journalctl -b -u multimaster-roscore (or the unit of your own roscore)",
-            when=_roscore_silent,
-        ),
-        Cause(
-            "the roscore was started with a name that only its own computer understands",
-            "start it with the environment of the collection (multimaster_roscore: managed does)",
-            when=_roscore_on_loopback,
-        ),
-        Cause(
-            "the roscore, or the environment file, has another host name than planned",
-            "run site.yml; a roscore of your own needs the variables of /etc/rosfleet-multimaster/environment",
-        ),
-    ),
+    needs=lambda case: roscore(case, case.observer.name, case.masters[0]),
+    suspects=_roscore_suspects,
+    evidence=_master_uri_evidence,
 )
 
 
 # Default routes
-
-
-def _inner(case: Case) -> bool:
-    return bool(case.observer.plan.robot) and not case.observer.plan.common_address
 
 
 def _default_routes(case: Case) -> Judgement | None:
@@ -343,19 +444,8 @@ DEFAULT_ROUTES = Check(
     scope=COMPUTER,
     judge=_default_routes,
     documented=Documented("computer", "one at most, of whatever metric (warning)", "4.2"),
-    causes=(
-        Cause(
-            "beside the one by its gateway {gateway} there is another, as DHCP brings it: the lower metric wins, and "
-            "packets to other robots may leave there",
-            "take the default route from the other interface, or set multimaster_routes to networks for this robot, "
-            "so that only the robots' networks go by {gateway}",
-            when=_inner,
-        ),
-        Cause(
-            "two interfaces both got a default route",
-            "keep the one that leads to the other networks, or give them different metrics",
-        ),
-    ),
+    needs=lambda case: of("route", case.observer.name, "defaults"),
+    evidence=lambda case: of("route", case.observer.name, "defaults"),
 )
 
 
@@ -376,23 +466,19 @@ PACKET_FILTER = Check(
     scope=COMPUTER,
     judge=of_site_yml(_packet_filter, lambda case: case.observer.seen.packet_filter is not None),
     documented=Documented("computer", "with `multimaster_firewall: fleet`: all its rules are there, now and at boot"),
-    causes=(
-        BY_HAND,
-        Cause(
-            "site.yml has not run since the inventory changed, or somebody has changed the rules",
-            "run site.yml; if they go again, see on {observer} what else changes the packet filter",
-        ),
-    ),
+    needs=lambda case: of("filter", case.observer.name, "changed"),
+    evidence=unless_by_hand(lambda case: of("filter", case.observer.name, "changed")),
 )
 
 
-# In the order in which one failure can explain the next.
 CHECKS = (
     FORWARDING,
     REACHABLE,
     SERVICES,
     ENVIRONMENT,
     MEASURED,
+    ADDRESSES,
+    MTU,
     REVERSE_PATH,
     REDIRECTS,
     MASTER_URI,

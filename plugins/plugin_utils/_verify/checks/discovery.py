@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     FAILED,
@@ -14,13 +13,30 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     MEMBER,
     OK,
     WARNING,
-    Cause,
     Check,
     Documented,
     Judgement,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import (
+    NONE,
+    Parts,
+    between_masters,
+    discovery,
+    gateways,
+    heartbeats,
+    large,
+    losing,
+    multicast,
+    of,
+    passes,
+    roscore,
+    talks,
+    translated,
+    way,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import ListedMaster
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import host_of, same_uri
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON
 
 # The share of datagrams that may be lost.
 LOSS = 0.05
@@ -31,30 +47,15 @@ CLOCK_WARNING, CLOCK_FAILED = 0.1, 0.5
 # Datagrams on the group
 
 
-def _other_source(case: Case) -> bool:
-    return bool(case.udp and case.udp.heard_from and case.udp.source_address != str(case.address))
-
-
-def _other_interface(case: Case) -> bool:
-    return bool(case.udp and case.udp.other_interfaces)
-
-
-def _send_errors(case: Case) -> bool:
-    multicast = case.peer.seen.multicast if case.peer else None
-    return multicast is not None and bool(multicast.send_errors.count)
-
-
-def _hears_unicast(case: Case) -> bool:
-    return bool(case.udp and case.udp.unicast)
-
-
 def _udp_multicast(case: Case) -> Judgement | None:
     udp, own, planned = case.udp, case.own, case.planned
     if udp is None or own is None or planned is None or case.fleet.transport == "unicast":
         return None
     if not (own.multicast and planned.multicast):
         return None
-    address = str(planned.discovery_address)
+    if own.robot == planned.robot and udp.other_interfaces:
+        return None  # a gateway that passes the group on hears its own robot on the inner interface
+    address = case.ways.discovery_addresses[case.target]
     expected = f"datagrams on {case.fleet.multicast_group}:{case.fleet.multicast_port} from {address}"
     if not udp.heard_from:
         elsewhere = f"none, but on {', '.join(udp.other_interfaces)}" if udp.other_interfaces else "none"
@@ -62,7 +63,7 @@ def _udp_multicast(case: Case) -> Judgement | None:
     if udp.source_address != address:
         return Judgement(FAILED, expected, f"from {udp.source_address}")
     loss = case.back_udp.loss if case.back_udp else None  # the sender knows how many it has sent
-    if loss is not None and loss >= LOSS:
+    if loss is not None and loss > LOSS:
         return Judgement(WARNING, expected, f"{loss:.0%} of them are lost")
     return Judgement(OK, expected, f"{udp.heard} datagrams")
 
@@ -70,6 +71,36 @@ def _udp_multicast(case: Case) -> Judgement | None:
 def _other_leg(case: Case, other: bool | None) -> str:
     """With the transport `both`, the discovery nodes find each other as long as one of the two ways works."""
     return WARNING if case.fleet.transport == "both" and other else FAILED
+
+
+def _group_needs(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    return multicast(case, one, other) | losing(case, one, other) | of("computer", other, "unmeasured", "login")
+
+
+def _group_suspects(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    if case.hears_target():
+        return losing(case, one, other)
+    sender = case.peer.seen.multicast if case.peer else None
+    if sender is not None and sender.send_errors.count:  # its own kernel refuses to send
+        return of("filter", other, "group out", "group", "udp out", "udp")
+    return _group_needs(case) - losing(case, one, other)
+
+
+def _group_evidence(case: Case) -> Parts:
+    udp = case.udp
+    if udp and udp.heard_from and udp.source_address != case.ways.discovery_addresses.get(case.target):
+        return _translator(case, case.target)
+    if udp and udp.other_interfaces:
+        return of("interface", case.observer.name, "multicast")
+    return NONE
+
+
+def _translator(case: Case, computer: str) -> Parts:
+    """Whoever translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
+    between = gateways(case, computer, case.observer.name if computer == case.target else case.target)
+    return of("translation", between[0] if between else computer, "on")
 
 
 UDP_MULTICAST = Check(
@@ -82,40 +113,9 @@ UDP_MULTICAST = Check(
         "UDP datagrams on the group and port in use arrive, from the planned address",
         "3.3",
     ),
-    explained_by=("target:reachable", "target:measured", "ping_address"),
-    causes=(
-        Cause(
-            "addresses are translated on the way from {target} (NAT, a container or virtual machine)",
-            "connect {target} by a bridge or the host's network, so that it is seen as {address}",
-            when=_other_source,
-        ),
-        Cause(
-            "{target} arrives on another interface of {observer} than planned",
-            "set multimaster_address of both to addresses of one network",
-            when=_other_interface,
-        ),
-        Cause(
-            "datagrams are lost on the way, as on a weak wireless link",
-            "look at the signal; a heartbeat is repeated, so discovery works, but later",
-            when=Case.hears_target,
-        ),
-        Cause(
-            "the kernel of {target} refuses to send to {group}",
-            "look at the firewall of {target}: nft list ruleset",
-            when=_send_errors,
-        ),
-        Cause(
-            "{group} is filtered, unicast is not: IGMP snooping without a querier, an access point that "
-            "drops multicast, or a firewall",
-            "let UDP port {port} to {group} pass, switch IGMP snooping off or a querier on; with "
-            "multimaster_transport: both the robots find each other meanwhile",
-            when=_hears_unicast,
-        ),
-        Cause(
-            "a firewall drops UDP port {port}, or the two are not in one network",
-            "allow UDP port {port} on {target}, on {observer} and between them",
-        ),
-    ),
+    needs=_group_needs,
+    suspects=_group_suspects,
+    evidence=_group_evidence,
 )
 
 
@@ -126,7 +126,7 @@ def _translated_here(case: Case) -> bool:
     """The target's helper has heard this computer, from an address that is not the planned one."""
     theirs = case.back_udp.source_address if case.back_udp else None
     seen = (case.udp.own_source_address if case.udp else None) or theirs
-    return seen is not None and case.own is not None and seen != str(case.own.discovery_address)
+    return seen is not None and seen != case.ways.discovery_addresses.get(case.observer.name)
 
 
 def _udp_unicast(case: Case) -> Judgement | None:
@@ -139,32 +139,29 @@ def _udp_unicast(case: Case) -> Judgement | None:
     return Judgement(_other_leg(case, case.udp.heard_from), expected, found)
 
 
+def _unicast_needs(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    there = passes(one, other, "udp") | of("computer", other, "unmeasured", "login")
+    return way(case, one, other) | there | _outside(case)
+
+
 UDP_UNICAST = Check(
     id="udp_unicast",
     title="datagrams to the computer arrive",
     scope=MEMBER,
     judge=_udp_unicast,
     documented=Documented("pair with discovery", "UDP datagrams to the computer itself arrive on that port"),
-    explained_by=("target:reachable", "target:measured", "ping_address"),
-    causes=(
-        Cause(
-            "addresses are translated on the way (NAT): {target} sees {observer} from another address",
-            "let no gateway translate addresses (masquerade) between the robots' networks; see there: nft list ruleset",
-            when=_translated_here,
-        ),
-        Cause(
-            "a firewall drops UDP port {port} to {target}, or the answer to {observer}",
-            "allow UDP port {port} in both directions between {observer} and {target}",
-        ),
+    needs=_unicast_needs,
+    suspects=lambda case: (
+        _unicast_needs(case)
+        | translated(case, case.observer.name, case.target)
+        | passes(case.target, case.observer.name, "udp")  # the counts come back by the same port
     ),
+    evidence=lambda case: _translator(case, case.observer.name) if _translated_here(case) else NONE,
 )
 
 
 # The source address of datagrams
-
-
-def _leaves_by_gateway(case: Case) -> bool:
-    return case.way.own is not None
 
 
 def _source(case: Case) -> Judgement | None:
@@ -172,7 +169,7 @@ def _source(case: Case) -> Judgement | None:
     multicast = case.peer.seen.multicast if case.peer else None
     if case.probe is None or case.peer is None or multicast is None or not case.way.crosses or not multicast.udp:
         return None
-    source = str(case.way.source)
+    source = case.way.source
     arrived = source in case.peer.callers
     expected = f"datagrams from {source} arrive there"
     return Judgement(OK if arrived else WARNING, expected, "they arrive" if arrived else "none arrives")
@@ -186,18 +183,7 @@ SOURCE = Check(
     documented=Documented(
         "pair between networks", "datagrams arrive from the planned address: no gateway translates it (warning)", "4.2"
     ),
-    explained_by=("target:reachable", "target:measured", "observer:measured", "ping_address"),
-    causes=(
-        Cause(
-            "the gateway {gateway} translates addresses (masquerading), or drops UDP port {port}",
-            "translate nothing between the robots' networks; see on {gateway}: nft list ruleset; iptables -t nat -S",
-            when=_leaves_by_gateway,
-        ),
-        Cause(
-            "addresses are translated on the way from {observer} to {target} (NAT), or UDP port {port} is dropped",
-            "translate nothing between the robots' networks, and let UDP port {port} pass",
-        ),
-    ),
+    needs=lambda case: _unicast_needs(case) | translated(case, case.observer.name, case.target),
 )
 
 
@@ -206,7 +192,7 @@ SOURCE = Check(
 
 def _icmp_rounds(case: Case) -> Judgement | None:
     icmp = case.observer.seen.multicast.icmp if case.observer.seen.multicast else None
-    if icmp is None or case.peer is None or not _answers_broadcasts(case.peer.plan):
+    if icmp is None or case.peer is None or not case.peer.answers_broadcasts:
         return None  # by plan it does not answer: the kernel's default, and no harm
     if not (case.observer.plan.common_address and case.peer.plan.common_address):
         return None  # such a ping stays on the common network
@@ -215,11 +201,6 @@ def _icmp_rounds(case: Case) -> Judgement | None:
     if icmp.error or missed:
         return Judgement(WARNING, expected, icmp.error or f"none in the rounds {', '.join(map(str, missed))}")
     return Judgement(OK, expected, "all")
-
-
-def _answers_broadcasts(plan: ComputerPlan) -> bool:
-    name = "net.ipv4.icmp_echo_ignore_broadcasts"
-    return any(setting.name == name and setting.value == "0" for setting in plan.sysctl)
 
 
 ICMP_ROUNDS = Check(
@@ -232,14 +213,13 @@ ICMP_ROUNDS = Check(
         "an answer in each round of `ping 224.0.0.1`; informs only, and only where computers are to answer",
         "3.2",
     ),
-    explained_by=("target:reachable", "ping_address"),
-    causes=(
-        Cause(
-            "{target} does not answer pings of a group; discovery does not depend on it",
-            "if you want the answers: run site.yml on {target}, which sets net.ipv4.icmp_echo_ignore_broadcasts",
-            when=Case.hears_target,
-        ),
-        Cause("multicast does not reach {target}", "see the check of datagrams on the group"),
+    needs=lambda case: of("setting", case.target, "icmp_group"),
+    suspects=lambda case: (
+        of("setting", case.target, "icmp_group")
+        | multicast(case, case.target, case.observer.name)
+        | way(case, case.observer.name, case.target)
+        | passes(case.observer.name, case.target, "icmp")
+        | losing(case, case.observer.name, case.target)
     ),
 )
 
@@ -250,10 +230,6 @@ ICMP_ROUNDS = Check(
 def _connect_error(case: Case) -> str:
     entry = case.observer.masters.get(case.target)
     return entry.error.lower() if entry else ""
-
-
-def _unreachable(case: Case) -> bool:
-    return "network is unreachable" in _connect_error(case)
 
 
 def _refused(case: Case) -> bool:
@@ -270,38 +246,48 @@ def _rpc_port(case: Case) -> Judgement | None:
     return Judgement(FAILED, expected, entry.error)
 
 
+def _outside(case: Case) -> Parts:
+    """A computer's own gateway is asked at its other side, where its discovery node is."""
+    own, planned = case.own, case.planned
+    inner = own is not None and planned is not None and own.robot == planned.robot and own.name != planned.name
+    if own is None or planned is None or not inner or planned.discovery_address in own.network:
+        return NONE
+    return of("route", own.name, "missing", "other", what=COMMON) | of("route", own.name, "missing", "other")
+
+
+def _port_needs(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    node = of("discovery", other, "dead", "port")
+    return way(case, one, other) | passes(one, other, "rpc") | node | _outside(case)
+
+
+def _port_suspects(case: Case) -> Parts:
+    """A computer that refuses is there."""
+    if _refused(case):
+        return of("discovery", case.target, "dead", "port") | of("roscore", case.target, "dead")
+    return _port_needs(case) | of("discovery", case.target, "hung")
+
+
+def _port_evidence(case: Case) -> Parts:
+    entry = case.observer.masters.get(case.target)
+    if entry is not None and "network is unreachable" in entry.error.lower():
+        return of("route", case.observer.name, "missing", what=COMMON)
+    return NONE
+
+
 RPC_PORT = Check(
     id="rpc_port",
     title="port of the discovery node opens",
     scope=MASTER_TOO,
     judge=_rpc_port,
     documented=Documented("to masters", "the TCP port of the discovery node opens"),
-    explained_by=("target:reachable", "target:services", "ping_address"),
-    causes=(
-        Cause(
-            "{observer} has no route to {address}, the address of {target} on the common network",
-            "run site.yml, which sets its routes; see on {observer}: ip route",
-            when=_unreachable,
-        ),
-        Cause(
-            "no discovery node listens on TCP port {port} of {target}",
-            "see on {target}: systemctl status multimaster-discovery; ss -ltnp",
-            when=_refused,
-        ),
-        Cause(
-            "a firewall drops TCP port {port} of {target}, or {address} is not reached",
-            "allow TCP port {port} on {target}, and all TCP ports above 1024 for the nodes",
-        ),
-    ),
+    needs=_port_needs,
+    suspects=_port_suspects,
+    evidence=_port_evidence,
 )
 
 
 # Clocks
-
-
-def _no_clock(case: Case) -> bool:
-    entry = case.observer.masters.get(case.target)
-    return entry is not None and entry.clock_offset_s is None
 
 
 def _clock(case: Case) -> Judgement | None:
@@ -317,51 +303,32 @@ def _clock(case: Case) -> Judgement | None:
     return Judgement(verdict, expected, f"{offset:+.4f} s")
 
 
+def _clock_needs(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    return _port_needs(case) | of("discovery", other, "hung") | of("clock", one, "off") | of("clock", other, "off")
+
+
+def _clock_suspects(case: Case) -> Parts:
+    entry = case.observer.masters.get(case.target)
+    if entry is not None and entry.clock_offset_s is not None:
+        return of("clock", case.observer.name, "off") | of("clock", case.target, "off")
+    if entry is not None and entry.open:
+        return of("discovery", case.target, "hung") | large(case, case.observer.name, case.target)
+    return _port_suspects(case)
+
+
 CLOCK = Check(
     id="clock",
     title="clocks agree",
     scope=MASTER,
     judge=_clock,
     documented=Documented("to masters", "less than 0.1 s apart (warning), less than 0.5 s (failure)"),
-    explained_by=("rpc_port",),
-    causes=(
-        Cause(
-            "what listens on TCP port {port} of {target} is no discovery node that answers",
-            "see on {target}: ss -ltnp; journalctl -b -u multimaster-discovery",
-            when=_no_clock,
-        ),
-        Cause(
-            "the clocks of {observer} and {target} are not synchronised",
-            "run chrony on all computers with one of them, or a server, as the source",
-        ),
-    ),
+    needs=_clock_needs,
+    suspects=_clock_suspects,
 )
 
 
 # The masters that a discovery node lists
-
-
-def _call_failed(case: Case) -> bool:
-    return not case.observer.listed and case.probe is not None and bool(case.probe.list_masters.error)
-
-
-def _offline(case: Case) -> bool:
-    entry = case.observer.listed.get(case.master.name)
-    return entry is not None and not entry.online
-
-
-def _translated(case: Case) -> bool:
-    entry = case.observer.listed.get(case.master.name)
-    return entry is not None and not _monitored(entry, case)
-
-
-def _listed_otherwise(case: Case) -> bool:
-    return case.master.name in case.observer.listed
-
-
-def _port_open(case: Case) -> bool:
-    entry = case.observer.masters.get(case.target)
-    return entry is not None and entry.open
 
 
 def _list_masters(case: Case) -> Judgement | None:
@@ -383,7 +350,37 @@ def _monitored(entry: ListedMaster, case: Case) -> bool:
     """A node may see itself through its loopback interface; the others must see it at its planned address."""
     host = host_of(entry.monitoruri)
     own = case.master.robot == case.observer.plan.robot
-    return host == str(case.address) or (own and host in ("localhost", "127.0.0.1"))
+    return host == case.address or (own and host in ("localhost", "127.0.0.1"))
+
+
+def _asked(case: Case) -> Parts:
+    """List what calling the service of the own discovery node needs."""
+    one, master = case.observer.name, case.masters[0]
+    node = of("discovery", master, "dead", "hung")
+    return roscore(case, one, master) | node | (talks(case, one, master, "nodes") if one != master else NONE)
+
+
+def _list_needs(case: Case) -> Parts:
+    """A master stays in the list for a while, and one of two transports is enough: so little is cleared."""
+    own, its = case.masters[0], case.target
+    group = of("discovery", own, "group") | of("discovery", its, "group") if own != its else NONE
+    return _asked(case) | group | of("roscore", its, "name")
+
+
+def _list_suspects(case: Case) -> Parts:
+    if not case.observer.listed:
+        return _asked(case)
+    own, its = case.masters[0], case.target
+    return _asked(case) | discovery(own) | between_masters(case, own, its) | heartbeats(case, own, its)
+
+
+def _list_evidence(case: Case) -> Parts:
+    entry = case.observer.listed.get(case.master.name)
+    if entry is None or not entry.online:
+        return NONE
+    if not same_uri(entry.uri, case.master.uri):
+        return of("roscore", case.target, "name", what=entry.uri)
+    return _translator(case, case.target)
 
 
 LIST_MASTERS = Check(
@@ -396,53 +393,12 @@ LIST_MASTERS = Check(
         "`rosservice call /master_discovery/list_masters` has the master online, with its planned URIs",
         "3.3, Fig. 8",
     ),
-    explained_by=(
-        "target:reachable",
-        "observer:services",
-        "master:services",
-        "target:services",
-        "observer:master_uri",
-        "target:master_uri",
-        "rpc_port",
-        "between masters:rpc_port",
-        "between masters:udp_multicast",
-        "between masters:udp_unicast",
-    ),
-    causes=(
-        Cause(
-            "the service of the discovery node on {master} cannot be called there",
-            "see on {master}: systemctl status multimaster-discovery; on {observer}: rosservice list",
-            when=_call_failed,
-        ),
-        Cause(
-            "{master} has known {target}, and no longer hears it",
-            "see on {target}: systemctl status multimaster-discovery",
-            when=_offline,
-        ),
-        Cause(
-            "{master} sees {target} from another address: addresses are translated on the way (NAT)",
-            "connect {target} by a bridge or the host's network, so that it is seen as {address}",
-            when=_translated,
-        ),
-        Cause(
-            "the roscore of {target} calls itself otherwise than planned",
-            "run site.yml on {target}; a roscore of your own needs the collection's ROS_HOSTNAME or ROS_IP",
-            when=_listed_otherwise,
-        ),
-        Cause(
-            "the TCP port of {target} opens, but its heartbeats do not reach the discovery node of {master}",
-            "run site.yml, so that both use one group and port; see: journalctl -b -u multimaster-discovery",
-            when=_port_open,
-        ),
-        Cause(
-            "the discovery nodes of {master} and {target} do not find each other",
-            "allow UDP port {port} and the discovery node's TCP port between them",
-        ),
-    ),
+    needs=_list_needs,
+    suspects=_list_suspects,
+    evidence=_list_evidence,
 )
 
 
-# In the order in which one failure can explain the next.
 CHECKS = (
     UDP_MULTICAST,
     UDP_UNICAST,

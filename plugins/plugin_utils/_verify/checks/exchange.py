@@ -15,12 +15,23 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     OK,
     UNKNOWN,
     WARNING,
-    Cause,
     Check,
     Documented,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Conflict
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import (
+    NONE,
+    Parts,
+    between_masters,
+    connected,
+    discovery,
+    heartbeats,
+    joined,
+    large,
+    of,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import both
 
 NAMED = 4  # registrations, names or connections that a finding names
 
@@ -43,19 +54,29 @@ def _nodes_answer(case: Case) -> Judgement | None:
     return Judgement(WARNING if silent else OK, "every node that is registered answers", found)
 
 
+def _silent(case: Case) -> Parts:
+    """They ended, or the computer that they are on is not reached."""
+    one = case.observer.name
+    computers = (member.name for member in case.fleet.members if member.robot == case.observer.plan.robot)
+    return of("registration", one, "ghost") | joined(connected(case, one, other) for other in computers if other != one)
+
+
+def _hung(case: Case) -> Parts:
+    """The collection's own nodes: their services run, or another check tells that they do not."""
+    silent = case.exchange.silent if case.exchange else ()
+    hung = {"/master_discovery": "discovery", "/master_sync": "sync"}
+    return joined(of(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
+
+
 NODES_ANSWER = Check(
     id="nodes_answer",
     title="registered nodes answer",
     scope=COMPUTER,
     judge=_nodes_answer,
     documented=Documented("roscore", "each of the robot's nodes that is registered answers (warning)"),
-    explained_by=("master_uri",),
-    causes=(
-        Cause(
-            "they ended without saying so, as by kill -9 or a loss of power, and the roscore still hands out their addresses",
-            "run on {observer}: rosnode cleanup; a node that hangs must be ended first",
-        ),
-    ),
+    needs=lambda case: of("sync", case.observer.name, "hung") | of("discovery", case.observer.name, "hung"),
+    suspects=_silent,
+    evidence=_hung,
 )
 
 
@@ -75,6 +96,14 @@ def _names(case: Case) -> Judgement | None:
     return Judgement(FAILED if clashes else OK, "each name once", found or "no name twice")
 
 
+def _twins(case: Case) -> Parts:
+    own, its = case.robots
+    clashes = case.exchanges.clashes(its, own)
+    return joined(
+        of("registration", both(*clash.robots), "twin", what=f"{clash.kind} {clash.name}") for clash in clashes
+    )
+
+
 NAMES = Check(
     id="names",
     title="no node or service name twice",
@@ -83,23 +112,11 @@ NAMES = Check(
     documented=Documented(
         "pair of roscores", "no node and no service that is exchanged has a name that another robot has too"
     ),
-    causes=(
-        Cause(
-            "one name, two nodes: a roscore holds one of them, so the collection's nodes refuse the second, and upstream's end the "
-            "first",
-            "give one of them another name or a namespace of its robot, or leave it out by multimaster_exports or "
-            "multimaster_filters",
-        ),
-    ),
+    evidence=_twins,
 )
 
 
 # Types
-
-
-def _types_unknown(case: Case) -> bool:
-    own, its = case.robots
-    return not case.exchanges.conflicts(its, own)
 
 
 def _types(case: Case) -> Judgement | None:
@@ -121,50 +138,26 @@ def _told(conflict: Conflict) -> str:
     return f"{conflict.topic} is {type_name} on both, with the md5 sum {its_sum} on {one} and {md5sum} on {other}"
 
 
+def _differing(case: Case) -> Parts:
+    own, its = case.robots
+    if conflicts := case.exchanges.conflicts(its, own):
+        return joined(of("messages", both(own, its), "differ", what=conflict.topic) for conflict in conflicts)
+    return of("messages", case.observer.name, "unknown", what=case.exchange.types_error if case.exchange else "")
+
+
 TYPES = Check(
     id="types",
     title="topics have the same type on both sides",
     scope=MASTER,
     judge=_types,
     documented=Documented("pair of roscores", "a topic that is exchanged has one type and one md5 sum on both robots"),
-    causes=(
-        Cause(
-            "the Python of ROS on {observer} does not tell the classes of its message types",
-            "try on {observer}: rosmsg md5 std_msgs/String",
-            when=_types_unknown,
-        ),
-        Cause(
-            "subscribers and publishers of different types do not connect, so the collection's nodes refuse the topic of the "
-            "other robot",
-            "install the same version of the message package on both, or give one of the topics another name",
-        ),
-    ),
+    evidence=_differing,
 )
 
 
 # The flow
 
 MOST_REGISTRATIONS = 5000  # of one master: the same number as in the nodes' core/limits.py
-
-
-def _exchange_unknown(case: Case) -> bool:
-    return case.exchange is not None and bool(case.exchange.error)
-
-
-def _superfluous(case: Case) -> bool:
-    own, its = case.robots
-    return bool(case.exchanges.superfluous(its, own))
-
-
-def _nothing_registered(case: Case) -> bool:
-    own, its = case.robots
-    return not case.exchanges.imported(its, own)
-
-
-def _too_many(case: Case) -> bool:
-    """Whether the observer has as much of the other robot as master_sync takes of one."""
-    own, its = case.robots
-    return len(case.exchanges.imported(its, own)) >= MOST_REGISTRATIONS
 
 
 def _flow(case: Case) -> Judgement | None:
@@ -179,6 +172,26 @@ def _flow(case: Case) -> Judgement | None:
     return Judgement(FAILED if found else OK, f"what {its} gives to {own}, and nothing else", found or "just that")
 
 
+def _flow_suspects(case: Case) -> Parts:
+    own, its = case.masters
+    sync = of("sync", own, "dead", "hung", "configuration", "stale")
+    fetched = discovery(own) | between_masters(case, own, its) | large(case, own, its)
+    return sync | fetched | heartbeats(case, own, its)
+
+
+def _flow_evidence(case: Case) -> Parts:
+    """What is there against the plan, or cannot be known, has been let in by a node's parameters."""
+    own, its = case.robots
+    observer = case.observer.name
+    if case.exchange is not None and case.exchange.error:
+        return of("sync", observer, "untold")
+    if superfluous := case.exchanges.superfluous(its, own):
+        return of("sync", observer, "configuration", what=_some(map(str, superfluous)))
+    if len(case.exchanges.imported(its, own)) >= MOST_REGISTRATIONS:
+        return of("sync", observer, "limit", what=case.target)
+    return NONE
+
+
 FLOW = Check(
     id="flow",
     title="robot has what it is to get, and nothing else",
@@ -187,42 +200,9 @@ FLOW = Check(
     documented=Documented(
         "pair of roscores", "what the one robot is to give is registered at the other, and nothing else of it is", "3.3"
     ),
-    explained_by=(
-        "target:reachable",
-        "observer:services",
-        "target:services",
-        "master_uri",
-        "rpc_port",
-        "list_masters",
-        "topic_heard",
-    ),
-    causes=(
-        Cause(
-            "the sync node on {observer} does not tell what it has registered",
-            "see on {observer}: rosservice call /master_sync/get_sync_info",
-            when=_exchange_unknown,
-        ),
-        Cause(
-            "the sync node on {observer} or the discovery node on {target} runs with other parameters, or is not one that can leave "
-            "this out",
-            "run site.yml on both robots; docs/providers.md says what upstream's nodes cannot leave out",
-            when=_superfluous,
-        ),
-        Cause(
-            "the sync node on {observer} has registered nothing of {target}",
-            "see on {observer}: journalctl -b -u multimaster-sync; rosservice call /master_sync/get_sync_info",
-            when=_nothing_registered,
-        ),
-        Cause(
-            "{target} offers more than the 5000 registrations that the sync node on {observer} takes of one master",
-            "leave out what nobody needs, by multimaster_filters or multimaster_exports",
-            when=_too_many,
-        ),
-        Cause(
-            "the sync node on {observer} has not registered it, or the discovery node on {target} does not serve it",
-            "run site.yml on both robots; see on {observer}: journalctl -b -u multimaster-sync",
-        ),
-    ),
+    needs=lambda case: of("sync", case.masters[0], "configuration"),  # what is registered stays, whoever has died
+    suspects=_flow_suspects,
+    evidence=_flow_evidence,
 )
 
 
@@ -246,18 +226,10 @@ CROSS_LINK = Check(
     scope=MASTER,
     judge=_cross_link,
     documented=Documented("pair of roscores", "nodes of the two robots are connected only by what is exchanged"),
-    causes=(
-        Cause(
-            "they connected before the flow was declared, or the roscore of a third robot, which knows both, has brought them "
-            "together",
-            "start these nodes again; if it comes back, run site.yml on all robots, so that none of them holds another one's "
-            "subscribers",
-        ),
-    ),
+    evidence=lambda case: of("registration", both(*case.robots), "link"),
 )
 
 
-# In the order in which one failure can explain the next.
 CHECKS = (
     NODES_ANSWER,
     NAMES,

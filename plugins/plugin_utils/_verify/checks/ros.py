@@ -11,46 +11,29 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     MEMBER,
     OK,
     UNKNOWN,
-    Cause,
     Check,
     Documented,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Item
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import host_of, on_loopback
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import (
+    NONE,
+    Parts,
+    connected,
+    discovery,
+    heartbeats,
+    large,
+    of,
+    passes,
+    registered,
+    roscore,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import host_of
 
 TALKER_TYPE, TALKER_NODE = "std_msgs/String", "/multimaster_verify_talker_"
 
 
 # A topic is heard
-
-
-def _left_out(case: Case) -> bool:
-    return case.topic is not None and _filtered(case, case.topic.topic)
-
-
-def _talker_ended(case: Case) -> bool:
-    talker = case.peer.seen.probe.talker if case.peer and case.peer.seen.probe else None
-    return talker is not None and not talker.running
-
-
-def _listener_failed(case: Case) -> bool:
-    return case.topic is not None and case.topic.error.startswith("the listener")
-
-
-def _not_registered_at_home(case: Case) -> bool:
-    return _not_registered(case) and case.planned is not None and case.planned.robot == case.observer.plan.robot
-
-
-def _only_the_master(case: Case) -> bool:
-    """A talker on the computer of the target's roscore is heard; one on the robot's second computers is not even known."""
-    its_master = case.masters[1]
-    of_master = case.observer.topics.get(its_master)
-    return _not_registered(case) and case.target != its_master and of_master is not None and of_master.heard
-
-
-def _not_registered(case: Case) -> bool:
-    return case.topic is None or not case.topic.publishers
 
 
 def _topic_heard(case: Case) -> Judgement | None:
@@ -83,6 +66,44 @@ def _filtered(case: Case, topic: str) -> bool:
     return own != its and not case.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
 
 
+def _heard_needs(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    return registered(case, one, other) | connected(case, one, other)
+
+
+def _heard_suspects(case: Case) -> Parts:
+    """A topic that is registered at the observer's roscore needs only the connection."""
+    one, other, topic = case.observer.name, case.target, case.topic
+    if topic is None:
+        missing = of("registration", other, "talker") | of("computer", other, "off", "unmeasured", "login")
+        return missing | of("registration", one, "listener") | roscore(case, other, case.masters[1])
+    if topic.error.startswith("the listener"):
+        failed = of("registration", one, "listener") | of("computer", one, "overloaded")
+        return failed | roscore(case, one, case.masters[0])
+    if topic.publishers:
+        told = passes(case.masters[0], one, "nodes")  # its roscore tells it of a new publisher
+        listens = of("registration", one, "listener")
+        odd = of("computer", one, "overloaded") | large(case, one, other)
+        return connected(case, one, other) - listens | told | odd
+    own, its = case.masters
+    beyond = of("sync", own, "configuration", "stale") | discovery(own) | heartbeats(case, own, its)
+    sizes = large(case, own, its) | large(case, one, own) | large(case, other, its)
+    return registered(case, one, other) | sizes | (beyond if own != its else NONE)
+
+
+def _heard_evidence(case: Case) -> Parts:
+    topic, there = case.topic, case.peer.seen.probe if case.peer else None
+    if topic is None or topic.error.startswith("the listener"):
+        return NONE
+    if _filtered(case, topic.topic):
+        return of("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
+    if there is None or there.roscore.error or topic.publishers:  # without its roscore no talker runs
+        return NONE
+    if there.talker is not None and not there.talker.running:
+        return of("registration", case.target, "talker", what=there.talker.error)
+    return NONE
+
+
 TOPIC_HEARD = Check(
     id="topic_heard",
     title="subscriber hears the other's talker",
@@ -91,76 +112,27 @@ TOPIC_HEARD = Check(
     documented=Documented(
         "pair", "a subscriber hears what the talker of that computer says in this run", "3.3, 4.3, Fig. 9"
     ),
-    explained_by=(
-        "target:reachable",
-        "target:measured",
-        "observer:services",
-        "master:services",
-        "target:services",
-        "its master:services",
-        "observer:master_uri",
-        "target:master_uri",
-        "to its master:list_masters",
-        "between masters:list_masters",
-        "name",
-        "back:name",
-        "ping_address",
-    ),
-    causes=(
-        Cause(
-            "multimaster_filters of the robot of {observer} leave the test topic out",
-            "nothing, if that is wanted; to have it tested, ignore less than everything",
-            when=_left_out,
-        ),
-        Cause(
-            "the talker on {target} does not run, so rostopic pub fails there, or verify_lifetime was too short",
-            "see on {target}: journalctl -u multimaster-verify-talker; with many computers raise verify_lifetime",
-            when=_talker_ended,
-        ),
-        Cause(
-            "the subscriber on {observer} gave no result: the computer is overloaded, or rospy fails there",
-            "try on {observer}: rostopic echo /rosout; with many computers raise verify_patience",
-            when=_listener_failed,
-        ),
-        Cause(
-            "the talker on {target} has not registered with the roscore on {master}",
-            "see on {target}: journalctl -u multimaster-verify-talker; rosnode list",
-            when=_not_registered_at_home,
-        ),
-        Cause(
-            "{master} takes over the topics of {its_master}, but not those of {target}: its sync node, or the discovery node "
-            "of {its_master}, leaves nodes of a robot's second computers out, as upstream's do unless told otherwise",
-            "run site.yml, which installs the collection's nodes; with upstream's, set sync_remote_nodes to true",
-            when=_only_the_master,
-        ),
-        Cause(
-            "the sync node on {master} has not registered the topics of {target}",
-            "see on {master}: journalctl -b -u multimaster-sync; rosservice call /master_sync/get_sync_info",
-            when=_not_registered,
-        ),
-        Cause(
-            "the topic is known, but no connection to its publisher opens: a firewall drops the TCP ports of nodes",
-            "allow all TCP ports above 1024 between {observer} and {target}, in both directions",
-        ),
-    ),
+    needs=_heard_needs,
+    suspects=_heard_suspects,
+    evidence=_heard_evidence,
 )
 
 
 # The connection is direct
 
 
-def _publisher_on_loopback(case: Case) -> bool:
-    return case.topic is not None and any(on_loopback(publisher.uri) for publisher in case.topic.publishers)
-
-
 def _direct_connection(case: Case) -> Judgement | None:
     if case.topic is None or not case.topic.publishers:
         return None
     publishers = case.topic.publishers
-    names = {case.target.lower(), str(case.address), *case.ways.names.get(case.address, ())}
-    good = all(host_of(publisher.uri) in names for publisher in publishers)
+    good = all(host_of(publisher.uri) in case.ways.called[case.target] for publisher in publishers)
     found = ", ".join(publisher.uri or f"{publisher.node} without a URI" for publisher in publishers)
     return Judgement(OK if good else FAILED, f"the publisher is on {case.target}", found)
+
+
+def _said(case: Case) -> Parts:
+    hosts = sorted({host_of(entry.uri) for entry in case.topic.publishers}) if case.topic else []
+    return of("environment", case.target, "shell", what=f"they call themselves {', '.join(hosts)}")
 
 
 DIRECT_CONNECTION = Check(
@@ -169,21 +141,10 @@ DIRECT_CONNECTION = Check(
     scope=MEMBER,
     judge=_direct_connection,
     documented=Documented("pair", "the publisher in `rostopic info` is a node on that computer", "3.3"),
-    causes=(
-        Cause(
-            "nodes of {target} call themselves localhost",
-            "run site.yml on {target}, and remove ROS_HOSTNAME=localhost from its shells' files",
-            when=_publisher_on_loopback,
-        ),
-        Cause(
-            "the publisher runs elsewhere, or calls itself otherwise than planned",
-            "run site.yml on {target}, so that its nodes have the collection's ROS_HOSTNAME or ROS_IP",
-        ),
-    ),
+    evidence=_said,
 )
 
 
-# In the order in which one failure can explain the next.
 CHECKS = (
     TOPIC_HEARD,
     DIRECT_CONNECTION,

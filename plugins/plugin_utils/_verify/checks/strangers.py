@@ -13,12 +13,13 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     COMPUTER,
     OK,
     WARNING,
-    Cause,
     Check,
     Documented,
     Judgement,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import Parts, joined, of
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Outsider
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import same_uri
 
 
 def _strangers(case: Case) -> Judgement | None:
@@ -67,21 +68,40 @@ def _allowed(case: Case, address: str) -> bool:
         return False
 
 
+def _evidence(case: Case) -> Parts:
+    """Each of them is one, by whomever it is seen."""
+    outsiders = case.probe.outsiders if case.probe else ()
+    found = {**_unwanted(case), **{entry.address: entry.name for entry in outsiders}}
+    known = joined(_known(case, entry) for entry in outsiders if case.ways.at(entry.address))
+    strange = {at: name for at, name in found.items() if not case.ways.at(at)}
+    return known | joined(of("stranger", at or name, "present", what=name) for at, name in strange.items())
+
+
+def _unwanted(case: Case) -> dict[str, str]:
+    """List those on the group and in the list of masters that are neither planned nor allowed: address -> name."""
+    multicast, planned = case.observer.seen.multicast, {master.name for master in case.fleet.masters}
+    senders = {entry.address: "" for entry in (multicast.unexpected if multicast else ())}
+    guests = {_host(entry.monitoruri): name for name, entry in case.observer.listed.items() if name not in planned}
+    return {at: name for at, name in {**senders, **guests}.items() if not _allowed(case, at)}
+
+
+def _known(case: Case, entry: Outsider) -> Parts:
+    """A computer of the fleet that is ignored: its master calls itself otherwise, or its gateway translates its address."""
+    computer = case.ways.at(entry.address)
+    master = case.ways.master_at.get(computer)
+    if master is not None and not same_uri(entry.uri, master.uri):
+        return of("roscore", computer, "name", what=entry.uri)
+    return of("translation", computer, "on")
+
+
 STRANGERS = Check(
     id="strangers",
     title="nobody else is on the group",
     scope=COMPUTER,
     judge=_strangers,
     documented=Documented("computer", "nobody else on the group, no other master, none that is ignored (warning)"),
-    causes=(
-        Cause(
-            "another fleet, or a computer that is not in the inventory, uses the same group and port",
-            "add it to the inventory, put its address into multimaster_allow, or give this fleet another "
-            "multimaster_multicast_group or port",
-        ),
-    ),
+    evidence=_evidence,
 )
 
 
-# In the order in which one failure can explain the next.
 CHECKS = (STRANGERS,)

@@ -60,6 +60,36 @@ def test_ping_between_two_hosts(hosts):
     assert ways[2]["device"] is None and "unreachable" in ways[2]["error"]
 
 
+LARGE = """
+import json, sys
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
+others = [{"name": address, "address": address} for address in sys.argv[1:]]
+print(json.dumps([network.members(others, "me"), network.forwarding("/proc/sys/net/ipv4")]))
+"""
+
+
+@root
+@pytest.mark.parametrize(("theirs", "arrives"), [("1500", True), ("1000", False)])
+def test_large_packets_and_the_neighbour_between_two_hosts(hosts, theirs, arrives):
+    """An interface with a small MTU takes no large packets, though small ones pass."""
+    subprocess.run(["ip", "-n", hosts[1], "link", "set", "eth0", "mtu", theirs], check=True)
+    shown = subprocess.run(
+        ["ip", "netns", "exec", hosts[1], "cat", "/sys/class/net/eth0/address"], check=True, stdout=subprocess.PIPE
+    )
+    output = subprocess.run(
+        ["ip", "netns", "exec", hosts[0], sys.executable, "-c", LARGE, "10.99.0.2", "10.99.0.3"],
+        check=True,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[6])},
+    ).stdout
+    (there, nobody), forwarding = json.loads(output)
+    assert there["ping_address"]["ok"] and there["ping_large"]["ok"] == arrives
+    assert there["neighbour"] == shown.stdout.decode().strip()
+    assert nobody["ping_large"] is None and nobody["neighbour"] == ""
+    (own,) = forwarding["interfaces"]
+    assert (own["addresses"], own["prefixes"], own["mtu"], len(own["mac"])) == (["10.99.0.1"], [24], 1500, 17)
+
+
 @root
 def test_ping_of_nobody_and_of_this_computer():
     assert network.ping([]) == {}

@@ -23,6 +23,12 @@ def test_echo_request_and_reply():
     assert packets.echo(head + b"\0\0", 0x1234) is None
 
 
+def test_a_large_request_has_the_size_that_is_asked_for():
+    request = packets.echo_request(0x1234, 7, 1500)
+    assert len(request) == 1500 - 20 and packets.checksum(request) == 0
+    assert len(packets.echo_request(0x1234, 7, 1)) == 8
+
+
 def ip(body, source="192.168.1.239", destination="192.168.1.229", options=b""):
     head = struct.pack("!BBHHHBBH", 0x40 | (20 + len(options)) // 4, 0, 20 + len(options) + len(body), 0, 0, 64, 1, 0)
     return head + socket.inet_aton(source) + socket.inet_aton(destination) + options + body
@@ -37,7 +43,14 @@ def test_echo_reply_is_ours_by_its_identifier():
 
 @pytest.mark.parametrize(
     ("kind", "code", "text"),
-    [(3, 1, "host unreachable"), (3, 13, "prohibited"), (11, 0, "time to live"), (3, 3, None), (5, 1, None)],
+    [
+        (3, 1, "host unreachable"),
+        (3, 13, "prohibited"),
+        (3, 4, "packet too large"),
+        (11, 0, "time to live"),
+        (3, 3, None),
+        (5, 1, None),
+    ],
 )
 def test_what_routers_say(kind, code, text):
     refusal = struct.pack("!BBHI", kind, code, 0, 0) + ip(echo_request(7, 3), "192.168.1.229", "192.168.1.239")

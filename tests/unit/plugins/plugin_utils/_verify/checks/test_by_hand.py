@@ -4,9 +4,8 @@
 """Computers that the collection did not set up: what is told of them, and what is not judged."""
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import by_hand
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, UNKNOWN, WARNING
-from fleets import ONE, ROBOTS, evaluate, fig12, notable, untold, update
+from fleets import ONE, ROBOTS, diagnosed, evaluate, fig12, notable, parts, update
 
 HELD = (
     f"{ONE}: TCP port 11311 is held by rosmaster (pid 812, user robot), where the plan has multimaster-roscore.service."
@@ -32,15 +31,17 @@ def test_nodes_that_were_started_by_hand_are_told_and_what_site_yml_makes_is_not
         "as_planned": WARNING,
     }
     assert found["as_planned", ONE, ONE].found == HELD.partition(": ")[2]
-    assert "stop them on kobuki1computer" in found["as_planned", ONE, ONE].remedy
     for check in OURS:
         assert found[check, ONE, ONE].found == "the collection has not set this computer up"
-        assert "by hand" in found[check, ONE, ONE].cause
+    told = diagnosed(_found(set_up=False, runs=(HELD,)))
+    assert parts(told) == [("set_up", ONE, "others")]
+    assert "stop them on kobuki1computer" in told.findings[0].remedy()
 
 
 def test_a_new_computer_on_which_nothing_runs_is_not_taken_for_one_set_up_by_hand():
     found = notable(evaluate(_found(set_up=False)))
-    assert (found["services", ONE, ONE].verdict, found["services", ONE, ONE].remedy) == (FAILED, "run site.yml")
+    assert found["services", ONE, ONE].verdict == FAILED
+    assert parts(diagnosed(_found(set_up=False))) == [("service", ONE, "missing")]
 
 
 def test_a_computer_that_the_collection_set_up_is_judged_whoever_holds_the_ports():
@@ -50,13 +51,14 @@ def test_a_computer_that_the_collection_set_up_is_judged_whoever_holds_the_ports
 
 
 def test_what_site_yml_would_refuse_is_a_warning():
-    found = notable(
-        evaluate(lambda seen: update(seen[ONE], found=AsFound(noted=(f"{ONE}: systemd does not run it.",))))
-    )
+    def change(seen):
+        update(seen[ONE], found=AsFound(noted=(f"{ONE}: systemd does not run it.",)))
+
+    found = notable(evaluate(change))
     assert [(finding.check, finding.verdict, finding.found) for finding in found.values()] == [
         ("as_planned", WARNING, "systemd does not run it.")
     ]
-    assert "refuse" in found["as_planned", ONE, ONE].cause
+    assert parts(diagnosed(change)) == [("set_up", ONE, "refused")]
 
 
 def test_a_second_computer_is_of_a_robot_that_was_set_up_by_hand_where_its_master_is():
@@ -75,8 +77,3 @@ def test_a_second_computer_is_of_a_robot_that_was_set_up_by_hand_where_its_maste
     assert inner in ROBOTS["tibi"][3]
     assert verdicts(master_is_ours=False) == {UNKNOWN}
     assert FAILED in verdicts(master_is_ours=True)
-
-
-def test_every_cause_has_a_test():
-    rows = [(None, "as_planned", None, part) for part in ("by hand", "refuse")]
-    assert untold(by_hand.CHECKS, rows) == []

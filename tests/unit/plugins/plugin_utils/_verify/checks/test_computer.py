@@ -1,31 +1,32 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Checks of one computer by itself: the causes that are told, for two robots and between three robot networks."""
+"""Checks of one computer by itself: the parts that are named, for two robots and between three robot networks."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import computer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.by_hand import BY_HAND
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation, PacketFilter
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    ListMasters,
+    Observation,
+    PacketFilter,
+)
 from fleets import (
     ONE,
     ROBOTS,
     TWO,
     assert_told,
-    assert_told_between_networks,
-    evaluate,
+    diagnosed,
     fig12,
     good,
-    judged,
-    notable,
+    no_answer,
     observed,
     of,
     outside,
+    parts,
     plan,
     second_default_route,
     silent,
-    untold,
     update,
     wall,
     without,
@@ -44,22 +45,56 @@ def _filter(seen):
     update(seen[ONE], packet_filter=PacketFilter(changed=True, msg="The rules of nftables would be changed."))
 
 
-CAUSES = [
-    (_filter, "packet_filter", FAILED, "run site.yml"),
-    (_service(load_state="not-found", active_state="inactive", sub_state="dead"), "services", FAILED, "not set up"),
-    (_service(active_state="failed", sub_state="failed"), "services", FAILED, "journalctl"),
-    (_service(restarts=4), "services", WARNING, "ends by itself"),
-    (_service(differing=None), "environment", UNKNOWN, "containers"),
-    (_service(differing=["ROS_HOSTNAME"]), "environment", FAILED, "after the service started"),
-    (_roscore(answer="http://localhost:11311/"), "master_uri", FAILED, "only its own computer understands"),
-    (_roscore(answer="http://old:11311/"), "master_uri", FAILED, "another host name"),
-    (_roscore(answer="", error="Connection refused"), "master_uri", FAILED, "no roscore answers"),
+def _silent_roscore(error):
+    """The roscore of the first robot does not answer; nothing of ROS is left there."""
+
+    def change(seen):
+        _roscore(answer="", error=error)(seen)
+        update(seen[ONE].probe, list_masters=ListMasters(error="ERROR: Unable to communicate with master!"))
+        for one, other in ((ONE, TWO), (TWO, ONE)):
+            entry = of(seen[one].probe.topics, other, "computer")
+            update(entry, heard=False, publishers=(), error="the topic is not registered")
+        update(seen[TWO].probe.list_masters.masters[0], online=False)
+
+    return change
+
+
+def _interface(**values):
+    return lambda seen: update(seen[ONE].probe.forwarding.interfaces[0], **values)
+
+
+def _small(seen):
+    """The interface has a small MTU, so the other's large packets do not arrive."""
+    _interface(mtu=1000)(seen)
+    update(of(seen[TWO].probe.members, ONE), ping_large=no_answer())
+
+
+# The change, a check that tells it, its verdict, and the part that is named.
+FAULTS = [
+    (_interface(prefixes=(24,)), "addresses", WARNING, "interface", ONE, "prefix"),
+    (_interface(state="down"), "addresses", WARNING, "link", ONE, "down"),
+    (_filter, "packet_filter", FAILED, "filter", ONE, "changed"),
+    (
+        _service(load_state="not-found", active_state="inactive", sub_state="dead"),
+        "services",
+        FAILED,
+        "service",
+        ONE,
+        "missing",
+    ),
+    (_service(active_state="failed", sub_state="failed"), "services", FAILED, "roscore", ONE, "dead"),
+    (_service(restarts=4), "services", WARNING, "service", ONE, "restarting"),
+    (_service(differing=None), "environment", UNKNOWN, "setting", ONE, "unread"),
+    (_service(differing=["ROS_HOSTNAME"]), "environment", FAILED, "environment", ONE, "service"),
+    (_roscore(answer="http://localhost:11311/"), "master_uri", FAILED, "roscore", ONE, "name"),
+    (_roscore(uri="http://old:11311/"), "master_uri", FAILED, "environment", ONE, "shell"),
+    (_silent_roscore("no answer within 5 s"), "master_uri", FAILED, "roscore", ONE, "hung"),
 ]
 
 
-@pytest.mark.parametrize(("change", "check", "verdict", "part"), CAUSES)
-def test_each_cause_is_told(change, check, verdict, part):
-    assert_told(change, check, verdict, part)
+@pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), FAULTS)
+def test_each_fault_is_named(change, check, verdict, kind, place, mode):
+    assert_told(change, check, verdict, kind, place, mode)
 
 
 def _closed_gateway(seen):
@@ -72,24 +107,30 @@ def _kernel(computer, **values):
     return lambda seen: update(seen[computer].probe.forwarding.interfaces[0], **values)
 
 
-# The change, the only check that fails by itself, its verdict, the predicate that tells it, whom and a part of the texts.
+def _lost_address(seen):
+    interface = seen["tibi-visio"].probe.forwarding.interfaces[0]
+    update(interface, addresses=("10.9.8.7",))
+
+
 BETWEEN_NETWORKS = [
-    (_closed_gateway, "forwarding", FAILED, None, {"tibi-visio"}, "run site.yml"),
-    (_kernel("router", forwarding=0), "forwarding", FAILED, None, {"router"}, "run site.yml"),
-    (_kernel("car-visio", rp_filter=1), "reverse_path", WARNING, None, {"car-visio"}, "rp_filter"),
-    (_kernel("router", send_redirects=1), "redirects", WARNING, None, {"router"}, "send_redirects"),
+    (_closed_gateway, "forwarding", FAILED, "forwarding", "tibi-visio", "off"),
+    (_kernel("router", forwarding=0), "forwarding", FAILED, "forwarding", "router", "off"),
+    (_kernel("car-visio", rp_filter=1), "reverse_path", WARNING, "reverse_path", "car-visio", "strict"),
+    (_kernel("router", send_redirects=1), "redirects", WARNING, "redirects", "router", "sent"),
+    (_lost_address, "addresses", WARNING, "interface", "tibi-visio", "address"),
+    (second_default_route, "default_routes", WARNING, "route", "car-ext", "defaults"),
 ]
 
 
-@pytest.mark.parametrize(("change", "check", "verdict", "when", "observers", "part"), BETWEEN_NETWORKS)
-def test_each_cause_between_networks_is_told(change, check, verdict, when, observers, part):
-    assert_told_between_networks(change, check, verdict, when, observers, part)
+@pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), BETWEEN_NETWORKS)
+def test_each_fault_between_networks_is_named(change, check, verdict, kind, place, mode):
+    assert_told(change, check, verdict, kind, place, mode, fleet=fig12())
 
 
-def test_every_cause_has_a_row():
-    checks = [check for check in computer.CHECKS if check.id not in ("reachable", "default_routes")]  # below
-    by_hand = [(check.id, BY_HAND.when) for check in checks]  # test_by_hand
-    assert untold(checks, CAUSES, BETWEEN_NETWORKS, by_hand) == []
+def test_a_small_mtu_is_told_with_the_large_packets_that_it_costs():
+    first, *others = diagnosed(_small, plan(robots=3)).findings
+    assert first.part[:3] == ("interface", ONE, "mtu") and first.verdict == WARNING and not others
+    assert [row.check for row in first.rows] == ["ping_large"]
 
 
 def test_a_computer_that_is_down_is_named_once():
@@ -104,10 +145,11 @@ def test_a_computer_that_is_down_is_named_once():
         update(probe.list_masters, masters=without(probe.list_masters.masters, TWO))
         update(probe, topics=without(probe.topics, TWO, "computer"))
         update(of(multicast.udp, TWO), heard_from=False, unicast=None, source_address=None)
-    found = notable(judged(fleet, seen))
-    assert [key for key, finding in found.items() if not finding.because] == [("reachable", TWO, TWO)]
-    assert "no route to host" in found["reachable", TWO, TWO].found
-    assert not any({observer, target} == {ONE, "kobuki3computer"} for _check, observer, target in found)
+    found = diagnosis.diagnose(fleet, seen)
+    assert parts(found) == [("computer", TWO, "off")] and not found.unexplained
+    assert "no route to host" in {row.found for row in found.findings[0].rows}
+    others = {ONE, "kobuki3computer"}
+    assert not any({row.observer, row.target} == others for row in found.findings[0].rows)
 
 
 def test_behind_a_gateway_that_is_down_nobody_is_named():
@@ -125,21 +167,17 @@ def test_behind_a_gateway_that_is_down_nobody_is_named():
         for entry in one.multicast.udp if one.multicast else ():
             if entry.name == "car-visio":
                 update(entry, heard_from=False, unicast=None, source_address=None, own_source_address=None)
-    found = [finding for finding in notable(judged(fleet, seen)).values() if not finding.because]
-    assert [(finding.check, finding.observer) for finding in found] == [("reachable", "car-visio")]
+    assert parts(diagnosis.diagnose(fleet, seen)) == [("computer", "car-visio", "off")]
 
 
 def test_a_computer_without_a_result_is_named():
     fleet = plan()
     seen = {ONE: good(fleet, ONE), TWO: Observation(problem="MODULE FAILURE")}
-    found = notable(judged(fleet, seen))
-    assert found["measured", TWO, TWO].found == "MODULE FAILURE"
-    assert {observer for _check, observer, _target in found} == {TWO}
+    found = diagnosis.diagnose(fleet, seen)
+    assert parts(found) == [("computer", TWO, "unmeasured")]
+    assert found.findings[0].proof[0].found == "MODULE FAILURE"
 
 
-def test_a_second_default_route_of_an_inner_computer_is_told_with_its_way_out():
-    found = [finding for finding in notable(evaluate(second_default_route, fig12())).values() if not finding.because]
-    assert {finding.check for finding in found} == {"default_routes", "route"}
-    routes = next(finding for finding in found if finding.check == "default_routes")
-    assert "metric 100" in routes.found and "multimaster_routes to networks" in routes.remedy
-    assert "second default route" in next(finding for finding in found if finding.check == "route").cause
+def test_a_second_default_route_is_told_with_its_metric():
+    found = diagnosed(second_default_route, fig12()).findings[0]
+    assert "metric 100" in found.proof[0].found and "multimaster_routes to networks" in found.remedy()

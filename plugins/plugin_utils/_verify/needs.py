@@ -1,0 +1,248 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What an observation needs: the parts on the way between two computers, and those of ROS between two robots.
+
+Pure: a case in, parts out. A check joins these sets; see `engine.Check`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import Part, both
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON
+
+Parts = frozenset[Part]
+NONE: Parts = frozenset()
+
+NAMES = ("unknown", "loopback", "old", "several")  # a name that means something else
+DISCOVERY = ("dead", "hung", "group")
+
+
+def of(kind: str, place: str, *modes: str, what: str = "") -> Parts:
+    """Make parts of one kind at one place; none where nobody is there."""
+    return frozenset(Part(kind, place, mode, what) for mode in modes) if place else NONE
+
+
+# The network
+
+
+def way(case: Case, one: str, other: str) -> Parts:
+    """List the parts that a packet and its answer need between two computers."""
+    if not one or not other or one == other:
+        return NONE
+    known = case.ways.parts
+    if (one, other) not in known:
+        known[one, other] = _way(case, one, other)
+    return known[one, other]
+
+
+def _way(case: Case, one: str, other: str) -> Parts:
+    parts = set(of("filter", both(one, other), "pair"))
+    for computer in (one, other):
+        parts |= of("computer", computer, "off") | of("interface", computer, "address", "duplicate")
+    for place, network in links(case, one, other):
+        parts |= of("link", place, "down", what=network) | of("network", network, "dead")
+    for gateway in gateways(case, one, other):
+        parts |= of("computer", gateway, "off") | of("forwarding", gateway, "off") | of("filter", gateway, "forward")
+        parts |= of("reverse_path", gateway, "strict")
+    return frozenset(parts | _routes(case, one, other))
+
+
+def _routes(case: Case, one: str, other: str) -> Parts:
+    """List the routes that the packet and its answer need: those of the two ends, and those of the gateways between them."""
+    if _robot(case, one) == _robot(case, other) or not (between := gateways(case, one, other)):
+        return NONE
+    parts = set(of("route", one, "defaults") | of("route", other, "defaults"))
+    member = case.ways.members.get(other)
+    there = case.ways.network(member.robot) if member else COMMON
+    back = _network(case, one) if _gateway(case, one) else COMMON
+    for destination, computers in ((there, [one, *between]), (back, [*between, other])):
+        for computer in computers:
+            parts |= of("route", computer, "circle", what=destination)
+            if not _is_in(case, computer, destination):
+                parts |= of("route", computer, "missing", "other", what=destination)
+                parts |= of("route", computer, "missing", "other")
+    return frozenset(parts)
+
+
+def _is_in(case: Case, computer: str, network: str) -> bool:
+    plan = case.fleet.computers.get(computer)
+    return plan is not None and (
+        network == case.ways.network(plan.robot) or (bool(plan.common_address) and network == COMMON)
+    )
+
+
+def _network(case: Case, computer: str) -> str:
+    """Name the network of a computer's address; the router's is the common one."""
+    return case.ways.network(_robot(case, computer))
+
+
+def links(case: Case, one: str, other: str) -> list[tuple[str, str]]:
+    """List the links on the way, as (computer, network), from one end to the other."""
+    robots = [_robot(case, name) for name in (one, other)]
+    if robots[0] == robots[1]:
+        network = _network(case, one)
+        return [(one, network), (other, network)]
+    return [*_out(case, one), *reversed(_out(case, other))]
+
+
+def _out(case: Case, computer: str) -> list[tuple[str, str]]:
+    """List the links from a computer to the common network."""
+    gateway = _gateway(case, computer)
+    if gateway is None:
+        return [(computer, COMMON)]
+    network = _network(case, computer)
+    return [(computer, network), (gateway.title, network), (gateway.title, COMMON)]
+
+
+def gateways(case: Case, one: str, other: str) -> list[str]:
+    """List the computers that pass the packets on."""
+    found = [place for (place, _network_), (next_, _other) in pairwise(links(case, one, other)) if place == next_]
+    plan = case.fleet.computers.get(one)
+    if found and plan and plan.routes_expected and case.fleet.router and case.fleet.router.name:
+        found.append(case.fleet.router.name)  # with multimaster_routes: existing they may go by it
+    return found
+
+
+def _robot(case: Case, computer: str) -> str:
+    member = case.ways.members.get(computer)
+    return member.robot if member else ""
+
+
+def _gateway(case: Case, computer: str) -> Gateway | None:
+    """Return the gateway that a computer is behind."""
+    plan = case.fleet.computers.get(computer)
+    found = case.ways.gateways.get(_robot(case, computer))
+    return None if found is None or plan is None or plan.common_address else found
+
+
+def large(case: Case, one: str, other: str) -> Parts:
+    """List the parts that lose only large packets on the way."""
+    if one == other:
+        return NONE
+    parts: set[Part] = set()
+    for place, network in links(case, one, other):
+        parts |= of("interface", place, "mtu", what=network) | of("network", network, "large")
+    for gateway in gateways(case, one, other):
+        parts |= of("forwarding", gateway, "large")
+    return frozenset(parts)
+
+
+def losing(case: Case, one: str, other: str) -> Parts:
+    """List the parts that lose some packets on the way."""
+    parts: set[Part] = set()
+    for place, network in links(case, one, other):
+        parts |= of("link", place, "loss", what=network) | of("network", network, "loss")
+    return frozenset(parts)
+
+
+def translated(case: Case, one: str, other: str) -> Parts:
+    """List the gateways that may translate addresses on the way."""
+    return frozenset(part for gateway in gateways(case, one, other) for part in of("translation", gateway, "on"))
+
+
+def passes(one: str, other: str, *whats: str) -> Parts:
+    """List the packet filters at the ends that may drop packets from one computer to the other, or their answers."""
+    if one == other or not one or not other:
+        return NONE
+    coming = [mode for what in whats for mode in (f"{what} in", what)]
+    going = [mode for what in whats for mode in (f"{what} out", what)]
+    changed = of("filter", one, "changed") | of("filter", other, "changed")
+    return of("filter", other, *coming) | of("filter", one, *going) | changed
+
+
+def multicast(case: Case, hearer: str, speaker: str) -> Parts:
+    """List the parts that datagrams on the group need from the speaker to the hearer."""
+    parts = set(passes(speaker, hearer, "udp", "group"))
+    parts |= of("interface", hearer, "multicast") | of("interface", speaker, "multicast")
+    for place, network in links(case, speaker, hearer):
+        parts |= of("link", place, "down", what=network) | of("network", network, "dead", "multicast")
+    for gateway in gateways(case, speaker, hearer):
+        parts |= of("computer", gateway, "off") | of(
+            "service", gateway, "down", what="multimaster-multicast-routing.service"
+        )
+    return frozenset(parts | of("computer", speaker, "off") | of("filter", both(hearer, speaker), "pair"))
+
+
+# Names, and ROS on a computer
+
+
+def names(observer: str, target: str) -> Parts:
+    """List the ways in which the name of one computer may mean something else on the other."""
+    if not observer or not target:
+        return NONE
+    return of("names", observer, *NAMES, what=target) | of("names", observer, "rights", "order")
+
+
+def talks(case: Case, one: str, other: str, *whats: str) -> Parts:
+    """List what a connection by name needs: the way, the packet filters, and the name."""
+    if not one or not other:
+        return NONE
+    return way(case, one, other) | passes(one, other, *whats) | names(one, other)
+
+
+def roscore(case: Case, computer: str, master: str) -> Parts:
+    """List what a computer needs to ask its roscore."""
+    asked = of("roscore", master, "dead", "hung", "name") | of("environment", computer, "shell")
+    return asked | (talks(case, computer, master, "roscore") if computer != master else NONE)
+
+
+def discovery(computer: str) -> Parts:
+    """List what a discovery node and its roscore may be."""
+    return of("discovery", computer, *DISCOVERY) | of("roscore", computer, "dead", "hung")
+
+
+def between_masters(case: Case, own: str, its: str) -> Parts:
+    """List what the discovery node of another master, and what it knows, needs to be asked."""
+    if own == its:
+        return NONE
+    served = (
+        of("discovery", its, "configuration", "port")
+        | of("environment", its, "service", "shell")
+        | of("roscore", its, "name")
+    )
+    return discovery(its) | served | talks(case, own, its, "rpc")
+
+
+def heartbeats(case: Case, own: str, its: str) -> Parts:
+    """List what may keep heartbeats back, of either transport, in both directions; nothing where datagrams arrive by one."""
+    if own == its or (_arrive(case, own, its) and _arrive(case, its, own)):
+        return NONE
+    both_ways = passes(own, its, "udp", "group") | passes(its, own, "udp", "group")
+    return both_ways | translated(case, own, its) | multicast(case, own, its) | multicast(case, its, own)
+
+
+def _arrive(case: Case, sender: str, hearer: str) -> bool:
+    """Say if datagrams are known to arrive, on the group or to the computer itself."""
+    here, there = case.run.get(hearer), case.run.get(sender)
+    on_group, to_it = here and here.udp.get(sender), there and there.udp.get(hearer)
+    return bool((on_group and on_group.heard_from) or (to_it and to_it.unicast))
+
+
+def registered(case: Case, observer: str, target: str) -> Parts:
+    """List what the registrations of the target's robot need to reach the observer's roscore, and what the observer asks."""
+    own, its = case.ways.master(_robot(case, observer)), case.ways.master(_robot(case, target))
+    at_home = roscore(case, target, its) | of("registration", target, "talker") | of("environment", target, "shell")
+    asked = roscore(case, observer, own)
+    if own == its:
+        return at_home | asked
+    return at_home | asked | between_masters(case, own, its) | of("sync", own, "dead", "hung")
+
+
+def connected(case: Case, observer: str, target: str) -> Parts:
+    """List what a connection between nodes of two computers needs."""
+    return (
+        talks(case, observer, target, "nodes")
+        | of("environment", target, "shell")
+        | of("registration", observer, "listener")
+    )
+
+
+def joined(groups: Iterable[Parts]) -> Parts:
+    """Join sets of parts."""
+    return frozenset().union(*groups)
