@@ -4,6 +4,9 @@
 """The second run of site.yml beside a playbook that does the same with the usual tasks, on the same systems of the lab.
 
 python tests/bench/site/site.py
+python tests/bench/site/site.py --stages 2
+
+The second form is for site.yml alone: its first run, its second one, and the verification, each so often.
 
 What site.yml brings to the systems is read off them (the difference of two snapshots) and becomes the input of
 conventional.yml. Both are shown to bring the same: conventional.yml makes that difference anew out of nothing, and
@@ -404,21 +407,55 @@ def picture(runs: Mapping[str, Sequence[Run]]) -> str:
     )
 
 
-def bench(layout: str, lab: str, repetitions: int) -> bool:
-    """Bring the lab up, compare, print; True when site.yml is fast enough."""
+STAGES = {"first site.yml": OURS, "second site.yml": OURS, "verify": "playbooks/verify.yml"}
+
+
+def stages(on_lab: Bench, rounds: int) -> str:
+    """The first run, the second one and the verification; between two rounds teardown.yml takes everything back."""
+    runs: dict[str, list[Run]] = {name: [] for name in STAGES}
+    for number in range(rounds):
+        if number:
+            on_lab.play("playbooks/teardown.yml")
+        for name, playbook in STAGES.items():
+            runs[name].append(on_lab.play(playbook))
+            say(f"{name}: {runs[name][-1].seconds:.1f} s")
+    (WORK / "stages.json").write_text(
+        json.dumps({"machine": machine(), "runs": {name: [vars(run) for run in of] for name, of in runs.items()}})
+    )
+    lines = [f"Seconds by the clock and of processors, {rounds} runs each (median), {len(on_lab.hosts)} systems:"]
+    for name, of in runs.items():
+        clock = statistics.median(run.seconds for run in of)
+        sums = [statistics.median(sum(task[part] for task in run.tasks) for run in of) for part in PARTS]
+        lines += ["", f"  {name}: {clock:.1f} s by the clock, {sum(sums):.1f} s of processors", ""]
+        lines.append(f"  {'clock':>8}" + "".join(f"{part:>12}" for part in PARTS) + "  task")
+        for number, task in enumerate(of[0].tasks):
+            same = [run.tasks[number] for run in of if number < len(run.tasks)]
+            values = [statistics.median(one[part] for one in same) for part in ("seconds", *PARTS)]
+            lines.append(
+                f"  {values[0]:>8.2f}" + "".join(f"{value:>12.2f}" for value in values[1:]) + f"  {task['task']}"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def lab_of(layout: str, lab: str) -> Bench:
+    """Bring the lab up."""
     WORK.mkdir(parents=True, exist_ok=True)
-    fetch_posix()
     inventory = ROOT / "inventory" / layout
     hosts = hosts_of(read_inventory(inventory), {})
     containers.down(lab)
     containers.up(lab, hosts)
     inventories = [inventory, containers.write_inventory(lab, hosts), WORK / "conventional.yml"]
     inventories[-1].write_text("{}\n")
-    on_lab = Bench(lab, [host.name for host in hosts], inventories)
+    return Bench(lab, [host.name for host in hosts], inventories)
+
+
+def bench(on_lab: Bench, repetitions: int) -> bool:
+    """Compare, print; True when site.yml is fast enough."""
+    fetch_posix()
     prepare(on_lab)
     runs = measure(on_lab, repetitions)
-    text = table(runs, len(hosts)) + "\n" + places(runs)
-    (WORK / "site.json").write_text(json.dumps(report(runs, len(hosts)), indent=1) + "\n")
+    text = table(runs, len(on_lab.hosts)) + "\n" + places(runs)
+    (WORK / "site.json").write_text(json.dumps(report(runs, len(on_lab.hosts)), indent=1) + "\n")
     print(f"\n{text}", flush=True)
     (WORK / "site.txt").write_text(text)
     (WORK / "site.svg").write_text(picture(runs))
@@ -432,10 +469,17 @@ def main() -> int:
     parser.add_argument("--layout", default="multi_computer", help="a folder of inventory/ (default: %(default)s)")
     parser.add_argument("--name", default="bench", help="the name of the lab (default: %(default)s)")
     parser.add_argument("--repetitions", type=int, default=3, help="runs of each playbook (default: %(default)s)")
+    parser.add_argument("--stages", type=int, default=0, metavar="N", help="N runs of site.yml and verify.yml alone")
     parser.add_argument("--keep", action="store_true", help="leave the lab up")
     options = parser.parse_args()
     try:
-        return int(not bench(options.layout, options.name, options.repetitions))
+        on_lab = lab_of(options.layout, options.name)
+        if not options.stages:
+            return int(not bench(on_lab, options.repetitions))
+        text = stages(on_lab, options.stages)
+        print(f"\n{text}", flush=True)
+        (WORK / "stages.txt").write_text(text)
+        return 0
     except (BenchError, LabError) as error:
         print(f"bench: {error}", file=sys.stderr)
         return 1
