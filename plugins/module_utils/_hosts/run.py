@@ -82,7 +82,7 @@ class Run(ModuleRun):
             return True
         if self.is_system:
             self.answers = list(resolve(self.bindings))
-        return bool(self.result()["unresolved"])
+        return bool(self._unresolved())
 
     @property
     def refusals(self) -> typing.List[str]:
@@ -117,6 +117,18 @@ class Run(ModuleRun):
             raise NotDone(problem.cause, problem.left, self._failed(problem)) from problem
         if self.is_system:
             self.answers = list(resolve(self.bindings))
+            self._check()
+
+    def _check(self) -> None:
+        """Raise Problem where libc answers a name in another way than the file."""
+        wrong = self._unresolved()
+        if wrong:
+            said = ", ".join(f"{item['name']} with {' '.join(item['found']) or 'nothing'}" for item in wrong)
+            raise Problem(
+                f"This computer answers {said}, although {self.file.path} has the expected "
+                f"{', '.join(item['expected'] for item in wrong)}: look at the line hosts of /etc/nsswitch.conf, which must "
+                "begin with files, and at caches such as nscd."
+            )
 
     def _replace(self) -> None:
         if self.rewritten:
@@ -136,21 +148,30 @@ class Run(ModuleRun):
         )
 
     def failure(self, problem: Problem) -> Fields:
-        """The result as planned, where conflicts are the reason."""
-        return dict(self.result(), changed=False, repaired=False) if self.refusals else {}
+        """The result: as planned where conflicts are the reason, or that of a file which libc does not read."""
+        if self.refusals:
+            return dict(self.result(), changed=False, repaired=False)
+        return dict(self.result(), changed=self.changed) if self._unresolved() else {}
+
+    def _entries(self) -> typing.List[Fields]:
+        """The entries with what libc answers."""
+        answers: typing.List[typing.Dict[str, typing.List[str]]] = self.answers or [{} for entry in self.plan.entries]
+        return [dict(entry, resolved=resolved) for entry, resolved in zip(self.plan.entries, answers)]
+
+    def _unresolved(self) -> typing.List[Fields]:
+        """The names that libc answers with another address first, or not at all."""
+        return [
+            {"name": name, "found": found, "expected": entry["address"]}
+            for entry in self._entries()
+            for name, found in entry["resolved"].items()
+            if found[:1] != [entry["address"]]
+        ]
 
     def result(self) -> Fields:
         """The return values beside `changed` and `msg`."""
-        answers: typing.List[typing.Dict[str, typing.List[str]]] = self.answers or [{} for entry in self.plan.entries]
-        entries = [dict(entry, resolved=resolved) for entry, resolved in zip(self.plan.entries, answers)]
         return {
-            "entries": entries,
-            "unresolved": [
-                {"name": name, "found": found, "expected": entry["address"]}
-                for entry in entries
-                for name, found in entry["resolved"].items()
-                if found[:1] != [entry["address"]]
-            ],
+            "entries": self._entries(),
+            "unresolved": self._unresolved(),
             "removed": self.plan.removed,
             "replaced": self.plan.replaced,
             "conflicts": self.plan.conflicts,

@@ -19,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import concerned
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.guard import Guard
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 OLD = b"127.0.0.1 localhost\n127.0.1.1 kobuki1computer\n"
 FIRST = [{"address": "192.168.1.229", "names": ["kobuki1computer"]}]
@@ -252,3 +253,23 @@ def test_without_cloud_init_its_code_is_not_even_loaded():
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     assert subprocess.check_output([sys.executable, "-c", code], env=environment) == b"[]\n"
+
+
+@pytest.mark.parametrize(("said", "found"), [(["192.168.9.9"], "192.168.9.9"), ([], "nothing")])
+def test_a_name_that_libc_answers_in_another_way_is_a_sentence(tmp_path, monkeypatch, said, found):
+    machine = Machine(tmp_path, OLD)
+    monkeypatch.setattr(run_module, "SYSTEM", str(machine.hosts))
+    monkeypatch.setattr(run_module, "_guard", lambda wanted, records: None)
+    monkeypatch.setattr(run_module, "resolve", lambda bindings: iter([{"kobuki1computer": said}]))
+    run = machine.run(FIRST)
+    with pytest.raises(Problem) as problem:
+        run.apply()
+    assert str(problem.value) == (
+        f"This computer answers kobuki1computer with {found}, although {machine.hosts} has the expected 192.168.1.229: look at "
+        "the line hosts of /etc/nsswitch.conf, which must begin with files, and at caches such as nscd."
+    )
+    result = run.failure(problem.value)
+    assert (result["changed"], result["unresolved"][0]["found"]) == (True, said)
+    assert machine.run(FIRST).due  # the next run looks again
+    monkeypatch.setattr(run_module, "resolve", lambda bindings: iter([{"kobuki1computer": ["192.168.1.229"]}]))
+    assert not machine.run(FIRST).due
