@@ -59,9 +59,10 @@ def file_sums(planned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the files without their content, and their digest; see DOCUMENTATION."""
     sums = []
     for file in planned:
-        content = str(file["content"]).encode("utf-8", "surrogateescape")
         rest = {name: value for name, value in file.items() if name != "content"}
-        sums.append({**rest, "sha256": hashlib.sha256(content).hexdigest()})
+        if "content" in file:
+            rest["sha256"] = hashlib.sha256(str(file["content"]).encode("utf-8", "surrogateescape")).hexdigest()
+        sums.append(rest)
     try:
         wanted = files.wanted_files({"mode": "0644", **file, "content": ""} for file in sums)
     except Problem as problem:

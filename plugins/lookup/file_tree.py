@@ -32,6 +32,11 @@ options:
         V(/usr/local/lib/example).
     type: str
     required: true
+  content:
+    description:
+      - Whether the files have their C(content). Without it they have C(sha256), its digest in hexadecimal.
+    type: bool
+    default: true
 notes:
   - Call it with C(query), which always returns a list. C(lookup) returns a list only for two files or more; a single
     file it returns alone, unless it is given C(wantlist=true).
@@ -61,7 +66,7 @@ _raw:
       type: str
       sample: /usr/local/lib/example/python/example/__init__.py
     content:
-      description: The text.
+      description: The text; with O(content=false) there is C(sha256) in its place.
       type: str
       sample: ""
     mode:
@@ -70,6 +75,7 @@ _raw:
       sample: "0644"
 """
 
+import hashlib
 import os
 import pathlib
 from typing import Any
@@ -85,8 +91,8 @@ def skipped(name: str) -> bool:
     return name == "__pycache__" or name.startswith((".", "#")) or name.endswith((".pyc", ".pyo", "~"))
 
 
-def tree(source: str, destination: str) -> list[dict[str, str]]:
-    """Return the text files below a folder as path, content and mode, sorted. Raises AnsibleError with a sentence."""
+def tree(source: str, destination: str, content: bool = True) -> list[dict[str, str]]:
+    """Return the text files below a folder as path, content or sha256, and mode, sorted. Raises AnsibleError with a sentence."""
     if not os.path.isdir(source):
         raise AnsibleError(
             f"file_tree: {source!r} is no folder of the controller; give the folder of the files to read."
@@ -105,7 +111,7 @@ def tree(source: str, destination: str) -> list[dict[str, str]]:
             files.append(
                 {
                     "path": os.path.join(destination, os.path.relpath(path, source)),
-                    "content": _text(path),
+                    **({"content": _text(path)} if content else {"sha256": _digest(path)}),
                     "mode": "0755" if os.stat(path).st_mode & 0o100 else "0644",
                 }
             )
@@ -125,10 +131,15 @@ def _text(path: str) -> str:
         raise AnsibleError(f"file_tree: {path} cannot be read ({problem.strerror}).") from problem
 
 
+def _digest(path: str) -> str:
+    return hashlib.sha256(_text(path).encode()).hexdigest()
+
+
 class LookupModule(LookupBase):
     """See DOCUMENTATION."""
 
     def run(self, terms: list[str], variables: Any = None, **kwargs: Any) -> list[dict[str, str]]:
         """Return the files below each of the folders."""
         self.set_options(var_options=variables, direct=kwargs)
-        return [file for source in terms for file in tree(str(COLLECTION / source), self.get_option("destination"))]
+        destination, content = self.get_option("destination"), self.get_option("content")
+        return [file for source in terms for file in tree(str(COLLECTION / source), destination, content)]

@@ -69,6 +69,23 @@ options:
         type: list
         elements: str
         default: []
+  reload:
+    description:
+      - A service that reads files only when it is told so. It is reloaded where this run changes a file of its folder.
+    type: dict
+    suboptions:
+      service:
+        description: The unit, for example V(ssh.service); empty for none.
+        type: str
+        required: true
+      folder:
+        description: The beginning of the paths of its files, for example V(/etc/ssh/).
+        type: str
+        required: true
+      due:
+        description: Whether it is reloaded in any case, for example V(true) where it runs with other files than it should.
+        type: bool
+        default: false
   brief:
     description:
       - The difference shows files below these folders with size and digest, instead of their content, for example
@@ -160,6 +177,11 @@ notes:
   type: list
   elements: str
   sample: [/etc/example/parameters.json had been changed or removed by hand since we wrote it.]
+reloaded:
+  description: The service that was reloaded (in check mode, that would be); empty for none.
+  returned: success
+  type: str
+  sample: ssh.service
 digest:
   description: One SHA-256 over the paths, modes and contents of O(files), to notice a change of any of them.
   returned: success

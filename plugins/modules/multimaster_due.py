@@ -86,20 +86,17 @@ import os
 import typing
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import (
-    deadman,
-    managed_files,
-    managed_services,
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import (
+    CONCERNS,
+    Concern,
+    Options,
+    Tools,
+    asked_for,
+    validated,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run as hosts_entries
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run as routes
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl
-
-Options = typing.Mapping[str, typing.Any]
 
 
 def no_command(*words: typing.Any, **settings: typing.Any) -> typing.Tuple[int, str, str]:
@@ -112,29 +109,7 @@ def no_backup(path: str) -> str:
     raise Problem(f"{path} is to be copied, although only looking was asked for.")
 
 
-class Concern(typing.NamedTuple):
-    """A module by the name of the option that has its options."""
-
-    name: str
-    options: Options  # the argument_spec of the module
-    make: typing.Callable[[Options], ModuleRun]
-    switch: str = ""  # the name of its dead-man's switch
-
-
-_FILE = dict(managed_files.FILE, content=dict(type="str", default=""), sha256=dict(type="str", default=""))
-_FILES = dict(type="list", elements="dict", required=True, options=_FILE)
-
-CONCERNS = (
-    Concern("sysctl", sysctl.OPTIONS, sysctl.Run, "sysctl"),
-    Concern("routes", routes.OPTIONS, routes.Run, "routes"),
-    Concern("hosts_entries", hosts_entries.OPTIONS, lambda options: hosts_entries.Run(options, no_backup)),
-    Concern(
-        "managed_files",
-        dict(managed_files.OPTIONS, files=_FILES),
-        lambda options: managed_files.ManagedFiles(options, no_command),
-    ),
-    Concern("managed_services", managed_services.OPTIONS, managed_services.ManagedServices),
-)
+LOOKING = Tools(no_command, no_backup)
 
 
 def looked_at(
@@ -143,30 +118,34 @@ def looked_at(
     """Return the concerns that are due, and what the others warn of."""
     due: typing.List[str] = ["other"] if any(parameters["other"]) else []
     warnings: typing.List[str] = []
-    for concern in concerns:
-        given = parameters[concern.name]
-        runs = given if isinstance(given, list) else [] if given is None else [given]
-        for options in runs:
-            said = warnings_of(concern, options, switches)
-            if said is None:
-                due.append(concern.name)
-                break
+    for concern, options in asked_for(parameters, concerns):
+        said = None if concern.name in due else warnings_of(concern, options, switches)
+        if said is not None:
             warnings += said
+        elif concern.name not in due:
+            due.append(concern.name)
     return due, warnings
 
 
 def warnings_of(concern: Concern, options: Options, switches: str) -> typing.Optional[typing.List[str]]:
     """Return what the module would warn of where it has nothing to do, else None."""
-    if concern.switch and os.path.lexists(os.path.join(switches, f"rollback-{concern.switch}")):
+    if concern.guarded and os.path.lexists(os.path.join(switches, f"rollback-{concern.name}")):
         return None
-    validated = ArgumentSpecValidator(concern.options).validate(options)
-    if validated.error_messages:
-        return None
+    code = concern.load()
     try:
-        run = concern.make(validated.validated_parameters)
+        run = code.make(validated(concern, by_digest(concern, code.options), options), None, LOOKING)
         return None if run.due or run.refusals else run.warnings
     except Problem:
         return None
+
+
+def by_digest(concern: Concern, specification: Options) -> Options:
+    """Return the options of a concern, in which a file may have its digest in place of its content."""
+    if concern.name != "managed_files":
+        return specification
+    text = dict(type="str", default="")
+    file = dict(specification["files"]["options"], content=text, sha256=text)
+    return dict(specification, files=dict(specification["files"], options=file))
 
 
 def main() -> None:

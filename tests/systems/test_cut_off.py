@@ -62,6 +62,8 @@ SENTENCE = (
 class Fleet:
     """A robot, its router, and the controller inside the lab."""
 
+    together = False  # kernel settings and routes in one run, or in one after the other
+
     def run(self, host, command, stdin=None, check=True):
         """Run a shell command as root, past the network; returns what it printed."""
         words = ["podman", "exec", "-i", containers.container(LAB, host), "bash", "-c", command]
@@ -79,7 +81,7 @@ class Fleet:
 
     def _ansible(self, words, variables):
         hosts = {host.replace("_", "-"): own for host, own in variables.items()}
-        inventory = {"all": {"vars": BY_SSH, "hosts": hosts}}
+        inventory = {"all": {"vars": {**BY_SSH, "together": self.together}, "hosts": hosts}}
         self.run("controller", "cat >/root/hosts.json", stdin=json.dumps(inventory))
         command = f"{ENVIRONMENT} python3 -m ansible {words} -i {HERE}/tests/systems/cut_off -i /root/hosts.json"
         return " ".join(self.run("controller", command, check=False).split())
@@ -134,17 +136,27 @@ def fleet():
         containers.down(LAB)
 
 
+@pytest.fixture(name="way", params=[False, True], ids=["one_by_one", "together"])
+def _way(fleet, request):
+    """Both ways in which site.yml brings kernel settings and routes."""
+    fleet.together = request.param
+    yield
+    fleet.together = False
+
+
 def wrong_default(gateway, **more):
     routes = [{"destination": "default", "gateway": gateway}]
     return {"routes_list": routes, "routes_on_conflict": "replace", "routes_confirm_within": WITHIN, **more}
 
 
+@pytest.mark.usefixtures("way")
 def test_a_good_run_from_inside_changes_nothing(fleet):
     output = fleet.play()
     for host in (INNER, OTHER, GATEWAY, ROUTER):
         assert (recap(output, host)["changed"], recap(output, host)["failed"]) == (0, 0), output
 
 
+@pytest.mark.usefixtures("way")
 def test_a_wrong_default_gateway_and_a_wrong_setting_on_inner_computers(fleet):
     """Two ways to be cut off in one play; one of them as a person with sudo, and without pipelining."""
     before = {host: fleet.state(host) for host in (INNER, OTHER, GATEWAY)}
@@ -162,6 +174,7 @@ def test_a_wrong_default_gateway_and_a_wrong_setting_on_inner_computers(fleet):
     test_a_good_run_from_inside_changes_nothing(fleet)
 
 
+@pytest.mark.usefixtures("way")
 def test_a_wrong_default_gateway_on_the_gateway(fleet):
     before = {host: fleet.state(host) for host in (INNER, GATEWAY)}
     output = fleet.play(tibi_visio=wrong_default("192.168.1.99"))
@@ -173,6 +186,21 @@ def test_a_wrong_default_gateway_on_the_gateway(fleet):
     }
     assert {host: fleet.state(host) for host in before} == before
     test_a_good_run_from_inside_changes_nothing(fleet)
+
+
+def test_what_is_brought_together_is_taken_back_together(fleet):
+    """Only one of the two changes cuts the controller off."""
+    before, fleet.together = fleet.state(INNER), True
+    try:
+        good = {"sysctl_settings": [{"name": "net.ipv4.ip_default_ttl", "value": "63"}]}
+        output = fleet.play(tibi_nav=wrong_default("192.168.11.99", sysctl_confirm_within=WITHIN, **good))
+        assert SENTENCE % ("kernel settings", WITHIN) in output, output
+        assert "So the routes were taken back, too." in output
+        assert recap(output, INNER)["failed"] == 1
+        assert fleet.state(INNER) == before
+        test_a_good_run_from_inside_changes_nothing(fleet)
+    finally:
+        fleet.together = False
 
 
 def connections(fleet, host, since):

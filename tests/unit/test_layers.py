@@ -24,6 +24,7 @@ ROOMS = {
         "_sysctl": {"_changes", "_machine"},
         "_routes": {"_changes", "_machine"},
         "_firewall": {"_changes", "_machine"},
+        "_computer": {"_changes", "_hosts", "_machine", "_routes", "_sysctl"},
         "_verify": {"_machine"},
     },
     PLUGIN_UTILS: {

@@ -381,6 +381,16 @@ class Guard:
             )
         ends.fail(self.module, sentence, unconfirmed=False, rolled_back=self.rolled_back, **result)
 
+    def give_up(self) -> str:
+        """Take back what waits for a confirmation with this token, or was taken back; returns a sentence where there is any."""
+        if not self.token or self.module.check_mode or self.switch.look(self.token) not in ("armed", "rolled_back"):
+            return ""
+        failures = self._roll_back()
+        self.unconfirmed = False
+        if failures:
+            return f"Taking the {self.what} back failed, too: {', '.join(failures)}"
+        return f"So the {self.what} were taken back, too."
+
     def exit(self, changed: bool, **result: typing.Any) -> None:
         """End the module with its result."""
         ends.leave(self.module, changed=changed or self.changed, unconfirmed=self.unconfirmed, **result)

@@ -14,6 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     intent,
     settled,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence, unreadable
 
 FILE = dict(
@@ -24,12 +25,20 @@ FILE = dict(
     group=dict(type="str"),
     validate=dict(type="list", elements="str", default=[]),
 )
+RELOAD = dict(
+    service=dict(type="str", required=True),
+    folder=dict(type="str", required=True),
+    due=dict(type="bool", default=False),
+)
 OPTIONS = dict(
     bundle=dict(type="str", required=True),
     files=dict(type="list", elements="dict", required=True, options=FILE),
     brief=dict(type="list", elements="str", default=[]),
+    reload=dict(type="dict", options=RELOAD),
     records=dict(type="str", default=RECORDS),
 )
+
+_RELOADING = 60  # seconds
 
 # AnsibleModule.run_command
 RunCommand = typing.Callable[..., typing.Tuple[int, str, str]]
@@ -50,7 +59,15 @@ class ManagedFiles(ModuleRun):
             self.plan = files.plan(self.wanted, self.remembered, self.machine)
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
-        self.changed = files.changes(self.plan)
+        self.reloaded = self._to_reload(options.get("reload") or {})
+        self.unread = False  # its files are as planned, and it could not be reloaded
+        self.changed = files.changes(self.plan) or bool(self.reloaded)
+
+    def _to_reload(self, reload: typing.Mapping[str, typing.Any]) -> str:
+        """The service that is to read its files again, empty for none."""
+        touched = [file.path for file in self.plan.writes] + self.plan.removals
+        due = reload and (reload["due"] or any(path.startswith(reload["folder"]) for path in touched))
+        return str(reload["service"]) if due else ""
 
     @property
     def due(self) -> bool:
@@ -89,7 +106,7 @@ class ManagedFiles(ModuleRun):
     def apply(self) -> None:
         """Write and remove the files, or put everything back and raise NotDone."""
         steps = []
-        if self.changed:
+        if files.changes(self.plan):
             steps = [intent(self.record, self.plan.intent, self.remembered, failure=files.RECORD_LOST)]
             steps += files.steps(self.plan, self.machine)
         after = self.plan.after if any(self.plan.after.values()) else {}
@@ -99,10 +116,24 @@ class ManagedFiles(ModuleRun):
             said = [f"The files of the bundle {self.bundle} could not be written: {sentence(problem.cause)}"]
             said += problem.left or ["Everything that this run had changed was put back."]
             raise NotDone(problem.cause, problem.left, " ".join(said)) from problem
+        if self.reloaded:
+            self._reload()
+
+    def _reload(self) -> None:
+        answer = commands.run(["systemctl", "reload", self.reloaded], limit=_RELOADING)
+        if answer.status != 0:
+            said = " ".join(answer.error.split()) or f"status {answer.status}"
+            self.unread = True
+            raise Problem(
+                f"The files of the bundle {self.bundle} are as planned, but {self.reloaded} does not read them again ({said}); "
+                f"expected a service that can be reloaded: look at systemctl status {self.reloaded}."
+            )
 
     def failure(self, problem: Problem) -> Fields:
         """The fields of a failed change: `changed` says that something is left of it."""
-        return {"changed": bool(problem.left)} if isinstance(problem, NotDone) else {}
+        if isinstance(problem, NotDone):
+            return {"changed": bool(problem.left)}
+        return {"changed": files.changes(self.plan)} if self.unread else {}
 
     def result(self) -> Fields:
         """The return values beside `changed`, `msg` and `diff`."""
@@ -112,6 +143,7 @@ class ManagedFiles(ModuleRun):
             "folders_made": self.plan.folders_made,
             "folders_removed": self.plan.folders_removed,
             "notes": self.plan.notes,
+            "reloaded": self.reloaded,
             "digest": files.digest(self.wanted),
         }
 
@@ -128,4 +160,5 @@ class ManagedFiles(ModuleRun):
             f"{len(self.plan.writes)} files of the bundle {self.bundle} {be} written, {len(self.plan.removals)} removed "
             f"and {right} {are} right."
         )
-        return " ".join([text] + self.plan.notes)
+        reloaded = [f"{self.reloaded} {'would be' if check_mode else 'was'} reloaded."] if self.reloaded else []
+        return " ".join([text, *reloaded, *self.plan.notes])

@@ -47,30 +47,36 @@ class GuardedAction(ActionBase):  # type: ignore[misc]  # ansible-core has no ty
         """Run the module and return its result; see ActionBase."""
         result: Result = super().run(tmp, task_vars)
         args = {name: value for name, value in self._task.args.items() if name != "confirmation"}
-        seconds = _seconds(args.get("confirm_within"))
-        if seconds and (self._task.check_mode or self._connection.transport == "local"):
-            args["confirm_within"] = seconds = 0  # nothing changes, or no connection can be cut
+        seconds = seconds_of(args.get("confirm_within"))
+        if seconds and self.cannot_be_cut:
+            args["confirm_within"] = seconds = 0
         if not seconds:
             return {**result, **self._execute_module(module_args=args, task_vars=task_vars)}
-        return {**result, **self._guarded(args, seconds, task_vars)}
-
-    def _guarded(self, args: Mapping[str, Any], seconds: int, task_vars: dict[str, Any] | None) -> Result:
-        """Return the results of both runs as one."""
         confirming = {**args, "confirm_within": 0, "confirmation": secrets.token_hex(8)}
         first, reason = self._first({**confirming, "confirm_within": seconds}, seconds, task_vars)
         if first and not first.get("unconfirmed"):
-            return _with_crash(first, self.what, seconds)
+            return {**result, **first}
+        return {**result, **_merged(first, self._second(confirming, seconds, reason, task_vars))}
 
+    @property
+    def cannot_be_cut(self) -> bool:
+        """True where nothing changes, or no connection can be cut."""
+        return bool(self._task.check_mode or self._connection.transport == "local")
+
+    def _second(
+        self, args: Mapping[str, Any], seconds: int, reason: str, task_vars: dict[str, Any] | None, more: float = 0.0
+    ) -> Result:
+        """Return the result of the run that confirms, over a new connection; it may take so many seconds more."""
         last = time.monotonic() + seconds + GRACE
         while True:
             try:
                 self._new_connection()
-                second = self._attempt(confirming, task_vars, seconds + GRACE)
+                second = self._attempt(args, task_vars, seconds + GRACE + more)
             except AnsibleConnectionFailure as problem:
                 reason = _line(problem)
             else:
                 if not second.get("unconfirmed"):
-                    return _merged(first, second)
+                    return second
                 reason = "every connection was the one from before the change"
             if time.monotonic() > last:
                 return {
@@ -86,7 +92,8 @@ class GuardedAction(ActionBase):  # type: ignore[misc]  # ansible-core has no ty
         while True:
             try:
                 # TCP doubles its pauses between retries. After a rollback an answer may come as late as twice the time.
-                return self._attempt(args, task_vars, 2 * seconds + GRACE), ""
+                first = self._attempt(args, task_vars, 2 * seconds + GRACE)
+                return _with_crash(first, self.what, seconds), ""
             except AnsibleConnectionFailure as problem:
                 if not self._never_began(problem):
                     return {}, _line(problem)
@@ -98,7 +105,8 @@ class GuardedAction(ActionBase):  # type: ignore[misc]  # ansible-core has no ty
     def _attempt(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None, limit: float) -> Result:
         """Run the module once. Raises AnsibleConnectionFailure, also after `limit` seconds."""
         with _timeout(limit):
-            result: Result = self._execute_module(module_args=args, task_vars=task_vars)
+            # Ansible writes its own into the options.
+            result: Result = self._execute_module(module_args={**args}, task_vars=task_vars)
         return result
 
     def _new_connection(self) -> None:
@@ -114,7 +122,7 @@ class GuardedAction(ActionBase):  # type: ignore[misc]  # ansible-core has no ty
         return self._connection._shell.tmpdir is None and any(words in str(problem) for words in NEVER_BEGAN)
 
 
-def _seconds(value: Any) -> int:
+def seconds_of(value: Any) -> int:
     """Return the option as a number; 0 where it is none, since the module complains about that."""
     try:
         return max(int(value or 0), 0)

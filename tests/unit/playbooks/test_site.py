@@ -11,6 +11,7 @@ import yaml
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 PREFIX = "rosfleet.multimaster."
 CONFIRMING = {"confirm_within"}
+ROUTER = ("sysctl", "routes")  # all that a router needs
 
 
 def read(path):
@@ -18,7 +19,8 @@ def read(path):
 
 
 PLAY = next(play for play in read("playbooks/site.yml") if "pre_tasks" in play)
-LOOKED_AT = {**PLAY["pre_tasks"][0][PREFIX + "multimaster_due"], **PLAY["vars"]["site_talk"]}
+LOOKED_AT = PLAY["vars"]["site_due"]
+BROUGHT = PLAY["module_defaults"][PREFIX + "multimaster_computer"]
 CHANGING = ("sysctl", "routes", "hosts_entries", "managed_files", "managed_services")
 
 
@@ -47,9 +49,42 @@ def test_a_role_is_looked_at_with_its_own_options(role, module, options):
         (looked,) = [one for one in looked if one["bundle"] == options["bundle"]]
     expected = {name: value for name, value in options.items() if name not in {*CONFIRMING, "brief"}}
     if role == "nodes":  # by digests: the contents need not travel
-        expected["files"] = "{{ (nodes_planned | rosfleet.multimaster.file_sums).files }}"
+        expected["files"] = "{{ nodes_sums.files }}"
         assert options["files"] == "{{ nodes_planned }}"
     assert looked == expected
+
+
+def test_what_is_looked_at_is_what_is_brought():
+    (look,) = [task[PREFIX + "multimaster_due"] for task in PLAY["pre_tasks"] if PREFIX + "multimaster_due" in task]
+    assert list(BROUGHT) == list(CHANGING)
+    for concern in CHANGING:
+        assert look[concern] == (
+            f"{{{{ site_due.{concern} }}}}"
+            if concern in ROUTER
+            else f"{{{{ omit if multimaster_plan.is_router else site_due.{concern} }}}}"
+        )
+        within = f" | combine({{'confirm_within': {concern}_confirm_within}})"
+        assert concern == "managed_files" or BROUGHT[concern] == (
+            f"{{{{ site_due.{concern}{within} }}}}"
+            if concern in ROUTER
+            else f"{{{{ none if multimaster_plan.is_router else site_due.{concern} }}}}"
+        )
+    # The files of the nodes travel where they are to be written.
+    (nodes,) = [options for role, _module, options in TASKS if options.get("bundle") == "nodes"]
+    assert BROUGHT["managed_files"].split(" else ")[1].strip(" }\n") == (
+        "[site_due.managed_files[0], {'bundle': 'nodes', 'files': nodes_planned, 'brief': [nodes_library]}]"
+    )
+    assert nodes == {"bundle": "nodes", "files": "{{ nodes_planned }}", "brief": ["{{ nodes_library }}"]}
+
+
+def test_every_computer_is_brought_once_and_those_that_forward_first():
+    (block,) = [task["block"] for task in PLAY["pre_tasks"] if "block" in task]
+    conditions = [task["when"] for task in block if PREFIX + "multimaster_computer" in task]
+    assert conditions == [
+        "multimaster_plan.is_router",
+        "multimaster_plan.is_gateway",
+        "not multimaster_plan.is_router and not multimaster_plan.is_gateway",
+    ]
 
 
 def test_every_concern_has_a_task():

@@ -3,6 +3,7 @@
 
 """The lookup file_tree, as Ansible calls it."""
 
+import hashlib
 import json
 import os
 import subprocess
@@ -100,3 +101,9 @@ def test_query_gives_the_list_that_managed_files_wants(source):
 
 def test_without_a_destination_it_says_so(source):
     assert "destination" in ansible(source, "query('rosfleet.multimaster.file_tree', SOURCE)")
+
+
+def test_digests_in_place_of_contents(source):
+    for file, summed in zip(file_tree.tree(str(source), "/x"), file_tree.tree(str(source), "/x", content=False)):
+        digest = hashlib.sha256(file.pop("content").encode()).hexdigest()
+        assert summed == {**file, "sha256": digest}

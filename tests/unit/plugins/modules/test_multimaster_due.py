@@ -8,9 +8,11 @@ import os
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import managed_files
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import concerns
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import CONCERNS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run as hosts_entries
 from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_due
-from ansible_collections.rosfleet.multimaster.plugins.modules.multimaster_due import CONCERNS, looked_at
+from ansible_collections.rosfleet.multimaster.plugins.modules.multimaster_due import looked_at
 
 NOTHING = {
     "sysctl": None,
@@ -110,9 +112,9 @@ def test_wrong_options_are_due_so_that_the_module_says_the_sentence(tmp_path, na
     assert due(tmp_path, **{name: options}) == [name]
 
 
-@pytest.mark.parametrize("concern", [concern for concern in CONCERNS if concern.switch], ids=lambda one: one.name)
+@pytest.mark.parametrize("concern", [concern for concern in CONCERNS if concern.guarded], ids=lambda one: one.name)
 def test_a_switch_that_nobody_confirmed_is_due(tmp_path, concern):
-    os.makedirs(tmp_path / "run" / f"rollback-{concern.switch}")
+    os.makedirs(tmp_path / "run" / f"rollback-{concern.name}")
     assert due(tmp_path, **{concern.name: {}}) == [concern.name]
 
 
@@ -125,13 +127,17 @@ class _Run:
         pass
 
 
+def concern_of(run):
+    return concerns.Concern("routes", lambda: concerns.Code({}, lambda options, memory, tools: run(options)))
+
+
 def test_a_warning_goes_on_and_is_not_due(tmp_path):
-    concern = multimaster_due.Concern("routes", {}, _Run)
+    concern = concern_of(_Run)
     assert looked_at({**NOTHING, "routes": {}}, [concern], str(tmp_path)) == ([], _Run.warnings)
 
 
 def test_a_refusal_is_due(tmp_path):
-    concern = multimaster_due.Concern("routes", {}, type("Refusing", (_Run,), {"refusals": ["No."]}))
+    concern = concern_of(type("Refusing", (_Run,), {"refusals": ["No."]}))
     assert looked_at({**NOTHING, "routes": {}}, [concern], str(tmp_path)) == (["routes"], [])
 
 

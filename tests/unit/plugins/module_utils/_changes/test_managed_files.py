@@ -10,6 +10,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import ManagedFiles
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 
@@ -25,12 +26,12 @@ class Machine:
         self.commands.append((argv, data))
         return (1, "line 1: no\n", "") if b"bad" in data else (0, "", "")
 
-    def run(self, files, validate=()):
+    def run(self, files, validate=(), reload=None):
         listed = [
             {"path": str(self.root / name), "content": content, "mode": "0644", "validate": list(validate)}
             for name, content in files.items()
         ]
-        options = {"bundle": "b", "files": listed, "brief": [], "records": str(self.records)}
+        options = {"bundle": "b", "files": listed, "brief": [], "records": str(self.records), "reload": reload}
         return ManagedFiles(options, self.command)
 
     def apply(self, files):
@@ -69,6 +70,51 @@ def test_the_return_values(machine):
         [str(machine.root / "etc")],
     )
     assert machine.state() == {}
+
+
+@pytest.fixture(name="systemctl")
+def _systemctl(monkeypatch):
+    """The commands that systemd was told, with the status that it gives."""
+    said = []
+
+    def run(argv, limit):
+        said.append(argv)
+        return commands.Answer(run.status, b"", "Unit x.service is masked.\n" if run.status else "")
+
+    run.status = 0
+    monkeypatch.setattr(commands, "run", run)
+    return said, run
+
+
+def test_a_service_reads_its_files_again_where_one_of_them_changed(machine, systemctl):
+    told = systemctl[0]
+    reload = {"service": "x.service", "folder": str(machine.root / "etc/"), "due": False}
+
+    def apply(files, **more):
+        told.clear()
+        run = machine.run(files, reload={**reload, **more})
+        run.apply()
+        assert run.result()["reloaded"] == ("x.service" if told else "") and run.due == run.changed
+        return run.changed, told == [["systemctl", "reload", "x.service"]]
+
+    assert apply({"etc/a": "A", "b": "B"}) == (True, True)
+    assert apply({"etc/a": "A", "b": "B"}) == (False, False)
+    assert apply({"etc/a": "A", "b": "C"}) == (True, False)  # none of its files
+    assert apply({"etc/a": "A", "b": "C"}, due=True) == (True, True)
+    assert apply({"b": "C"}) == (True, True)  # one of them is gone
+    assert apply({"etc/a": "A", "b": "C"}, service="") == (True, False)  # there is no such service here
+
+
+def test_a_service_that_is_not_reloaded_is_a_sentence(machine, systemctl):
+    systemctl[1].status = 1
+    run = machine.run({"a": "A"}, reload={"service": "x.service", "folder": str(machine.root), "due": False})
+    with pytest.raises(Problem) as problem:
+        run.apply()
+    assert str(problem.value) == (
+        "The files of the bundle b are as planned, but x.service does not read them again (Unit x.service is masked.); "
+        "expected a service that can be reloaded: look at systemctl status x.service."
+    )
+    assert run.failure(problem.value) == {"changed": True} and "a" in machine.state()
 
 
 def test_a_content_that_its_command_refuses_is_a_sentence(machine):

@@ -72,7 +72,7 @@ def play(monkeypatch):
 
         action = confirmed.GuardedAction(task, connection, None, None, None, None)
         action._execute_module = execute
-        monkeypatch.setattr(confirmed, "_seconds", lambda value: value or 0)  # fractions, for a quick test
+        monkeypatch.setattr(confirmed, "seconds_of", lambda value: value or 0)  # fractions, for a quick test
         return action.run(task_vars={}), runs, connection
 
     return play
@@ -195,7 +195,7 @@ def test_no_switch_where_none_is_needed(play, options):
 
 @pytest.mark.parametrize(("value", "seconds"), [("30", 30), (30, 30), (None, 0), ("", 0), ("soon", 0), (-5, 0), (0, 0)])
 def test_seconds(value, seconds):
-    assert confirmed._seconds(value) == seconds
+    assert confirmed.seconds_of(value) == seconds
 
 
 def test_the_limit_leaves_others_alone():

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The action multimaster_computer: the concerns of a computer in two runs of the module, of which the second confirms the first."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping
+from typing import Any
+
+from ansible.plugins.action import ActionBase
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.confirmed import (
+    GuardedAction,
+    Result,
+    seconds_of,
+)
+
+# The concerns that can cut the controller off. They come first, in a run of their own.
+GUARDED = ("sysctl", "routes")
+REST = 600.0  # seconds for the other concerns, which start services
+
+Args = Mapping[str, Any]
+
+
+class ActionModule(GuardedAction):
+    """Runs the module for what can cut the controller off, then over a new connection to confirm that and for all the rest."""
+
+    what = "kernel settings and routes"
+
+    def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
+        """Run the module and return the result of all concerns; see ActionBase."""
+        result: Result = ActionBase.run(self, tmp, task_vars)
+        args = {name: options for name, options in self._task.args.items() if options is not None}
+        word = "" if self.cannot_be_cut else secrets.token_hex(8)
+        trial, rest = split(args, word)
+        seconds = max((seconds_of(options.get("confirm_within")) for options in trial.values()), default=0)
+        if not seconds:
+            return {**result, **self._execute_module(module_args={**trial, **rest}, task_vars=task_vars)}
+        first, reason = self._first(trial, seconds, task_vars)
+        if first.get("failed"):
+            return {**result, **first}
+        confirming = {**confirmations(trial, first), **rest}
+        if not confirming:
+            second = {}
+        elif first and not first.get("unconfirmed"):
+            second = self._execute_module(module_args={**confirming}, task_vars=task_vars)
+        else:
+            second = self._second(confirming, seconds, reason, task_vars, REST if rest else 0.0)
+        return {**result, **joined(first, second)}
+
+
+def split(args: Args, word: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the concerns that can cut the controller off, with the word of their confirmation, and the others."""
+    trial, rest = {}, {}
+    for name, options in args.items():
+        if name not in GUARDED or not isinstance(options, Mapping):
+            rest[name] = options
+        elif word and seconds_of(options.get("confirm_within")):
+            trial[name] = {**options, "confirmation": word}
+        else:
+            trial[name] = {**options, "confirm_within": 0, "confirmation": ""}
+    return trial, rest
+
+
+def confirmations(trial: Args, first: Result) -> dict[str, Any]:
+    """Return the options that confirm what waits for it; where there is no answer of the first run, all may wait."""
+    concerns = first.get("concerns") or {name: [{"unconfirmed": True}] for name in trial}
+    return {
+        name: {**options, "confirm_within": 0}
+        for name, options in trial.items()
+        if options["confirmation"] and any(one.get("unconfirmed") for one in concerns.get(name, []))
+    }
+
+
+def joined(first: Result, second: Result) -> Result:
+    """Return the results of both runs as one: the first says what changed, the second that it was confirmed, and the rest."""
+    if not first or not second:
+        return second or first
+    shown = list(first.get("diff", []))
+    concerns = {**first["concerns"], **second.get("concerns", {})}
+    for name, [done] in first["concerns"].items():
+        if done.get("unconfirmed") and name in second.get("concerns", {}) and not concerns[name][-1].get("failed"):
+            concerns[name] = [{**done, "unconfirmed": False, "confirmed": True}]
+    merged = {
+        **second,
+        "changed": bool(second.get("changed") or (first["changed"] and not second.get("rolled_back"))),
+        "concerns": concerns,
+        "diff": shown + [entry for entry in second.get("diff", []) if entry not in shown],
+        "warnings": [*first.get("warnings", []), *second.get("warnings", [])],
+    }
+    if not second.get("failed"):
+        merged["msg"] = " ".join(one["msg"] for results in concerns.values() for one in results)
+    return merged

@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The concerns of a computer, each by the name of its module, in the order in which a play brings them.
+
+What is compiled costs more than what is done. So the code of a concern is imported where the concern is asked for.
+"""
+
+import typing
+
+from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+Options = typing.Mapping[str, typing.Any]
+
+
+class Tools(typing.NamedTuple):
+    """What a run takes of its AnsibleModule."""
+
+    run_command: typing.Callable[..., typing.Tuple[int, str, str]]
+    back_up: typing.Callable[[str], str]
+
+
+class Code(typing.NamedTuple):
+    """The code of a concern."""
+
+    options: Options  # the argument_spec of its module, without that of a confirmation
+    make: typing.Callable[[Options, typing.Any, Tools], typing.Any]  # options, memory (see deadman.Guard) -> ModuleRun
+
+
+class Concern(typing.NamedTuple):
+    """A module by its name, which is that of its dead-man's switch, too."""
+
+    name: str
+    load: typing.Callable[[], Code]
+    guarded: str = ""  # what its switch guards, as in a sentence; empty where it has none
+
+
+def _sysctl() -> Code:
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run
+
+    return Code(run.OPTIONS, lambda options, memory, tools: run.Run(options, memory))
+
+
+def _routes() -> Code:
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run
+
+    return Code(run.OPTIONS, lambda options, memory, tools: run.Run(options, memory))
+
+
+def _hosts_entries() -> Code:
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run
+
+    return Code(run.OPTIONS, lambda options, memory, tools: run.Run(options, tools.back_up))
+
+
+def _managed_files() -> Code:
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import managed_files as run
+
+    return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedFiles(options, tools.run_command))
+
+
+def _managed_services() -> Code:
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import managed_services as run
+
+    return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedServices(options))
+
+
+CONCERNS = (
+    Concern("sysctl", _sysctl, "kernel settings"),
+    Concern("routes", _routes, "routes"),
+    Concern("hosts_entries", _hosts_entries),
+    Concern("managed_files", _managed_files),
+    Concern("managed_services", _managed_services),
+)
+
+
+def asked_for(
+    parameters: Options, concerns: typing.Iterable[Concern] = CONCERNS
+) -> typing.List[typing.Tuple[Concern, Options]]:
+    """Return each concern that a module was asked for, with its options: one or more times, or not at all."""
+    found = []
+    for concern in concerns:
+        given = parameters[concern.name]
+        runs = given if isinstance(given, list) else [] if given is None else [given]
+        found += [(concern, options) for options in runs]
+    return found
+
+
+def validated(concern: Concern, specification: Options, options: Options) -> typing.Dict[str, typing.Any]:
+    """Return the options of a concern as its module would have them. Raises Problem."""
+    found = ArgumentSpecValidator(specification).validate(options)
+    if found.error_messages:
+        raise Problem(f"{concern.name}: {'; '.join(found.error_messages)}.")
+    result: typing.Dict[str, typing.Any] = found.validated_parameters
+    return result

@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Several concerns of a computer in one run of a module, each as its own module carries it out.
+
+A concern that fails ends the run: those before it stay, and those after it are not begun. Changes that wait for their
+confirmation are taken back.
+"""
+
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import concerns
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import Concern, Options
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+
+class Ended(Exception):
+    """The end of a concern, with its result."""
+
+    def __init__(self, result: Fields) -> None:
+        super().__init__()
+        self.result = result
+
+
+class Part:
+    """Stands for the AnsibleModule of one concern: where the concern ends, the run goes on."""
+
+    def __init__(self, module: typing.Any, concern: Concern, options: Options, switches: str) -> None:
+        """Read the options. Raises Problem where they are wrong."""
+        self.concern = concern
+        self.code = concern.load()
+        specification = dict(deadman.OPTIONS, **self.code.options) if concern.guarded else self.code.options
+        self.params = concerns.validated(concern, specification, options)
+        self.check_mode, self._diff, self.warn = module.check_mode, module._diff, module.warn
+        self.tools = concerns.Tools(module.run_command, module.backup_local)
+        switch = deadman.Switch(concern.name, switches)
+        self.guard = deadman.Guard(self, concern.name, concern.guarded, switch) if concern.guarded else None
+
+    def exit_json(self, **result: typing.Any) -> None:
+        """End the concern."""
+        raise Ended(result)
+
+    def fail_json(self, **result: typing.Any) -> None:
+        """End the concern with a failure."""
+        raise Ended(dict(result, failed=True))
+
+    def carry_out(self) -> Fields:
+        """Carry the concern out; returns its result."""
+        try:
+            run_module(self, lambda memory: self.code.make(self.params, memory, self.tools), self.guard)
+        except Ended as end:
+            return end.result
+        raise AssertionError(f"{self.concern.name} has no end")
+
+
+def carry_out(
+    module: typing.Any,
+    asked: typing.Sequence[typing.Tuple[Concern, Options]],
+    switches: str = deadman.FOLDER,
+) -> None:
+    """Carry out all concerns in their order, and end the module."""
+    try:
+        parts = [Part(module, concern, options, switches) for concern, options in asked]
+    except Problem as problem:
+        return ends.fail(module, f"{problem} Nothing was changed.")
+    results: typing.List[typing.Tuple[str, Fields]] = []
+    differences: typing.List[typing.Any] = []
+    for part in parts:
+        result = part.carry_out()
+        entry = result.pop("diff", [])
+        differences += entry if isinstance(entry, list) else [entry]
+        results.append((part.concern.name, result))
+        if result.get("failed") or result.get("same_connection"):
+            break
+    return _end(module, parts, results, [entry for entry in differences if entry["before"] != entry["after"]])
+
+
+def _end(
+    module: typing.Any,
+    parts: typing.Sequence[Part],
+    results: typing.Sequence[typing.Tuple[str, Fields]],
+    differences: typing.List[typing.Any],
+) -> None:
+    """End the module with the results of all concerns that were begun."""
+    last = results[-1][1] if results else {}
+    whole = {
+        "changed": any(result["changed"] for _name, result in results if "changed" in result),
+        "concerns": by_name(results),
+        "diff": differences,
+    }
+    if last.get("failed"):
+        others = [part.guard for part in parts if part.guard and part is not parts[len(results) - 1]]
+        said = [last["msg"], *filter(None, (guard.give_up() for guard in others))]
+        return ends.fail(module, " ".join(said), rolled_back=last.get("rolled_back", False), **whole)
+    return ends.leave(
+        module,
+        unconfirmed=any(result.get("unconfirmed") for _name, result in results),
+        same_connection=bool(last.get("same_connection")),
+        msg=" ".join(result["msg"] for _name, result in results) or "Nothing was asked for.",
+        **whole,
+    )
+
+
+def by_name(results: typing.Iterable[typing.Tuple[str, Fields]]) -> typing.Dict[str, typing.List[Fields]]:
+    """The results of each concern by its name, in their order."""
+    found: typing.Dict[str, typing.List[Fields]] = {}
+    for name, result in results:
+        found.setdefault(name, []).append(result)
+    return found

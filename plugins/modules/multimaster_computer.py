@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: multimaster_computer
+short_description: Bring a computer to its plan in one run, or in two where a change is to be confirmed
+version_added: "0.5.0"
+description:
+  - Does what the modules of a computer's concerns do, in the order of the options, with their own code and their own options.
+    Most of a module's time goes into its start, so one run in place of many is what makes a play quick.
+  - Kernel settings and routes come first. Where they change at run time, and their options have C(confirm_within), nothing else is done
+    in that run. The controller confirms them over a new connection, and that second run does the rest.
+  - A concern that fails ends the run. Those before it stay, those after it are not begun, and changes that wait for their
+    confirmation are taken back.
+  - In check mode, all is shown in one run.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes
+options:
+  sysctl:
+    description: The options of M(rosfleet.multimaster.sysctl).
+    type: dict
+  routes:
+    description: The options of M(rosfleet.multimaster.routes).
+    type: dict
+  hosts_entries:
+    description: The options of M(rosfleet.multimaster.hosts_entries).
+    type: dict
+  managed_files:
+    description: The options of one or more runs of M(rosfleet.multimaster.managed_files).
+    type: list
+    elements: dict
+    default: []
+  managed_services:
+    description: The options of one or more runs of M(rosfleet.multimaster.managed_services).
+    type: list
+    elements: dict
+    default: []
+seealso:
+  - module: rosfleet.multimaster.multimaster_due
+author:
+  - rosfleet contributors (@rosfleet)
+"""
+
+EXAMPLES = r"""
+- name: Route to the other robot, and bind its name
+  rosfleet.multimaster.multimaster_computer:
+    routes:
+      routes:
+        - destination: 192.168.12.0/24
+          gateway: 192.168.1.202
+      confirm_within: 60
+    hosts_entries:
+      entries:
+        - address: 192.168.12.100
+          names: [kobuki2nav]
+"""
+
+RETURN = r"""
+concerns:
+  description:
+    - What was found and done for each concern, by the name of its module, in the order of the options. For each of its runs
+      these are the return values of that module, without C(diff).
+  returned: when the options are right
+  type: dict
+  sample:
+    routes:
+      - changed: true
+        confirmed: true
+        msg: 1 of 1 routes changed.
+diff:
+  description: What changes, of all concerns.
+  returned: when the options are right
+  type: list
+  elements: dict
+  sample: []
+unconfirmed:
+  description: Whether a change waits for its confirmation; the controller's result is never this one.
+  returned: when no concern failed
+  type: bool
+  sample: false
+same_connection:
+  description: Whether the confirming run came over the connection from before the change, which proves nothing.
+  returned: when no concern failed
+  type: bool
+  sample: false
+rolled_back:
+  description: Whether the change was taken back, because it was not confirmed in time or could not be completed.
+  returned: failed
+  type: bool
+  sample: true
+msg:
+  description: The sentences of all concerns; after a failure that of the concern that failed.
+  returned: always
+  type: str
+  sample: "1 of 1 routes changed. /etc/hosts: 1 added."
+"""
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import asked_for
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.run import carry_out
+
+
+def main() -> None:
+    """Carry out the concerns that were asked for."""
+    module = AnsibleModule(
+        argument_spec={
+            "sysctl": {"type": "dict"},
+            "routes": {"type": "dict"},
+            "hosts_entries": {"type": "dict"},
+            "managed_files": {"type": "list", "elements": "dict", "default": []},
+            "managed_services": {"type": "list", "elements": "dict", "default": []},
+        },
+        supports_check_mode=True,
+    )
+    carry_out(module, asked_for(module.params))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The two runs of a computer's concerns, and what is made of their answers."""
+
+import types
+
+import pytest
+from ansible.errors import AnsibleConnectionFailure
+from ansible.playbook.task import Task
+from ansible.plugins.connection import ConnectionBase
+from ansible_collections.rosfleet.multimaster.plugins.action import multimaster_computer
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import confirmed
+
+SYSCTL = {"settings": [], "confirm_within": 60}
+ROUTES = {"routes": [], "confirm_within": "30"}
+FILES = [{"bundle": "x", "files": []}]
+
+
+def answer(diff=(), **concerns):
+    """What the module returns."""
+    every = [one for results in concerns.values() for one in results]
+    return {
+        "changed": any(one["changed"] for one in every),
+        "unconfirmed": any(one.get("unconfirmed") for one in every),
+        "diff": list(diff),
+        "concerns": concerns,
+        "msg": " ".join(one["msg"] for one in every),
+    }
+
+
+DONE = [{"changed": True, "unconfirmed": False, "msg": "Done."}]
+RIGHT = [{"changed": False, "unconfirmed": False, "msg": "Right."}]
+WAITS = [{"changed": True, "unconfirmed": True, "msg": "Waits."}]
+
+
+class Kept(ConnectionBase):
+    """A connection that counts how often it is left."""
+
+    transport = _connect = exec_command = put_file = fetch_file = close = None
+
+    def __init__(self, transport):
+        self.transport, self.resets = transport, 0
+        self._shell = types.SimpleNamespace(tmpdir=None)
+
+    def reset(self):
+        self.resets += 1
+
+
+@pytest.fixture
+def play(monkeypatch):
+    monkeypatch.setattr(confirmed, "PAUSE", 0.01)
+
+    def play(*answers, transport="ssh", check=False, **args):
+        task = Task()
+        task.action, task.async_val, task.check_mode = "rosfleet.multimaster.multimaster_computer", 0, check
+        task.args = {"sysctl": SYSCTL, "routes": ROUTES, "managed_files": FILES, "hosts_entries": None, **args}
+        runs, answers, connection = [], iter(answers), Kept(transport)
+
+        def execute(module_args, task_vars):
+            runs.append({**module_args})
+            module_args["_ansible_check_mode"] = False  # as Ansible does
+            given = next(answers)
+            if isinstance(given, Exception):
+                raise given
+            return given
+
+        action = multimaster_computer.ActionModule(task, connection, None, None, None, None)
+        action._execute_module = execute
+        return action.run(task_vars={}), runs, connection
+
+    return play
+
+
+def test_the_second_run_confirms_and_does_the_rest(play):
+    result, runs, connection = play(
+        answer([1], sysctl=WAITS, routes=RIGHT), answer([1, 2], sysctl=DONE, managed_files=DONE)
+    )
+    assert [set(run) for run in runs] == [{"sysctl", "routes"}, {"sysctl", "managed_files"}]
+    word = runs[0]["sysctl"]["confirmation"]
+    assert word and runs[0]["routes"] == {**ROUTES, "confirmation": word}
+    assert runs[1]["sysctl"] == {**SYSCTL, "confirm_within": 0, "confirmation": word}
+    assert connection.resets == 1
+    assert list(result["concerns"]) == ["sysctl", "routes", "managed_files"]
+    assert result["concerns"]["sysctl"] == [{**WAITS[0], "unconfirmed": False, "confirmed": True}]
+    assert (result["changed"], result["diff"], result["msg"]) == (True, [1, 2], "Waits. Right. Done.")
+
+
+def test_where_nothing_waits_the_connection_is_kept(play):
+    result, runs, connection = play(answer(sysctl=RIGHT, routes=RIGHT), answer(managed_files=RIGHT))
+    assert [set(run) for run in runs] == [{"sysctl", "routes"}, {"managed_files"}]
+    assert (connection.resets, result["changed"]) == (0, False)
+
+
+def test_a_router_needs_no_more_than_its_confirmation(play):
+    for waits, number in ((WAITS, 2), (RIGHT, 1)):
+        result, runs, _connection = play(answer(sysctl=RIGHT, routes=waits), answer(routes=DONE), managed_files=None)
+        assert len(runs) == number and list(result["concerns"]) == ["sysctl", "routes"]
+
+
+@pytest.mark.parametrize("how", [{"check": True}, {"transport": "local"}, {"sysctl": {"settings": []}, "routes": None}])
+def test_one_run_where_nothing_can_be_cut(play, how):
+    _result, runs, connection = play(answer(sysctl=DONE), **how)
+    (run,) = runs
+    assert "managed_files" in run and connection.resets == 0
+    assert run["sysctl"] == {"settings": [], "confirm_within": 0, "confirmation": ""}
+
+
+def test_one_concern_without_a_switch_gets_no_word(play):
+    _result, runs, _connection = play(
+        answer(sysctl=DONE, routes=WAITS), answer(routes=DONE, managed_files=DONE), sysctl={"settings": []}
+    )
+    assert runs[0]["sysctl"] == {"settings": [], "confirm_within": 0, "confirmation": ""}
+    assert set(runs[1]) == {"routes", "managed_files"}
+
+
+def test_a_failed_trial_is_the_end(play):
+    failed = {"failed": True, "msg": "No.", "concerns": {"sysctl": WAITS}}
+    result, runs, connection = play(failed)
+    assert (result, len(runs), connection.resets) == (failed, 1, 0)
+
+
+def test_a_lost_answer_may_be_that_of_any_change(play):
+    lost = AnsibleConnectionFailure("Failed to connect to the host via ssh: Broken pipe")
+    result, runs, connection = play(lost, answer(sysctl=DONE, routes=DONE, managed_files=DONE))
+    assert set(runs[1]) == {"sysctl", "routes", "managed_files"} and connection.resets == 1
+    assert result["concerns"]["sysctl"] == DONE
+
+
+def test_what_was_taken_back_is_no_change(play):
+    back = {"failed": True, "msg": "Taken back.", "changed": False, "rolled_back": True}
+    result, _runs, _connection = play(answer([1], sysctl=WAITS, routes=WAITS), back)
+    assert (result["failed"], result["changed"], result["msg"]) == (True, False, "Taken back.")
+
+
+def test_a_failure_after_the_confirmation_leaves_what_was_confirmed(play):
+    failed = {
+        "failed": True,
+        "msg": "No.",
+        "changed": False,
+        "concerns": {"sysctl": DONE, "managed_files": [{"failed": True, "msg": "No."}]},
+    }
+    result, _runs, _connection = play(answer(sysctl=WAITS, routes=RIGHT), failed)
+    assert (result["failed"], result["changed"], result["msg"]) == (True, True, "No.")
+    assert result["concerns"]["sysctl"][0]["confirmed"] and result["concerns"]["managed_files"][0]["failed"]
