@@ -38,8 +38,8 @@ def lab():
 
 def test_nothing_is_lost_and_nothing_comes_back(lab):
     print(f"\nKILL_SEED={SEED}")
-    program = (ROOT / "tests/lab/nodes/killed_roscore.py").read_text()
-    lab.run(HOST, "cat > /tmp/killed_roscore.py", stdin=program)
+    for name in ("killed_roscore.py", "all_sorts.py"):
+        lab.run(HOST, f"cat > /tmp/{name}", stdin=(ROOT / "tests/lab/nodes" / name).read_text())
     command = f"PYTHONPATH=/tmp/python exec python3 /tmp/killed_roscore.py {KILLS} {SEED}"
     done = subprocess.run(
         ["podman", "exec", containers.container(LAB, HOST), "bash", "-lc", command],

@@ -85,8 +85,8 @@ def test_a_service_is_asked_whose_it_is(node, monkeypatch, provided):
     monkeypatch.setattr(module, "provider", provider)
     uri = node()
     found = module.ask("/a", uri, had(services={"/stop": "rosrpc://robot:3"}.items()))
-    stays = provided == "/a" or (isinstance(provided, OSError) and not isinstance(provided, ConnectionError))
-    assert found == (State.ALIVE, [] if stays else [["service", "/stop", "/a", "rosrpc://robot:3"]])
+    stays = provided == "/a" or isinstance(provided, OSError)
+    assert found == (State.ALIVE, [] if stays else [["service", "/stop", "/a", "rosrpc://robot:3", uri]])
 
 
 def registry(**uris):
@@ -97,23 +97,85 @@ def registry(**uris):
     return found
 
 
-def test_all_are_asked_and_a_silent_one_again(node, monkeypatch):
-    monkeypatch.setattr(module, "TIMEOUT", 0.2)
+class Roscore:
+    """What is done to the roscore."""
+
+    def __init__(self):
+        self.ended, self.removed, self.back, self.held = [], [], [], True
+
+    def has(self, _name, _uri):
+        return self.held
+
+    def end_node(self, name, _uri):
+        self.ended.append(name)
+
+    def end_registration(self, record):
+        self.removed.append(record)
+        return True
+
+    def come_back(self, registry):
+        self.back.append(registry)
+
+
+@pytest.fixture
+def survey(monkeypatch):
+    """Ask until a condition is true; what was done to the roscore."""
+    monkeypatch.setattr(module, "TIMEOUT", 0.5)
     monkeypatch.setattr(module, "AGAIN", 0.2)
-    loop, ended, removed = Loop(), [], []
+
+    def run(ask, over):
+        loop, roscore = Loop(), Roscore()
+        survivors = module.Survivors(Workers(loop, 4), roscore)
+        ask(survivors)
+        until = time.monotonic() + 30.0
+        loop.run(lambda now: (now > until or over(survivors, roscore)) and loop.stop() or now + 0.05)
+        return roscore
+
+    return run
+
+
+def test_all_are_asked_and_a_silent_one_again(node, survey):
     slow = socket.create_server(("127.0.0.1", 0))
     uris = {"alive": node(), "less": node(["/rosout"], []), "dead": "http://127.0.0.1:1/"}
     uris["slow"] = f"http://127.0.0.1:{slow.getsockname()[1]}/"
     found = registry(**uris)
     found.apply(["publisher", "/rosout", "/less", uris["less"], True])
-    survivors = module.Survivors(
-        Workers(loop, 4), lambda name, _uri: ended.append(name), lambda record: removed.append(record) or True
-    )
-    survivors.begin(found)
     threading.Timer(0.6, slow.close).start()
-    until = time.monotonic() + 3.0
-    loop.run(lambda now: (now > until or not survivors._left) and loop.stop() or now + 0.05)
-    assert sorted(ended) == ["/dead", "/slow"] and removed == [["publisher", "/out", "/less", uris["less"]]]
+    done = survey(lambda survivors: survivors.begin(found), lambda survivors, _done: not survivors._left)
+    assert sorted(done.ended) == ["/dead", "/slow"] and done.removed == [["publisher", "/out", "/less", uris["less"]]]
+
+
+def test_a_silent_node_stays_and_is_asked_for_as_long_as_it_is_registered(survey, caplog):
+    asked = []
+    with socket.create_server(("127.0.0.1", 0)) as slow:
+        uri = f"http://127.0.0.1:{slow.getsockname()[1]}/"
+
+        def over(survivors, roscore):
+            asked.append(len(survivors._left))
+            roscore.held = len(asked) < 20  # then somebody else has its name, or `rosnode cleanup` was called
+            return not survivors._left
+
+        done = survey(lambda survivors: survivors.begin(registry(slow=uri)), over)
+    assert asked[20] == 1 and asked[-1] == 0 and done.ended == [] == done.removed
+    assert sum("does not answer" in record.message for record in caplog.records) == 1
+
+
+def test_after_a_boot_a_node_comes_back_when_it_answers_and_a_dead_one_never(node, survey, monkeypatch):
+    monkeypatch.setattr(module, "provider", lambda uri, _service, _timeout: "/late" if uri.endswith(":1") else "/x")
+    uris = {"dead": "http://127.0.0.1:1/", "late": node()}
+    answers = iter([module.Found(State.SILENT)] * 2)
+    ask = module.ask
+    monkeypatch.setattr(module, "ask", lambda *of: "late" in of[0] and next(answers, None) or ask(*of))
+    found = registry(**uris)
+    found.apply(["publisher", "/gone", "/late", uris["late"], True])
+    found.apply(["listener", "/speed", "/late", uris["late"], True])
+    for number in (1, 2):
+        found.apply(["service", f"/serve_{number}", "/late", f"rosrpc://robot:{number}", uris["late"], True])
+    done = survey(lambda survivors: survivors.wait_for(found), lambda _survivors, roscore: roscore.back)
+    (back,) = done.back
+    assert back.nodes == {"/late": uris["late"]} and list(back.services) == ["/serve_1"]
+    assert (list(back.publishers), list(back.listeners)) == (["/out"], ["/speed"])
+    assert done.ended == [] == done.removed
 
 
 def test_those_that_answer_within_a_time(node):

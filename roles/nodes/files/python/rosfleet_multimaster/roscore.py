@@ -39,7 +39,8 @@ class Roscore:
         self._changes = Changes(uuid.uuid4().hex, self._master.ps_lock, self._master.copy, self._master.caller, WATCHED)
         self._store: Optional[store.Store] = None
         self._rosout = core_services.Rosout(lambda name: str(self._call("lookupNode", core_services.CALLER, name)[2]))
-        self._survivors = Survivors(self._workers, self._master.end_node, self._master.end_registration)
+        self._survivors = Survivors(self._workers, self._master)
+        self._late: Optional[Registry] = None  # nodes of other computers, which may have survived a boot of this one
         self._status = 0
 
     def run(self) -> int:
@@ -54,6 +55,8 @@ class Roscore:
         if before is not None:
             self._master.tell_all()
             self._survivors.begin(before.without(self._is_import))
+        if self._late is not None:
+            self._survivors.wait_for(self._late)
         in_thread("versions", partial(core_services.versions, self._call))
         program.on_signals(self._loop, self._end)
         program.on_request(self._loop, self._forget)
@@ -94,11 +97,15 @@ class Roscore:
         return self._after_boot(found.registry)
 
     def _after_boot(self, registry: Registry) -> Optional[Registry]:
-        """Nodes of this computer are dead. If some of another one live on, what they know counts, and else nothing does."""
+        """Nodes of this computer are dead. If some of another one live on, what they know counts, and else nothing does.
+
+        There may be no network yet: who answers later is registered again then.
+        """
         claims = imports.claims_of(registry.parameter(imports.IMPORTS))
-        own = addresses.own_hosts()
-        others = registry.without(lambda node, uri: (node, uri) in claims or addresses.leads_to(uri, own))
+        here = addresses.here(registry.nodes.values(), BOOT_PATIENCE)
+        others = registry.without(lambda node, uri: (node, uri) in claims or uri in here)
         alive = alive_of(others, BOOT_PATIENCE)
+        self._late = others.without(lambda node, uri: (node, uri) in alive)
         if not alive:
             program.LOG.info("this computer was started since: nothing from before counts")
             return None

@@ -5,8 +5,11 @@
 import os
 import socket
 import struct
+from functools import partial
 from typing import Dict, Iterable, List, NamedTuple, Set, Tuple
 from urllib.parse import urlsplit
+
+from .patience import within
 
 # linux/rtnetlink.h, linux/if_link.h, linux/if_addr.h and net/if.h
 _RTM_NEWLINK, _RTM_GETLINK, _RTM_NEWADDR, _RTM_GETADDR, _RTM_NEWROUTE, _RTM_GETROUTE = 16, 18, 20, 22, 24, 26
@@ -136,15 +139,22 @@ def source_address(group: str, port: int, own: Set[str]) -> str:
 
 
 def own_hosts() -> Set[str]:
-    """Names and addresses of this computer."""
+    """Names, in small letters, and addresses of this computer."""
     names = {socket.gethostname(), "localhost", os.environ.get("ROS_IP", ""), os.environ.get("ROS_HOSTNAME", "")}
+    own = {name.lower() for name in names if name}
     try:
-        return (names | network().own) - {""}
+        return own | network().own
     except OSError:
-        return names - {""}
+        return own
 
 
-def leads_to(uri: str, hosts: Set[str]) -> bool:
-    """True where a URI leads to one of these hosts."""
-    host = urlsplit(uri).hostname or ""
-    return host in hosts or host.startswith("127.") or addresses_of_all([host]).get(host, host) in hosts
+def here(uris: Iterable[str], seconds: float) -> Set[str]:
+    """Those URIs that lead to this computer, as far as their names can be resolved in this time."""
+    own, hosts = own_hosts(), {uri: urlsplit(uri).hostname or "" for uri in uris}
+    others = {host for host in hosts.values() if host not in own}
+    try:
+        known = within(seconds, partial(addresses_of_all, others))
+    except TimeoutError:  # a name server that does not answer
+        known = {}
+    own |= {host for host in others if host.startswith("127.") or known.get(host) in own}
+    return {uri for uri, host in hosts.items() if host in own}

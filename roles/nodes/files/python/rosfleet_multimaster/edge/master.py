@@ -9,7 +9,7 @@ seen where it is made, and all changes of one call are handed on together before
 import socket
 import threading
 from socket import socket as Socket
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
 import rosgraph.names
 import rosgraph.network
@@ -17,7 +17,7 @@ import rosgraph.xmlrpc
 from rosmaster import master_api, paramserver, registrations
 
 from ..core.name_guard import NameGuard
-from ..core.registry import Record, Registry, Service, touches
+from ..core.registry import Of, Record, Registry, Service, touches
 from .clock import monotonic
 from .notifier import Notifier
 
@@ -399,15 +399,41 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 for _name, uri in users:
                     self._notifier.tell(uri, "paramUpdate", key, (key, {} if value is None else value))
 
+    def come_back(self, found: Registry) -> None:
+        """Register nodes as if they did it themselves, and tell them what they would hear then. Names that others have stay theirs."""
+        with self._lock:
+            for topic, users in found.publishers.items():
+                for name, uri in self._unopposed(users):
+                    self.call("registerPublisher", name, topic, found.types.get(topic, "*"), uri)
+            for topic, users in found.subscribers.items():
+                for name, uri in self._unopposed(users):
+                    uris = self.call("registerSubscriber", name, topic, found.types.get(topic, "*"), uri)[2]
+                    self._notifier.tell(uri, "publisherUpdate", topic, (topic, uris))
+            for service, of in found.services.items():
+                if service not in self.services.map and list(self._unopposed([(of.node, of.node_uri)])):
+                    self.call("registerService", of.node, service, of.uri, of.node_uri)
+            for key, users in found.listeners.items():
+                for name, uri in self._unopposed(users):
+                    value = self.call("subscribeParam", name, uri, key)[2]
+                    self._notifier.tell(uri, "paramUpdate", key, (key, value))
+
+    def _unopposed(self, users: Iterable[Of]) -> Iterator[Of]:
+        """Those whose name nobody else has by now."""
+        return (of for of in users if of[0] not in self.reg_manager.nodes or self.has(*of))
+
+    def has(self, name: str, uri: str) -> bool:
+        """True while this node has the name."""
+        held = self.reg_manager.nodes.get(name)
+        return held is not None and held.api == uri
+
     def end_node(self, name: str, uri: str) -> None:
         """A node is dead, or another one has its port: nothing restored of it stays. What it registered since does."""
         with self._lock:
-            held = self.reg_manager.nodes.get(name)
-            if held is None or held.api != uri:
+            if not self.has(name, uri):
                 return
             for key in [key for key in self._restored if key[2] == name]:
                 self.end_registration(list(key))
-            if name in self.reg_manager.nodes and held.is_empty():
+            if self.has(name, uri) and self.reg_manager.nodes[name].is_empty():
                 del self.reg_manager.nodes[name]
 
     def end_registration(self, record: Record) -> bool:

@@ -2,17 +2,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which nodes are still there after the roscore has ended and come back: each is asked what it has.
 
-Who refuses the connection is dead. Who does not answer in time is asked again. A port may be another process's by now, so
-what the node says that it publishes and subscribes to is compared with what it had registered.
+Who refuses the connection is dead. Silence proves nothing: the cable of another computer may be out, or a debugger hold the
+process. So who does not answer stays, and is asked again for as long as it is registered. A port may be another process's by
+now, so what the node says that it publishes and subscribes to is compared with what it had registered.
+
+After a boot of the computer it is the other way round: a node of another computer counts from its first answer on.
 """
 
 import enum
 import logging
 import xmlrpc.client
 from functools import partial
-from typing import Callable, Dict, List, NamedTuple, Optional, Set, Tuple
+from typing import Callable, Dict, List, NamedTuple, Optional, Protocol, Set
 
-from ..core.registry import Record, Registry
+from ..core.registry import Of, Record, Registry
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers, after
 from ..edge.rpc_client import Rpc
@@ -49,7 +52,7 @@ class Had(NamedTuple):
     services: Dict[str, str]  # service -> its URI
 
 
-def had(registry: Registry) -> Dict[Tuple[str, str], Had]:
+def had(registry: Registry) -> Dict[Of, Had]:
     """The registrations of each node, by name and URI."""
     found = {of: Had({"publisher": set(), "subscriber": set()}, {}) for of in registry.nodes.items()}
     for kind, table in (("publisher", registry.publishers), ("subscriber", registry.subscribers)):
@@ -89,7 +92,7 @@ def ask(name: str, uri: str, held: Had) -> Found:
         for topic in sorted(held.topics[kind] - topics)
     ]
     ended += [
-        ["service", service, name, at] for service, at in held.services.items() if not _provides(name, service, at)
+        ["service", service, name, at, uri] for service, at in held.services.items() if not _provides(name, service, at)
     ]
     return Found(State.ALIVE, ended)
 
@@ -107,68 +110,100 @@ def _topics(rpc: Rpc, method: str) -> Optional[Set[str]]:
 
 
 def _provides(name: str, service: str, uri: str) -> bool:
-    """True where a node still provides a service; true where nobody can tell."""
+    """True where a node that lives still provides a service; true where nobody can tell.
+
+    A port that refuses says nothing: rospy and roscpp keep it open when a service ends, so there is a filter, or another name.
+    """
     try:
         return provider(uri, service, TIMEOUT) == name
-    except ConnectionRefusedError:
-        return False
     except (OSError, ValueError) as problem:
         _log.debug("%s at %s: %s", service, uri, problem)
         return True
 
 
+class Registrations(Protocol):
+    """What a survey does to the roscore."""
+
+    def has(self, name: str, uri: str) -> bool:
+        """True while this node has the name."""
+
+    def end_node(self, name: str, uri: str) -> None:
+        """End a node that is dead."""
+
+    def end_registration(self, record: Record) -> bool:
+        """End what a node has no more. Whether it was there."""
+
+    def come_back(self, registry: Registry) -> None:
+        """Register nodes anew that live."""
+
+
 class Survivors:
     """Asks the nodes of an earlier life, until each has answered or is gone."""
 
-    def __init__(
-        self,
-        workers: Workers,
-        end_node: Callable[[str, str], None],
-        end_registration: Callable[[Record], bool],
-    ) -> None:
-        """Take the two functions that end what is not true any more."""
-        self._workers, self._end_node, self._end_registration = workers, end_node, end_registration
-        self._left: Set[Tuple[str, str]] = set()
+    def __init__(self, workers: Workers, roscore: Registrations) -> None:
+        """Ask in these workers, and have it done to this roscore."""
+        self._workers, self._roscore = workers, roscore
+        self._left: Set[Of] = set()  # registered nodes that have not answered yet
+        self._warned: Set[Of] = set()
         self._alive = self._gone = 0
 
     def begin(self, registry: Registry) -> None:
-        """Ask all nodes of a registry."""
-        nodes = had(registry)
-        self._left = set(nodes)
-        for (name, uri), held in nodes.items():
-            self._ask(name, uri, held, AGAIN)
+        """Ask nodes that are registered: each stays until it is known that it has ended."""
+        self._left = set(registry.nodes.items())
+        for of, held in had(registry).items():
+            self._ask(of, held, partial(self._judge, of))
 
-    def _ask(self, name: str, uri: str, held: Had, pause: float) -> None:
-        self._workers.submit(partial(ask, name, uri, held), partial(self._answered, name, uri, held, pause))
+    def wait_for(self, registry: Registry) -> None:
+        """Ask nodes that are not registered: each comes back when it answers."""
+        for of, held in had(registry).items():
+            self._ask(of, held, partial(self._welcome, of, registry))
 
-    def _answered(
-        self, name: str, uri: str, held: Had, pause: float, found: Optional[Found], problem: Optional[Exception]
-    ) -> None:
-        if found is None or found.state is State.SILENT:
-            if pause == AGAIN:
-                _log.warning("%s at %s does not answer: it is asked again (%s)", name, uri, problem or "no answer")
-            after(pause, partial(self._ask, name, uri, held, min(2 * pause, LATEST)))
-            return
-        self._left.discard((name, uri))
+    def _ask(self, of: Of, held: Had, judge: Callable[[Found], bool], pause: float = AGAIN) -> None:
+        def answered(found: Optional[Found], _problem: Optional[Exception]) -> None:
+            if judge(Found(State.SILENT) if found is None else found):
+                after(pause, partial(self._ask, of, held, judge, min(2 * pause, LATEST)))
+
+        self._workers.submit(partial(ask, *of, held), answered)
+
+    def _judge(self, of: Of, found: Found) -> bool:
+        """Do what the answer of a registered node says. True where it is to be asked again."""
+        name, uri = of
+        if found.state is State.SILENT and self._roscore.has(name, uri):
+            if of not in self._warned:
+                self._warned.add(of)
+                _log.warning("%s at %s does not answer: it stays registered, and is asked again", name, uri)
+            return True
+        self._left.discard(of)
         if found.state is State.GONE:
             self._gone += 1
             _log.info("%s at %s has ended meanwhile", name, uri)
-            self._end_node(name, uri)
-        else:
+            self._roscore.end_node(name, uri)
+        elif found.state is State.ALIVE:
             self._alive += 1
             for record in found.ended:
-                if self._end_registration(record):
+                if self._roscore.end_registration(record):
                     _log.info("%s does not have the %s %s any more", name, record[0], record[1])
         if not self._left:
             _log.info("of the nodes from before, %d are still there and %d have ended", self._alive, self._gone)
+        return False
+
+    def _welcome(self, of: Of, registry: Registry, found: Found) -> bool:
+        """Register a node again that lives. True where it is to be asked again."""
+        if found.state is State.ALIVE:
+            _log.info("%s at %s is still there: it is registered again", *of)
+            back = registry.without(lambda *other: other != of)
+            for record in found.ended:
+                back.apply([*record, False])
+            self._roscore.come_back(back)
+        return found.state is State.SILENT
 
 
-def alive_of(registry: Registry, seconds: float) -> Set[Tuple[str, str]]:
+def alive_of(registry: Registry, seconds: float) -> Set[Of]:
     """Those nodes of a registry, by name and URI, that answer within this time."""
     loop, nodes, alive = Loop(), had(registry), set()
     left, end = set(nodes), monotonic() + seconds
 
-    def answered(of: Tuple[str, str], found: Optional[Found], _problem: Optional[Exception]) -> None:
+    def answered(of: Of, found: Optional[Found], _problem: Optional[Exception]) -> None:
         left.discard(of)
         if found is not None and found.state is State.ALIVE:
             alive.add(of)
