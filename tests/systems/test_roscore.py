@@ -65,7 +65,7 @@ def nodes(lab):
     lab.start(FIRST, "native", ROSCPP)
     wait(lab, "/alpha/serve /native/get_loggers")
     yield lab
-    lab.stop(FIRST, "alpha", "native")
+    lab.run(FIRST, "systemctl stop alpha native", check=False)  # they may have ended with the computer
 
 
 def wait(lab, services, host=FIRST):
@@ -201,8 +201,25 @@ def test_an_own_node_takes_the_name_of_an_import_and_the_other_robots_node_lives
     assert "/camera" in lab.run(SECOND, "rosnode list")
     assert uri.strip() not in lab.run(FIRST, "rosnode info /camera")
     assert "an own node at" in lab.run(FIRST, f"journalctl -u {UNIT} -o cat | grep 'camera.*is refused'")
+    told_of_both(lab, FIRST, SECOND)
+    told_of_both(lab, SECOND, FIRST)
     lab.stop(FIRST, "camera")
+    back = f"timeout 60 bash -c 'until rosnode info /camera | grep -q {uri.strip()}; do sleep 0.2; done'"
+    lab.run(FIRST, back)
+    assert "/camera is no longer refused" in lab.run(FIRST, SYNC_LOG)
     lab.stop(SECOND, "camera")
+
+
+SYNC_LOG = "journalctl -u multimaster-sync -o cat"
+
+
+def told_of_both(lab, here, there):
+    """The log of master_sync and /diagnostics say whose node is refused, and who has the name here."""
+    line = f"{there}: the node /camera at http://{there}:.* is refused: here it is http://{here}:"
+    lab.run(here, f"timeout 30 bash -c 'until {SYNC_LOG} | grep -q \"{line}\"; do sleep 0.2; done'")
+    diagnosed = f"node /camera.*http://{there}:.* of {there} is refused, here it is http://{here}:"
+    listened = "timeout 5 rostopic echo /diagnostics"
+    assert lab.run(here, f"{listened} | tr -d '\\n\"' | sed 's/  */ /g' | grep -o '{diagnosed}'; true")
 
 
 def test_it_forgets_when_it_is_asked_to(nodes):
@@ -214,3 +231,46 @@ def test_it_forgets_when_it_is_asked_to(nodes):
     nodes.run(FIRST, f"timeout 30 bash -c '{changed}'")
     assert "/stale" not in nodes.run(FIRST, "rosparam list") and "/alpha" not in nodes.run(FIRST, "rosnode list")
     wait(nodes, "/master_discovery/list_masters /master_sync/get_sync_info")
+
+
+def pid(lab, unit):
+    return lab.run(FIRST, f"systemctl show --value -p MainPID {unit}").strip()
+
+
+def test_other_code_restarts_it_and_no_node_of_the_robot_notices(lab):
+    """As an upgrade of the collection does it: only what a service runs differs from what is planned."""
+    lab.start(FIRST, "beta", "python3 {script} beta", "all_sorts.py")
+    wait(lab, "/beta/serve")
+    units = (UNIT, "multimaster-discovery", "beta")
+    before = [pid(lab, unit) for unit in units]
+    status, output = lab.play("site.yml", "--limit", "kobuki1", variables={"services_code_digest": "another"})
+    assert status == 0, output
+    after = [pid(lab, unit) for unit in units]
+    assert after[0] != before[0] and after[1:] == before[1:]
+    assert "success: True" in lab.run(FIRST, "rosservice call /beta/serve").replace('"', "")
+    lab.stop(FIRST, "beta")
+    assert lab.play("site.yml", "--limit", "kobuki1")[0] == 0
+
+
+def test_after_a_boot_a_node_of_another_computer_is_back_and_dead_ones_are_not(lab):
+    """A container has the boot id of its host, so before the boot another one is put over it."""
+    place = "/proc/sys/kernel/random/boot_id"
+    lab.run(FIRST, f"echo earlier > /run/boot_id && mount --bind /run/boot_id {place} && systemctl restart {UNIT}")
+    lab.start(FIRST, "near", "python3 {script} near", "all_sorts.py")
+    lab.start(SECOND, "far", f"env ROS_MASTER_URI=http://{FIRST}:11311 python3 {{script}} far", "all_sorts.py")
+    wait(lab, "/near/serve /far/serve")
+    lab.run(FIRST, "rosparam set /use_sim_time true")
+    uri = lab.run(FIRST, "rosnode info /far | grep -m 1 -o 'http://[^ ]*'")
+    lab.podman("restart", "-t", "2", FIRST)
+    began = time.monotonic()
+    lab.wait_until_up(FIRST)
+    wait(lab, "/far/serve")
+    print(f"\nback after {time.monotonic() - began:.1f} s")
+    assert uri in lab.run(FIRST, "rosnode info /far")
+    assert "far" in lab.run(FIRST, "timeout 20 rostopic echo -n 1 /far/out")
+    assert "/near" not in lab.run(FIRST, "rosnode list")
+    assert "/use_sim_time" not in lab.run(FIRST, "rosparam list")
+    lab.run(FIRST, "rosparam set /far/word later")
+    lab.run(SECOND, "timeout 20 bash -c 'until grep -q \"word later\" /run/far.out; do sleep 0.1; done'")
+    lab.stop(SECOND, "far")
+    assert "/far" not in lab.run(FIRST, "rosnode list")

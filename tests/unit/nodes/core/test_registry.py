@@ -93,7 +93,7 @@ def test_the_feed_has_no_uris_of_topics_and_no_parameters_but_those_named():
     assert told(["publisher", "/chatter", *A, True]) == ["publisher", "/chatter", "/a", True]
     assert told(["service", "/stop", "/a", "rosrpc://robot:3", "", False]) == ["service", "/stop", "/a", ""]
     assert told(["set", "/speed", 3]) is None and told(["listener", "/speed/", *B, True]) is None
-    whole = told_whole(made(*SOME), ["/speed", "/none"])
+    whole = told_whole(made(*SOME).records(), [("/speed", 3), ("/none", None)])
     assert ["parameter", "/speed", 3] in whole and ["parameter", "/none", None] in whole
     assert ["subscriber", "/chatter", "/b", True] in whole and ["node", "/a", "http://robot:1/"] in whole
 

@@ -87,7 +87,7 @@ def test_binary_values_and_times_stay_what_they_are():
 
 def test_a_whole_registry_is_read_back():
     registry = remembered.read(file_of(CHANGES)).registry
-    found = remembered.read(b"".join(remembered.whole(registry, "boot")))
+    found = remembered.read(file_of([[record] for record in registry.records()]))
     assert vars(found.registry) == vars(registry) and not found.torn
 
 

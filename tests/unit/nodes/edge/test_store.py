@@ -22,13 +22,13 @@ class Roscore:
 
     def __init__(self, folder):
         self.registry, self.lock = Registry(), threading.RLock()
-        self.store = store.Store(str(folder), self.lock, self.copy)
+        self.store = store.Store(str(folder), self.lock, self.parts)
 
-    def copy(self):
-        found = Registry()
-        for record in self.registry.records():
-            found.apply(record)
-        return found
+    def parts(self):
+        with self.lock:
+            records = list(self.registry.records())
+        for at in range(0, len(records), 2):
+            yield records[at : at + 2]
 
     def change(self, count):
         records = [

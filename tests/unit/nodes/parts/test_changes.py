@@ -18,7 +18,9 @@ class Roscore:
     def __init__(self, own=True):
         self.registry, self.lock, self.away = Registry(), threading.RLock(), False
         self.caller = types.SimpleNamespace(own=own, gone=lambda: self.away)
-        self.feed = module.Changes("now", self.lock, lambda: self.registry, lambda: self.caller, ["/watched"])
+        self.feed = module.Changes(
+            "now", self.lock, lambda: self.registry.records(), lambda: [("/watched", None)], lambda: self.caller
+        )
 
     def change(self, *records):
         with self.lock:

@@ -36,7 +36,13 @@ class Roscore:
         self._options, self._loop = options, Loop()
         self._workers = Workers(self._loop, THREADS, 1 << 16)
         self._master = master.Master(WATCHED, imports.IMPORTS, imports.claims_of)
-        self._changes = Changes(uuid.uuid4().hex, self._master.ps_lock, self._master.copy, self._master.caller, WATCHED)
+        self._changes = Changes(
+            uuid.uuid4().hex,
+            self._master.ps_lock,
+            self._master.registered,
+            self._master.watched,
+            self._master.caller,
+        )
         self._store: Optional[store.Store] = None
         self._rosout = core_services.Rosout(lambda name: str(self._call("lookupNode", core_services.CALLER, name)[2]))
         self._survivors = Survivors(self._workers, self._master)
@@ -48,6 +54,7 @@ class Roscore:
         before = self._before()
         if before is not None:
             self._master.restore(before)
+        memory.settled()
         self._keep_from_now_on()
         self._master.handed_on = self._hand_on
         core_services.run_id(self._call)
@@ -116,7 +123,7 @@ class Roscore:
 
     def _keep_from_now_on(self) -> None:
         if self._options.store:
-            self._store = store.Store(self._options.store, self._master.ps_lock, self._master.copy)
+            self._store = store.Store(self._options.store, self._master.ps_lock, self._master.parts)
             self._store.start()
 
     def _serve(self) -> None:

@@ -11,7 +11,7 @@ A record is a list, its kind first:
     ["set", parameter, value]                              ["delete", parameter]
 """
 
-from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Optional, Tuple
 
 Record = List[Any]
 Of = Tuple[str, str]  # a node: its name and its URI
@@ -168,12 +168,10 @@ def told(record: Record) -> Optional[Record]:
     return record if kind in ("type", "node") else None
 
 
-def told_whole(registry: Registry, parameters: Sequence[str]) -> List[Record]:
-    """The whole state as the feed has it, with these parameters."""
-    found: Iterable[Optional[Record]] = map(told, registry.records())
-    return [record for record in found if record] + [
-        ["parameter", name, registry.parameter(name)] for name in parameters
-    ]
+def told_whole(records: Iterable[Record], parameters: Iterable[Tuple[str, Any]]) -> List[Record]:
+    """The whole state as the feed has it, with these parameters and their values."""
+    found: Iterable[Optional[Record]] = map(told, records)
+    return [record for record in found if record] + [["parameter", *parameter] for parameter in parameters]
 
 
 def touches(name: str, parameter: str) -> bool:

@@ -12,7 +12,7 @@ file: a process or a computer that ended while it wrote leaves half a line.
 import base64
 import json
 import zlib
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence
 
 from .registry import Record, Registry
 
@@ -64,13 +64,6 @@ def line(number: int, content: Any) -> bytes:
     """One line. Raises ValueError or TypeError for a value that cannot be kept."""
     text = f"{number} {json.dumps(content, default=_plain, separators=(',', ':'))}".encode()
     return b"%08x %s\n" % (zlib.crc32(text), text)
-
-
-def whole(registry: Registry, boot: str) -> Iterable[bytes]:
-    """The lines of a store that has all of this."""
-    yield head(boot)
-    for number, record in enumerate(registry.records(), 1):
-        yield line(number, [record])
 
 
 def read(data: bytes, special: Any = lambda value: value) -> Optional[Remembered]:

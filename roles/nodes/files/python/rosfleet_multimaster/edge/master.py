@@ -8,6 +8,7 @@ seen where it is made, and all changes of one call are handed on together before
 
 import socket
 import threading
+from itertools import chain, islice
 from socket import socket as Socket
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
@@ -17,7 +18,7 @@ import rosgraph.xmlrpc
 from rosmaster import master_api, paramserver, registrations
 
 from ..core.name_guard import NameGuard
-from ..core.registry import Of, Record, Registry, Service, touches
+from ..core.registry import Of, Record, Registry, touches
 from .clock import monotonic
 from .notifier import Notifier
 
@@ -34,6 +35,7 @@ CHANGES = {
     "setParam": 0,
     "deleteParam": 0,
 }
+PART = 200  # records that are read at once
 _READ_TREES = ("getParam",)  # their answers have parts of the tree, which changes while they are written
 _KINDS = {
     registrations.Registrations.TOPIC_PUBLICATIONS: "publisher",
@@ -336,22 +338,42 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         for topic in topics:
             self._notify_topic_subscribers(topic, self.publishers.get_apis(topic), self.subscribers.get_apis(topic))
 
-    def copy(self) -> Registry:
-        """All there is; the lock is held."""
-        found = Registry()
-        found.publishers = {topic: dict.fromkeys(users) for topic, users in self.publishers.map.items()}
-        found.subscribers = {topic: dict.fromkeys(users) for topic, users in self.subscribers.map.items()}
-        found.listeners = {name: dict.fromkeys(users) for name, users in self.param_subscribers.map.items()}
-        uris = self.services.service_api_map or {}
-        found.services = {
-            name: Service(users[0][0], users[0][1], uris[name][1])
-            for name, users in self.services.map.items()
-            if name in uris
-        }
-        found.types = dict(self.topics_types)
-        found.nodes = {name: node.api for name, node in self.reg_manager.nodes.items()}
-        found.parameters = copied(self.param_server.parameters)
-        return found
+    def registered(self) -> Iterator[Record]:
+        """All registrations, as records. The lock is held while one is asked for; in between they may change."""
+        for topic, kind in list(self.topics_types.items()):
+            yield ["type", topic, kind]
+        for name, node in list(self.reg_manager.nodes.items()):
+            yield ["node", name, node.api]
+        for table in (self.publishers, self.subscribers, self.param_subscribers):
+            for key, users in list(table.map.items()):
+                for of in list(users):
+                    yield [table.kind, key, *of, True]
+        uris = dict(self.services.service_api_map or {})
+        for service, users in list(self.services.map.items()):
+            if service in uris and users:
+                node, node_uri = users[0]
+                yield ["service", service, node, uris[service][1], node_uri, True]
+
+    def watched(self) -> List[Tuple[str, Any]]:
+        """The parameters whose changes are told, and their values."""
+        return list(self._last.items())
+
+    def parts(self) -> Iterator[List[Record]]:
+        """All there is, a few records at a time, so that nobody waits long for the lock.
+
+        What changes meanwhile may be in it or not. Who notes the changes since, and carries them out after it, has what is.
+        """
+        records = chain([["set", "/", {}]], self._parameters(), self.registered())
+        while True:
+            with self._lock:
+                part = list(islice(records, PART))
+            if not part:
+                return
+            yield part
+
+    def _parameters(self) -> Iterator[Record]:
+        for name, value in list(self.param_server.parameters.items()):
+            yield ["set", f"/{name}", copied(value)]
 
     # After a start
 

@@ -21,7 +21,7 @@ _log = logging.getLogger("rosfleet.store")
 
 SYNC = 0.05  # seconds from a change to its sync
 AGAIN = 10.0  # seconds until a file that cannot be written is tried again
-_LINES, _REST = 200, 0.002  # lines that are made at once while calls are answered; seconds of rest after them
+_REST = 0.002  # seconds of rest for those who call, while a new file is written
 
 
 class Found(NamedTuple):
@@ -83,10 +83,13 @@ def _put_aside(path: str) -> None:
 class Store:
     """The file. Its lines are added by who holds the lock of the registrations."""
 
-    def __init__(self, folder: str, lock: ContextManager[Any], copy: Callable[[], Registry]) -> None:
-        """`copy()`: all that the roscore knows, called with the lock held."""
+    def __init__(self, folder: str, lock: ContextManager[Any], parts: Callable[[], Iterable[List[Record]]]) -> None:
+        """`parts()`: all that the roscore knows, a few records at a time, which takes the lock itself.
+
+        What changes meanwhile may be in it or not: it is added.
+        """
         self._folder, self._path = folder, os.path.join(folder, remembered.FILE)
-        self._lock, self._copy = lock, copy
+        self._lock, self._parts = lock, parts
         self._file: Optional[int] = None
         self._guard: Optional[int] = None  # the folder, locked: one roscore has it
         self._number = self._size = self._base = 0
@@ -146,16 +149,18 @@ class Store:
     def _renew(self, rest: bool = True) -> None:
         """Write a new file beside the old one, which counts until the new one takes its place."""
         new = None
-        with self._lock:
-            registry, self._meanwhile = self._copy(), []
+        self._start_over()
         try:
             self._own()
             new = os.open(self._path + ".new", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
-            lines = self._write(new, remembered.whole(registry, boot()), rest)
+            number = self._write(new, rest)
+            number = _write_all(new, number, self._start_over())
             os.fdatasync(new)
             with self._lock:
-                self._take(new, lines)
+                old = self._take(new, number)
             new = None
+            if old is not None:
+                os.close(old)
             self._sync_folder()
             if self._warned:
                 _log.warning("what the roscore knows is kept again")
@@ -168,32 +173,31 @@ class Store:
                 os.close(new)
                 os.remove(self._path + ".new")
 
-    def _write(self, file: int, lines: Iterable[bytes], rest: bool) -> int:
-        """Write lines a few at a time; their number."""
-        count, some = 0, b""
-        for line in lines:
-            some, count = some + line, count + 1
-            if count % _LINES == 0:
-                _write_all(file, some)
-                some = b""
-                if rest:
-                    sleep(_REST)
-        _write_all(file, some)
-        return count
+    def _start_over(self) -> List[Sequence[Record]]:
+        """Note what changes from now on; what changed since this was called before."""
+        with self._lock:
+            meanwhile, self._meanwhile = self._meanwhile or [], []
+        return meanwhile
 
-    def _take(self, new: int, lines: int) -> None:
-        """The new file takes the place of the old one, with what changed meanwhile."""
-        base, number = os.fstat(new).st_size, lines - 1
-        meanwhile, self._meanwhile = self._meanwhile or [], None
-        for records in meanwhile:
-            number += 1
-            _write_all(new, remembered.line(number, records))
+    def _write(self, file: int, rest: bool) -> int:
+        """Write all there is; the number of the last line."""
+        _write_whole(file, remembered.head(boot()))
+        number = 0
+        for part in self._parts():
+            number = _write_all(file, number, [[record] for record in part])
+            if rest:
+                sleep(_REST)
+        return number
+
+    def _take(self, new: int, number: int) -> Optional[int]:
+        """The new file takes the place of the old one, which is returned. The lock is held."""
+        self._base = os.fstat(new).st_size
+        number = _write_all(new, number, self._meanwhile or [])
         os.replace(self._path + ".new", self._path)
         old, self._file = self._file, new
-        self._number, self._base, self._size = number, base, os.fstat(new).st_size
-        if old is not None:
-            os.close(old)
+        self._number, self._size, self._meanwhile = number, os.fstat(new).st_size, None
         self._dirty.set()
+        return old
 
     def _own(self) -> None:
         """One roscore has the folder. Raises OSError."""
@@ -226,6 +230,13 @@ class Store:
         self._dirty.set()
 
 
-def _write_all(file: int, data: bytes) -> None:
+def _write_all(file: int, number: int, changes: Sequence[Sequence[Record]]) -> int:
+    """Write a line for each change after the line of this number; the number of the last one."""
+    if changes:
+        _write_whole(file, b"".join(remembered.line(at, records) for at, records in enumerate(changes, number + 1)))
+    return number + len(changes)
+
+
+def _write_whole(file: int, data: bytes) -> None:
     if os.write(file, data) < len(data):
         raise OSError("no space left")

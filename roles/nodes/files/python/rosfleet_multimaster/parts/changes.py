@@ -9,10 +9,10 @@ names another epoch or a revision from long ago gets the whole state, which repl
 """
 
 import threading
-from typing import Any, Callable, ContextManager, List, Sequence
+from typing import Any, Callable, ContextManager, Iterable, List, Sequence, Tuple
 
 from ..core.feed import Feed
-from ..core.registry import Record, Registry, told, told_whole
+from ..core.registry import Record, told, told_whole
 from ..edge.clock import monotonic
 
 LONGEST = 60.0  # seconds of waiting
@@ -29,13 +29,16 @@ class Changes:
         self,
         epoch: str,
         lock: ContextManager[Any],
-        copy: Callable[[], Registry],
+        registrations: Callable[[], Iterable[Record]],
+        parameters: Callable[[], Iterable[Tuple[str, Any]]],
         caller: Callable[[], Any],
-        parameters: Sequence[str],
     ) -> None:
-        """`copy()`: all there is, with the lock of the registrations held. `caller()`: who makes this call."""
-        self._feed, self._lock, self._copy = Feed(epoch), lock, copy
-        self._caller, self._parameters = caller, parameters
+        """What there is, and the parameters that are told, are asked for with the lock of the registrations held.
+
+        `caller()`: who makes this call.
+        """
+        self._feed, self._lock, self._caller = Feed(epoch), lock, caller
+        self._registrations, self._parameters = registrations, parameters
         self._changed = threading.Condition()
         self._waiting = 0
 
@@ -84,8 +87,8 @@ class Changes:
 
     def _whole(self) -> List[Any]:
         with self._lock:
-            registry, revision = self._copy(), self._feed.revision
-        return [1, "whole state", [self._feed.epoch, revision, True, _sent(told_whole(registry, self._parameters))]]
+            found, revision = told_whole(self._registrations(), self._parameters()), self._feed.revision
+        return [1, "whole state", [self._feed.epoch, revision, True, _sent(found)]]
 
 
 def _sent(records: Sequence[Record]) -> List[Record]:

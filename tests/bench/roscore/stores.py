@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What it costs a roscore to remember: the same calls with its journal, with sqlite3, with nothing, and with that of ROS.
+
+    python tests/bench/roscore/stores.py [--calls 3000] [--rounds 3]
+
+It makes a lab of its own and takes the kinds in turn, so that other work on the machine meets all of them.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT / "tests" / "lab"))
+
+import containers  # noqa: E402
+from subject import lab_of  # noqa: E402
+
+LAB, HOST = "bench-roscore", "kobuki1computer"
+KINDS = {
+    "plain": "roscore of ROS",
+    "nothing": "ours, without a store",
+    "journal": "ours, its journal",
+    "normal": "ours, sqlite3, WAL, synchronous=NORMAL",
+    "full": "ours, sqlite3, WAL, synchronous=FULL",
+}
+
+
+def measured(calls, kinds, rounds):
+    """One dictionary of figures for each run."""
+    with lab_of(LAB, ROOT / "inventory" / "single_computer") as lab:
+        inside = containers.container(LAB, HOST)
+        here = Path(__file__).parent
+        for folder, names in ((ROOT / "roles/nodes/files", ["python"]), (here, ["calls.py", "with_sqlite.py"])):
+            words = f"tar -c -C {folder} {' '.join(names)} | podman exec -i {inside} tar -x -C /tmp"
+            subprocess.run(["bash", "-o", "pipefail", "-c", words], check=True)
+        found = []
+        for _round in range(rounds):
+            for kind in kinds:
+                text = lab.run(HOST, f"cd /tmp && PYTHONPATH=/tmp/python:$PYTHONPATH python3 calls.py {kind} {calls}")
+                found.append({"kind": kind, "load": os.getloadavg()[0], **json.loads(text.splitlines()[-1])})
+                print(json.dumps(found[-1]), file=sys.stderr)
+        return found
+
+
+def table(found, kinds):
+    """The rows for docs/roscore.md: medians of the rounds, and the worst of all."""
+    lines = [
+        "| | median | 99 % | worst | written for a call | to the disk | after kill -9 |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for kind in kinds:
+        runs = [run for run in found if run["kind"] == kind]
+        median, most = (statistics.median(run[name] for run in runs) for name in ("median", "p99"))
+        worst = max(run["worst"] for run in runs)
+        written, disk = (statistics.median(run[name] for run in runs) for name in ("written", "disk"))
+        kept = " ".join(sorted({f"{run['kept']} of {run['calls']}" for run in runs}))
+        lines.append(
+            f"| {KINDS[kind]} | {median:.2f} ms | {most:.2f} ms | {worst:.1f} ms | {written:.0f} bytes | {disk:.0f} bytes | {kept} |"
+        )
+    return "\n".join(lines)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--calls", type=int, default=3000)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    options = parser.parse_args()
+    found = measured(options.calls, options.kinds, options.rounds)
+    print(f"load of the machine: {min(run['load'] for run in found):.1f} to {max(run['load'] for run in found):.1f}\n")
+    print(table(found, options.kinds))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The bundled roscore with sqlite3 in the place of its journal, to compare the two. SYNCHRONOUS is normal or full.
+
+It is done as well as it can be: WAL, a statement for each thing that changed, checkpoints in a thread of their own.
+"""
+
+import json
+import os
+import sqlite3
+import threading
+import time
+
+from rosfleet_multimaster import roscore
+from rosfleet_multimaster.core.registry import Registry
+from rosfleet_multimaster.edge import store
+from rosfleet_multimaster.parts import program
+
+FILE = "registrations.sqlite"
+THERE = ("publisher", "subscriber", "listener", "service")  # kinds of records that end with whether the thing is there
+
+
+def opened(folder):
+    """A connection."""
+    connection = sqlite3.connect(os.path.join(folder, FILE), check_same_thread=False, isolation_level=None)
+    for pragma in ("journal_mode=WAL", f"synchronous={os.environ['SYNCHRONOUS']}", "wal_autocheckpoint=0"):
+        connection.execute(f"PRAGMA {pragma}").fetchall()
+    connection.execute("CREATE TABLE IF NOT EXISTS state (thing TEXT PRIMARY KEY, record TEXT) WITHOUT ROWID")
+    return connection
+
+
+def thing(record):
+    """What a record is about."""
+    return json.dumps(record[:4] if record[0] in ("publisher", "subscriber", "listener") else record[:2])
+
+
+class Store:
+    """As edge/store.py has it."""
+
+    def __init__(self, folder, lock, copy):
+        os.makedirs(folder, exist_ok=True)
+        self._lock, self._copy = lock, copy
+        self._writer, self._cleaner = opened(folder), opened(folder)
+        self._dirty = threading.Event()
+
+    def start(self):
+        with self._lock:
+            self._writer.execute("BEGIN")
+            self._writer.execute("DELETE FROM state")
+            self._write(self._copy().records())
+            self._writer.execute("COMMIT")
+        threading.Thread(target=self._keep, daemon=True).start()
+
+    def add(self, records):
+        self._writer.execute("BEGIN")
+        self._write(records)
+        self._writer.execute("COMMIT")
+        self._dirty.set()
+
+    def _write(self, records):
+        for record in records:
+            gone = record[0] == "delete" or (record[0] in THERE and not record[-1]) or record == ["node", record[1], ""]
+            if gone:
+                self._writer.execute("DELETE FROM state WHERE thing = ?", (thing(record),))
+            else:
+                self._writer.execute("REPLACE INTO state VALUES (?, ?)", (thing(record), json.dumps(record)))
+
+    def sync(self):
+        self._cleaner.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
+
+    def _keep(self):
+        while True:
+            self._dirty.wait()
+            time.sleep(store.SYNC)
+            self._dirty.clear()
+            self.sync()
+
+
+def read(folder):
+    """As edge/store.py has it."""
+    if not os.path.exists(os.path.join(folder, FILE)):
+        return None
+    found = Registry()
+    for (text,) in opened(folder).execute("SELECT record FROM state"):
+        found.apply(json.loads(text))
+    return store.Found(found, False)
+
+
+if __name__ == "__main__":
+    store.Store, store.read = Store, read
+    program.run(roscore.main)
