@@ -4,9 +4,13 @@
 """The roscore that remembers: killed, restarted, with names that come twice, with nodes that say nothing."""
 
 import json
+import subprocess
 import time
+from pathlib import Path
 
+import containers
 import pytest
+from podman import ROOT
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 UNIT = "multimaster-roscore.service"
@@ -233,6 +237,26 @@ def test_it_forgets_when_it_is_asked_to(nodes):
     wait(nodes, "/master_discovery/list_masters /master_sync/get_sync_info")
 
 
+#: pytest, and what it needs
+PYTEST = "pytest _pytest pluggy iniconfig packaging pygments py.py"
+
+
+def test_the_unit_tests_of_its_core_pass_with_the_rosmaster_of_ros(lab):
+    """Where ROS is not installed, they have a model of rosmaster."""
+    library, inside = Path(pytest.__file__).parents[1], containers.container(lab.name, FIRST)
+    lab.run(FIRST, "mkdir -p /tmp/checkout /tmp/pytest")
+    nodes = "tests/unit/nodes/conftest.py tests/unit/nodes/rosmaster_model.py tests/unit/nodes/edge/test_master.py"
+    for folder, names, target in (
+        (library, PYTEST, "/tmp/pytest"),
+        (ROOT, f"roles/nodes/files/python {nodes}", "/tmp/checkout"),
+    ):
+        words = f"tar -c -C {folder} --exclude=__pycache__ {names} | podman exec -i {inside} tar -x -C {target}"
+        subprocess.run(["bash", "-o", "pipefail", "-c", words], check=True)
+    command = "cd /tmp/checkout && PYTHONPATH=/tmp/pytest:$PYTHONPATH python3 -m pytest -q -p no:cacheprovider"
+    told = lab.run(FIRST, f"{command} {nodes.split()[-1]}")
+    assert "passed" in told and "skipped" not in told, told
+
+
 def pid(lab, unit):
     return lab.run(FIRST, f"systemctl show --value -p MainPID {unit}").strip()
 
@@ -260,7 +284,7 @@ def test_after_a_boot_a_node_of_another_computer_is_back_and_dead_ones_are_not(l
     lab.start(SECOND, "far", f"env ROS_MASTER_URI=http://{FIRST}:11311 python3 {{script}} far", "all_sorts.py")
     wait(lab, "/near/serve /far/serve")
     lab.run(FIRST, "rosparam set /use_sim_time true")
-    uri = lab.run(FIRST, "rosnode info /far | grep -m 1 -o 'http://[^ ]*'")
+    uri = lab.run(FIRST, "rosnode info /far | grep -m 1 -o 'http://[^ ]*'").strip()
     lab.podman("restart", "-t", "2", FIRST)
     began = time.monotonic()
     lab.wait_until_up(FIRST)

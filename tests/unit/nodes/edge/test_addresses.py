@@ -4,7 +4,10 @@
 
 import select
 import socket
+import time
 
+import pytest
+from rosfleet_multimaster.edge import addresses as module
 from rosfleet_multimaster.edge.addresses import Changes, addresses, network
 
 
@@ -25,3 +28,50 @@ def test_changes_are_heard_by_a_socket_that_never_blocks():
     changes.clear()
     assert select.select([changes.socket], [], [], 0)[0] == []
     changes.socket.close()
+
+
+URIS = {
+    name: f"http://{name}:4321/" for name in ("mine", "alias", "theirs", "lost", "127.0.0.9", "192.168.1.5", "10.0.0.7")
+}
+NAMES = {"alias": "192.168.1.5", "theirs": "10.0.0.7"}
+
+
+@pytest.fixture
+def names(monkeypatch):
+    """This computer is Mine, at 192.168.1.5."""
+
+    def resolved(host):
+        if host in NAMES or host[0].isdigit():
+            return NAMES.get(host, host)
+        raise OSError("unknown")
+
+    monkeypatch.setattr(module, "network", lambda: module.Network({}, {"127.0.0.1", "192.168.1.5"}, set()))
+    monkeypatch.setattr(module.socket, "gethostname", lambda: "Mine")
+    monkeypatch.setattr(module, "address_of", resolved)
+    for variable in ("ROS_IP", "ROS_HOSTNAME"):
+        monkeypatch.delenv(variable, raising=False)
+
+
+def test_uris_that_lead_to_this_computer(names):
+    found = module.here([*URIS.values(), "nonsense", "http://[::", ""], 2.0)
+    assert found == {URIS[name] for name in ("mine", "alias", "127.0.0.9", "192.168.1.5")}
+
+
+def test_the_name_that_ros_was_given_leads_here_too(names, monkeypatch):
+    monkeypatch.setenv("ROS_HOSTNAME", "Theirs")
+    assert URIS["theirs"] in module.here(URIS.values(), 2.0)
+
+
+def test_a_name_server_that_does_not_answer_is_waited_for_no_longer(names, monkeypatch):
+    monkeypatch.setattr(module, "address_of", lambda _host: time.sleep(5))
+    began = time.monotonic()
+    assert module.here(URIS.values(), 0.2) == {URIS[name] for name in ("mine", "127.0.0.9", "192.168.1.5")}
+    assert time.monotonic() - began < 3
+
+
+def test_without_a_network_the_own_names_are_known(names, monkeypatch):
+    def fails():
+        raise OSError("the kernel is busy")
+
+    monkeypatch.setattr(module, "network", fails)
+    assert module.own_hosts() == {"mine", "localhost"}

@@ -101,7 +101,7 @@ class Roscore:
     """What is done to the roscore."""
 
     def __init__(self):
-        self.ended, self.removed, self.back, self.held = [], [], [], True
+        self.ended, self.removed, self.back, self.buried, self.held = [], [], [], [], True
 
     def has(self, _name, _uri):
         return self.held
@@ -112,6 +112,12 @@ class Roscore:
     def end_registration(self, record):
         self.removed.append(record)
         return True
+
+    def has_ended(self, _name):
+        return self.held
+
+    def bury(self, name, _uri):
+        self.buried.append(name)
 
     def come_back(self, registry):
         self.back.append(registry)
@@ -187,3 +193,26 @@ def test_those_that_answer_within_a_time(node):
         }
         assert module.alive_of(registry(**uris), 0.5) == {("/alive", uris["alive"])}
     assert module.alive_of(Registry(), 0.5) == set()
+
+
+def test_a_node_that_has_withdrawn_everything_is_asked_until_it_is_dead(node, survey):
+    with socket.create_server(("127.0.0.1", 0)) as slow:
+        uris = {"/alive": node([], []), "/dead": "http://127.0.0.1:1/"}
+        uris["/slow"] = f"http://127.0.0.1:{slow.getsockname()[1]}/"
+
+        def ask(survivors):
+            for name, uri in [*uris.items(), *uris.items()]:  # twice, as when it withdraws two things
+                survivors.look_after(name, uri)
+
+        threading.Timer(1.5, slow.close).start()
+        done = survey(ask, lambda survivors, _roscore: len(survivors._leaving) == 1)
+        assert sorted(done.buried) == ["/dead", "/slow"] and done.ended == []
+
+
+def test_a_node_that_has_something_again_is_asked_no_more(node, survey):
+    def over(survivors, roscore):
+        roscore.held = False
+        return not survivors._leaving
+
+    done = survey(lambda survivors: survivors.look_after("/alive", node()), over)
+    assert done.buried == []

@@ -57,6 +57,7 @@ class Roscore:
         memory.settled()
         self._keep_from_now_on()
         self._master.handed_on = self._hand_on
+        self._master.left = self._survivors.look_after
         core_services.run_id(self._call)
         self._serve()
         if before is not None:

@@ -150,11 +150,18 @@ def own_hosts() -> Set[str]:
 
 def here(uris: Iterable[str], seconds: float) -> Set[str]:
     """Those URIs that lead to this computer, as far as their names can be resolved in this time."""
-    own, hosts = own_hosts(), {uri: urlsplit(uri).hostname or "" for uri in uris}
-    others = {host for host in hosts.values() if host not in own}
+    own, hosts = own_hosts(), {uri: _host_of(uri) for uri in uris}
+    others = {host for host in hosts.values() if host and host not in own}
     try:
         known = within(seconds, partial(addresses_of_all, others))
     except TimeoutError:  # a name server that does not answer
         known = {}
     own |= {host for host in others if host.startswith("127.") or known.get(host) in own}
     return {uri for uri, host in hosts.items() if host in own}
+
+
+def _host_of(uri: str) -> str:
+    try:
+        return urlsplit(uri).hostname or ""
+    except ValueError:  # [ without ]
+        return ""

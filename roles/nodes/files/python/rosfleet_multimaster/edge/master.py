@@ -224,6 +224,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self.calls = threading.local()
         self._restored: Dict[Tuple[Any, ...], None] = {}  # registrations that nobody has confirmed yet
         self._notifier = Notifier()
+        self.left: Callable[[str, str], None] = lambda _name, _uri: None
         self.handed_on: Callable[[List[Record]], None] = lambda _records: None
         self.more: Dict[str, Callable[..., Any]] = {"system.listMethods": self._methods}
 
@@ -283,6 +284,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             self._spare = False
         if code == 1 and not at and name.endswith("Param"):
             self._parameter(name, arguments)
+        if code == 1 and name.startswith("unregister") and self.has_ended(arguments[0]):
+            self.left(arguments[0], self.reg_manager.nodes[arguments[0]].api)
         return code, text, copied(value)
 
     def _refusal(self, node: str, uri: str) -> str:
@@ -457,6 +460,27 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 self.end_registration(list(key))
             if self.has(name, uri) and self.reg_manager.nodes[name].is_empty():
                 del self.reg_manager.nodes[name]
+
+    def has_ended(self, name: str) -> bool:
+        """True where a node has withdrawn everything and is still known: it may have ended.
+
+        rospy and roscpp leave their parameter subscriptions, and rosmaster leaves services that another node has taken.
+        So their names would be taken for ever, also by an import.
+        """
+        node = self.reg_manager.nodes.get(name)
+        if node is None or node.topic_publications or node.topic_subscriptions:
+            return False
+        return all((name, node.api) not in self.services.map.get(service, ()) for service in node.services)
+
+    def bury(self, name: str, uri: str) -> None:
+        """A node that had withdrawn everything is dead."""
+        with self._lock:
+            if self.has(name, uri) and self.has_ended(name):
+                node = self.reg_manager.nodes[name]
+                for key in list(node.param_subscriptions):
+                    self.reg_manager.unregister_param_subscriber(key, name, uri)
+                if self.has(name, uri):
+                    del self.reg_manager.nodes[name]
 
     def end_registration(self, record: Record) -> bool:
         """A restored registration is not true any more, unless it was made anew since. Whether it was there."""

@@ -66,12 +66,8 @@ class Identity:
         if pid is None:
             raise OSError("the roscore does not tell its process id")
         before, self._pid = self._pid, pid
-        if before in (None, pid):
-            self.check_service(service, service_uri)
-            return False
-        if not service[0] or service_uri != service[1]:
-            raise program.Fatal("the roscore was restarted and knows nothing of this node: starting again")
-        return True
+        self.check_service(service, service_uri)  # a node that has none yet may be as well known as before
+        return before not in (None, pid)
 
     def check_service(self, service: Tuple[str, str], service_uri: Any) -> None:
         """Compare what the roscore says of the own service. Raises program.Fatal where it is not this node's any more."""

@@ -136,6 +136,12 @@ class Registrations(Protocol):
     def come_back(self, registry: Registry) -> None:
         """Register nodes anew that live."""
 
+    def has_ended(self, name: str) -> bool:
+        """True where a node has withdrawn everything and is still known."""
+
+    def bury(self, name: str, uri: str) -> None:
+        """End what is left of such a node."""
+
 
 class Survivors:
     """Asks the nodes of an earlier life, until each has answered or is gone."""
@@ -145,6 +151,7 @@ class Survivors:
         self._workers, self._roscore = workers, roscore
         self._left: Set[Of] = set()  # registered nodes that have not answered yet
         self._warned: Set[Of] = set()
+        self._leaving: Set[Of] = set()
         self._alive = self._gone = 0
 
     def begin(self, registry: Registry) -> None:
@@ -157,6 +164,13 @@ class Survivors:
         """Ask nodes that are not registered: each comes back when it answers."""
         for of, held in had(registry).items():
             self._ask(of, held, partial(self._welcome, of, registry))
+
+    def look_after(self, name: str, uri: str) -> None:
+        """Ask a node that has withdrawn everything, until it has ended or has something again."""
+        of = (name, uri)
+        if of not in self._leaving:
+            self._leaving.add(of)
+            after(AGAIN, partial(self._ask, of, Had({}, {}), partial(self._bury, of)))
 
     def _ask(self, of: Of, held: Had, judge: Callable[[Found], bool], pause: float = AGAIN) -> None:
         def answered(found: Optional[Found], _problem: Optional[Exception]) -> None:
@@ -185,6 +199,15 @@ class Survivors:
                     _log.info("%s does not have the %s %s any more", name, record[0], record[1])
         if not self._left:
             _log.info("of the nodes from before, %d are still there and %d have ended", self._alive, self._gone)
+        return False
+
+    def _bury(self, of: Of, found: Found) -> bool:
+        """End what is left of a node that is dead. True where it is to be asked again."""
+        if found.state is not State.GONE and self._roscore.has(*of) and self._roscore.has_ended(of[0]):
+            return True
+        self._leaving.discard(of)
+        if found.state is State.GONE:
+            self._roscore.bury(*of)
         return False
 
     def _welcome(self, of: Of, registry: Registry, found: Found) -> bool:
