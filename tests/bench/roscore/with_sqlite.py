@@ -38,9 +38,9 @@ def thing(record):
 class Store:
     """As edge/store.py has it."""
 
-    def __init__(self, folder, lock, copy):
+    def __init__(self, folder, lock, parts):
         os.makedirs(folder, exist_ok=True)
-        self._lock, self._copy = lock, copy
+        self._lock, self._parts = lock, parts
         self._writer, self._cleaner = opened(folder), opened(folder)
         self._dirty = threading.Event()
 
@@ -48,7 +48,8 @@ class Store:
         with self._lock:
             self._writer.execute("BEGIN")
             self._writer.execute("DELETE FROM state")
-            self._write(self._copy().records())
+            for part in self._parts():
+                self._write(part)
             self._writer.execute("COMMIT")
         threading.Thread(target=self._keep, daemon=True).start()
 

@@ -47,7 +47,7 @@ class Roscore:
         self._rosout = core_services.Rosout(lambda name: str(self._call("lookupNode", core_services.CALLER, name)[2]))
         self._survivors = Survivors(self._workers, self._master)
         self._late: Optional[Registry] = None  # nodes of other computers, which may have survived a boot of this one
-        self._status = 0
+        self._status, self._uri, self._said = 0, "", ""
 
     def run(self) -> int:
         """Serve until a signal; the exit status."""
@@ -79,7 +79,15 @@ class Roscore:
             self._end()
         with self._master.ps_lock:  # a lock that nobody gives back is what the watchdog is to see
             pass
+        self._say_status()
         return self._rosout.tick(now) if self._options.rosout else now + 0.5
+
+    def _say_status(self) -> None:
+        silent = self._survivors.silent
+        text = f"serving at {self._uri}{f'; nodes from before that have not answered yet: {silent}' if silent else ''}"
+        if text != self._said:
+            self._said = text
+            systemd.notify(f"STATUS={text}")
 
     def _call(self, method: str, *arguments: Any) -> Any:
         return self._master.call(method, *arguments)
@@ -137,7 +145,9 @@ class Roscore:
         if listening not in held:
             systemd.keep(SOCKET, listening)
         core_services.parameters(self._call, uri)
-        systemd.notify("READY=1", f"STATUS=serving at {uri}")
+        self._uri = uri
+        systemd.notify("READY=1")
+        self._say_status()
         program.LOG.info("the roscore serves at %s", uri)
 
     def _is_import(self, node: str, uri: str) -> bool:

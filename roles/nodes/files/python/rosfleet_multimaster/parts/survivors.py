@@ -154,6 +154,11 @@ class Survivors:
         self._leaving: Set[Of] = set()
         self._alive = self._gone = 0
 
+    @property
+    def silent(self) -> int:
+        """How many registered nodes have not answered yet."""
+        return len(self._left)
+
     def begin(self, registry: Registry) -> None:
         """Ask nodes that are registered: each stays until it is known that it has ended."""
         self._left = set(registry.nodes.items())
