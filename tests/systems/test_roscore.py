@@ -257,25 +257,6 @@ def test_the_unit_tests_of_its_core_pass_with_the_rosmaster_of_ros(lab):
     assert "passed" in told and "skipped" not in told, told
 
 
-def pid(lab, unit):
-    return lab.run(FIRST, f"systemctl show --value -p MainPID {unit}").strip()
-
-
-def test_other_code_restarts_it_and_no_node_of_the_robot_notices(lab):
-    """As an upgrade of the collection does it: only what a service runs differs from what is planned."""
-    lab.start(FIRST, "beta", "python3 {script} beta", "all_sorts.py")
-    wait(lab, "/beta/serve")
-    units = (UNIT, "multimaster-discovery", "beta")
-    before = [pid(lab, unit) for unit in units]
-    status, output = lab.play("site.yml", "--limit", "kobuki1", variables={"services_code_digest": "another"})
-    assert status == 0, output
-    after = [pid(lab, unit) for unit in units]
-    assert after[0] != before[0] and after[1:] == before[1:]
-    assert "success: True" in lab.run(FIRST, "rosservice call /beta/serve").replace('"', "")
-    lab.stop(FIRST, "beta")
-    assert lab.play("site.yml", "--limit", "kobuki1")[0] == 0
-
-
 EARLIER = r"""
 from rosfleet_multimaster.core import remembered
 path = "/var/lib/multimaster-roscore/" + remembered.FILE

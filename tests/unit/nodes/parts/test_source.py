@@ -158,8 +158,10 @@ def test_an_identity_by_process_id():
     identity = Identity()
     assert identity.check(SERVICE, 1, SERVICE[1]) is False
     assert identity.check(SERVICE, 2, SERVICE[1]) is True, "restarted, with its memory"
-    with pytest.raises(program.Fatal, match="restarted"):
+    with pytest.raises(program.Fatal, match="no longer"):
         identity.check(SERVICE, 3, None)
+    identity = Identity()
+    assert identity.check(("", ""), 1, None) is False and identity.check(("", ""), 2, None) is True, "it has none yet"
 
 
 def test_rosmaster_tells_no_changes():
