@@ -71,7 +71,7 @@ class Catalogue:
             for step in fault.settled:
                 self._settle(step)
             found, seconds = self._verified(fault)
-        except AssertionError as problem:  # of a command on a computer: the other faults are tried all the same
+        except (AssertionError, subprocess.SubprocessError) as problem:  # the other faults are tried all the same
             found, seconds = judge.Named(text=f"it could not be made: {problem}"), 0.0
         finally:
             for step in fault.undo:

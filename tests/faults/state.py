@@ -13,14 +13,13 @@ UNITS = "multimaster-roscore multimaster-discovery multimaster-sync"
 LOOK = f"""
 ip -4 -brief address; ip -4 route; cat /sys/class/net/*/mtu; nft --stateless list ruleset; cat /etc/hosts
 sysctl net.ipv4.ip_forward net.ipv4.conf.all.rp_filter
-find /etc/sysctl.d /etc/network /etc/systemd /etc/rosfleet-multimaster /etc/cloud /etc/ld.so* -type f,l | sort | xargs sha256sum 2>/dev/null
+find /etc/sysctl.d /etc/network /etc/systemd/system /etc/rosfleet-multimaster /etc/cloud /etc/ld.so* -type f,l | sort | xargs sha256sum 2>/dev/null
 systemctl is-enabled {UNITS}; systemctl is-active {UNITS}
 systemctl list-units --plain --no-legend 'fault-*'; mount | grep '^fault'
 find /run -maxdepth 1 -name 'fault*'; find /run/systemd/system -name 'fault*'
 """
 MASTERS = """
 rosservice call /master_discovery/list_masters 2>/dev/null | grep -E '^ *(name|online):' | paste - - | sort
-rosnode list | grep -c /master_
 """
 PATIENCE, PAUSE = 60.0, 1.0  # seconds
 

@@ -28,7 +28,6 @@ with socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_IGMP) as send
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("%s"))
     sender.sendto(query, ("224.0.0.1", 0))
 """
-PRUNED = 25.0  # seconds until the switch has pruned: one more report of each computer revives the group once
 
 
 class Words:
@@ -54,7 +53,6 @@ class Words:
         for name, value in (("membership_interval", 500), ("querier_interval", 360000), ("snooping", 1)):
             (bridge / f"multicast_{name}").write_text(str(value))
         self.lab.run(STRANGER, "python3 -", stdin=QUERY % STRANGERS_ADDRESS)
-        threading.Event().wait(PRUNED)
 
     def flooding(self) -> None:
         """The switch sends everything everywhere."""
