@@ -50,6 +50,7 @@ class Participant:
     # who answered each round of pings of the group, by the number of the round
     rounds: Sequence[tuple[int, frozenset[str]]] = ()
     answers_broadcasts: bool = False  # by plan
+    macs: frozenset[str] = frozenset()  # its hardware addresses
 
     @classmethod
     def of(cls, name: str, plan: ComputerPlan, seen: Observation) -> Participant:
@@ -68,6 +69,7 @@ class Participant:
             answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
             callers=frozenset(entry.address for entry in multicast.callers),
             rounds=_rounds(multicast.icmp),
+            macs=frozenset(entry.mac.lower() for entry in probe.forwarding.interfaces if entry.mac),
             answers_broadcasts=any(
                 entry.name == "net.ipv4.icmp_echo_ignore_broadcasts" and entry.value == "0" for entry in plan.sysctl
             ),

@@ -46,6 +46,7 @@ class Ways:
         self.members: Mapping[str, Member] = {member.name: member for member in fleet.members}
         self.gateways: Mapping[str, Gateway] = fleet.gateways  # robot -> gateway
         self._router = fleet.router
+        self.group = f"{fleet.multicast_group}:{fleet.multicast_port}"
         self.masters: Mapping[str, Master] = fleet.master_of
         # what each member may be called, in small letters: its names and its address
         names = {entry.address: [name.lower() for name in entry.names] for entry in fleet.hosts_entries}

@@ -56,7 +56,7 @@ def _udp_multicast(case: Case) -> Judgement | None:
     if own.robot == planned.robot and udp.other_interfaces:
         return None  # a gateway that passes the group on hears its own robot on the inner interface
     address = case.ways.discovery_addresses[case.target]
-    expected = f"datagrams on {case.fleet.multicast_group}:{case.fleet.multicast_port} from {address}"
+    expected = f"datagrams on {case.ways.group} from {address}"
     if not udp.heard_from:
         elsewhere = f"none, but on {', '.join(udp.other_interfaces)}" if udp.other_interfaces else "none"
         return Judgement(_other_leg(case, udp.unicast), expected, elsewhere)

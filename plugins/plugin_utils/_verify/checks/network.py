@@ -230,14 +230,9 @@ PING_LARGE = Check(
 # The neighbour
 
 
-def _macs(case: Case) -> set[str]:
-    probe = case.peer.seen.probe if case.peer else None
-    return {entry.mac.lower() for entry in probe.forwarding.interfaces if entry.mac} if probe else set()
-
-
 def _neighbour(case: Case) -> Judgement | None:
     seen = case.member.neighbour.lower() if case.member else ""
-    known = _macs(case) if seen and not case.way.crosses else None
+    known = case.peer.macs if seen and case.peer is not None and not case.way.crosses else None
     if not known:
         return None
     expected = f"{case.address} is at {' or '.join(sorted(known))}"
