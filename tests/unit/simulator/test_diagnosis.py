@@ -1,0 +1,30 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The diagnosis on simulated fleets, in small numbers: `python -m tests.simulator` has the large ones."""
+
+from tests.simulator import faults, harness
+
+HEALTHY, ROUNDS, PAIRS = 40, 1, 20
+# What is reached; raise them with the diagnosis.
+FIRST, NAMED, FIRST_OF_PAIRS = 0.90, 0.95, 0.75
+
+
+def share(table, *verdicts):
+    total = sum(score.verdicts.total() for score in table.values())
+    return sum(score.verdicts[verdict] for score in table.values() for verdict in verdicts) / total
+
+
+def test_a_healthy_fleet_has_no_finding():
+    assert not list(harness.false_alarms(range(HEALTHY)))
+
+
+def test_one_fault_is_named_first():
+    table = harness.scores(harness.single_faults(range(ROUNDS * len(faults.FAULTS))))
+    assert share(table, harness.FIRST) >= FIRST, harness.render_misses(table)
+    assert share(table, harness.FIRST, harness.RIVAL) >= NAMED, harness.render_misses(table)
+
+
+def test_two_faults_are_among_the_first_three():
+    table = harness.scores(harness.pairs_of_faults(range(PAIRS)))
+    assert share(table, harness.FIRST) >= FIRST_OF_PAIRS, harness.render_misses(table)
