@@ -87,6 +87,7 @@ def machine(distribution, computer="tibi-visio"):
         "ros": {
             "problem": "",
             "chosen": {
+                "environment": {},
                 "kind": "debian" if own else "prefix",
                 "setup": "" if own else f"/opt/ros/{distribution}/setup.bash",
                 "distro": distribution,
