@@ -165,6 +165,47 @@ options:
     description: The environment of the services, for example V(/etc/rosfleet-multimaster/environment).
     type: path
     default: /etc/rosfleet-multimaster/environment
+  boot:
+    description: The plan of what the next boot brings back; see RV(next_boot). Nothing is compared with it, if not given.
+    type: dict
+    suboptions:
+      settings:
+        description: Kernel settings, as the option O(rosfleet.multimaster.sysctl#module:settings) has them.
+        type: list
+        elements: dict
+        default: []
+        suboptions:
+          name:
+            description: The name, for example V(net.ipv4.ip_forward).
+            type: str
+            required: true
+          value:
+            description: The value, for example V(1).
+            type: str
+            required: true
+          enough:
+            description: Other values that serve as well, for example V(["2"]).
+            type: list
+            elements: str
+            default: []
+      routes:
+        description: Routes, as the option O(rosfleet.multimaster.routes#module:routes) has them.
+        type: list
+        elements: dict
+        default: []
+        suboptions:
+          destination:
+            description: The destination, for example V(default).
+            type: str
+            required: true
+          gateway:
+            description: The gateway, for example V(192.168.10.1).
+            type: str
+            required: true
+      hosts:
+        description: Whether C(/etc/hosts) has bindings of the collection, for example V(true).
+        type: bool
+        default: true
   environment:
     description:
       - The variables of ROS on this computer where O(environment_file) is not there, since the collection did not set it up, for
@@ -846,6 +887,43 @@ exchange:
           returned: always
           type: str
           sample: kobuki2
+next_boot:
+  description: What works now, or not, and will not be as O(boot) and O(services) say after the next boot.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample:
+    - kind: sysctl
+      name: net.ipv4.ip_forward
+      expected: "1"
+      found: /etc/sysctl.d/99-local.conf line 3 sets 0
+      file: /etc/sysctl.d/99-local.conf line 3
+  contains:
+    kind:
+      description: V(unit) for a service, V(sysctl) for a kernel setting, V(route), or V(names) for C(/etc/hosts).
+      returned: always
+      type: str
+      sample: sysctl
+    name:
+      description: The unit, the setting, the route or the file.
+      returned: always
+      type: str
+      sample: net.ipv4.ip_forward
+    expected:
+      description: What the plan has.
+      returned: always
+      type: str
+      sample: "1"
+    found:
+      description: What the files of this computer will bring.
+      returned: always
+      type: str
+      sample: /etc/sysctl.d/99-local.conf line 3 sets 0
+    file:
+      description: The file that decides, empty where there is none.
+      returned: always
+      type: str
+      sample: /etc/sysctl.d/99-local.conf line 3
 services:
   description: The services of O(services).
   returned: when O(state=collected)
@@ -942,6 +1020,7 @@ import time
 import typing
 
 from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._boot import next_boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
     exchange,
@@ -1019,6 +1098,10 @@ def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result
     return topics.topics(ros, others(params), params["run"], params["name"], deadline)
 
 
+def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    return [] if params["boot"] is None else next_boot.differences(params["services"], params["boot"])
+
+
 PARTS = (
     Part("members", look_members, [], router=True),
     Part("default_routes", lambda params, ros, deadline: network.default_routes(), [], router=True),
@@ -1045,6 +1128,7 @@ PARTS = (
         settled=True,
     ),
     Part("ros_missing", lambda params, ros, deadline: ros.missing(), "not looked at"),
+    Part("next_boot", look_next_boot, [], router=True),
     Part("services", lambda params, ros, deadline: services.services(params["services"], ros.variables), []),
 )
 
@@ -1218,6 +1302,28 @@ ARGUMENTS = {
     "services": {"type": "list", "elements": "str", "default": []},
     "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
     "environment": {"type": "dict", "default": {}},
+    "boot": {
+        "type": "dict",
+        "options": {
+            "settings": {
+                "type": "list",
+                "elements": "dict",
+                "default": [],
+                "options": {
+                    "name": TEXT,
+                    "value": TEXT,
+                    "enough": {"type": "list", "elements": "str", "default": []},
+                },
+            },
+            "routes": {
+                "type": "list",
+                "elements": "dict",
+                "default": [],
+                "options": {"destination": TEXT, "gateway": TEXT},
+            },
+            "hosts": {"type": "bool", "default": True},
+        },
+    },
     "patience": {"type": "int", "default": 20},
     "lifetime": {"type": "int", "default": 300},
 }

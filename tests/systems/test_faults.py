@@ -93,6 +93,28 @@ def test_a_computer_that_is_down_is_named_and_spoils_nothing(untouched):
     assert untouched.run(FIRST, "systemctl is-active multimaster-sync").strip() == "active"
 
 
+def test_what_works_now_and_not_after_the_next_boot_is_told(lab):
+    later, guard = (
+        "/etc/sysctl.d/99-later.conf",
+        "/etc/cloud/cloud-init.disabled /etc/rosfleet-multimaster/cloud-init.cfg",
+    )
+    masked = "/etc/systemd/system/multimaster-address.service"  # no process of it would end
+    lab.run(FIRST, f"systemctl disable multimaster-sync; echo net.ipv4.icmp_echo_ignore_broadcasts=1 > {later}")
+    lab.run(FIRST, f"tar -cPf /run/guard.tar {guard} && rm {guard}")
+    lab.run(SECOND, f"cp {masked} /run/kept.service; ln -sfn /dev/null {masked}; systemctl daemon-reload")
+    status, output = lab.play("playbooks/verify.yml")
+    lab.run(FIRST, f"systemctl enable multimaster-sync; rm {later}; tar -xPf /run/guard.tar")
+    lab.run(SECOND, f"rm {masked}; cp /run/kept.service {masked}; systemctl daemon-reload")
+    assert status != 0
+    for told in (
+        f"multimaster-sync.service works on {FIRST} now, and does not start at the next boot",
+        f"multimaster-address.service works on {SECOND} now, and does not start at the next boot",
+        f"net.ipv4.icmp_echo_ignore_broadcasts is right on {FIRST} now, and not after the next boot",
+        f"/etc/hosts of {FIRST} is right now, and is written anew at the next boot",
+    ):
+        assert told in output, output
+
+
 def test_malformed_datagrams_and_requests_are_counted_and_change_nothing(lab):
     before = eventually(lambda: masters(lab, FIRST), lambda names: len(names) == 2)
     assert sorted(before) == [FIRST, SECOND]

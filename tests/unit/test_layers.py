@@ -25,6 +25,7 @@ ROOMS = {
         "_routes": {"_changes", "_machine"},
         "_firewall": {"_changes", "_machine"},
         "_computer": {"_changes", "_hosts", "_machine", "_routes", "_sysctl"},
+        "_boot": {"_changes", "_hosts", "_machine", "_sysctl"},
         "_verify": {"_machine"},
     },
     PLUGIN_UTILS: {

@@ -14,21 +14,11 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, intent, settled
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import INSTALLED
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import FILES, INSTALLED
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
-CONFIGURATION = "/etc/rosfleet-multimaster/cloud-init.cfg"
-# The service that runs the module update_etc_hosts, up to cloud-init 24.2 and since then. A drop-in for a unit that is
-# not there does nothing. Its name sorts before those of others, so a CLOUD_CFG of the user's stays.
-DROP_INS = tuple(
-    f"/etc/systemd/system/{unit}.service.d/10-rosfleet-multimaster.conf" for unit in ("cloud-init", "cloud-init-main")
-)
 _BOOTED = "/run/systemd/system"  # sd_booted(3)
-
-_WHY = "# Written by rosfleet.multimaster.hosts_entries: /etc/hosts has bindings of its own, which survive a boot.\n"
-FILES = dict.fromkeys(DROP_INS, f"{_WHY}[Service]\nEnvironment=CLOUD_CFG={CONFIGURATION}\n")
-FILES[CONFIGURATION] = f"{_WHY}manage_etc_hosts: false\n"
 
 
 class Guard:

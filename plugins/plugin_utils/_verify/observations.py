@@ -167,6 +167,17 @@ class Service:
 
 
 @dataclass(frozen=True)
+class AfterBoot:
+    """Something that will not be as planned after the next boot."""
+
+    kind: str  # unit, sysctl, route or names
+    name: str
+    expected: str = ""
+    found: str = ""
+    file: str = ""
+
+
+@dataclass(frozen=True)
 class Talker:
     """The talker of the computer itself."""
 
@@ -254,6 +265,7 @@ class Probe:
     outsiders: tuple[Outsider, ...] = ()
     exchange: Exchange = Exchange()
     services: tuple[Service, ...] = ()
+    next_boot: tuple[AfterBoot, ...] = ()
     talker: Talker | None = None
     ros_missing: str = ""
     problems: tuple[str, ...] = ()

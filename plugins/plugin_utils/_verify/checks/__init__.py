@@ -14,6 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     discovery,
     exchange,
     network,
+    next_boot,
     ros,
     strangers,
 )
@@ -21,6 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 CHECKS = (
     *computer.CHECKS,
     *by_hand.CHECKS,
+    *next_boot.CHECKS,
     *network.CHECKS,
     *discovery.CHECKS,
     *ros.CHECKS,

@@ -35,7 +35,7 @@ from fleets import (
 
 def test_everything_is_checked_and_good():
     findings = evaluate()
-    between_networks = {"forwarding", "reverse_path", "redirects", "source"}
+    between_networks = {"forwarding", "reverse_path", "redirects", "source", "next_boot_route"}
     assert {finding.check for finding in findings} == {check.id for check in CHECKS} - between_networks
     assert not notable(findings)
     pairs = {(finding.observer, finding.target) for finding in findings}
@@ -60,6 +60,8 @@ def test_everything_is_good_between_three_robot_networks():
         "redirects",
         "packet_filter",
         "as_planned",
+        "next_boot_sysctl",
+        "next_boot_route",
     } | {
         "default_routes",
         "route",
