@@ -64,13 +64,14 @@ def _routes(case: Case, one: str, other: str) -> Parts:
     for destination, computers in ((there, [one, *between]), (back, [*between, other])):
         for computer in computers:
             parts |= of("route", computer, "circle", what=destination)
-            if not _is_in(case, computer, destination):
+            if not is_in(case, computer, destination):
                 parts |= of("route", computer, "missing", "other", what=destination)
                 parts |= of("route", computer, "missing", "other")
     return frozenset(parts)
 
 
-def _is_in(case: Case, computer: str, network: str) -> bool:
+def is_in(case: Case, computer: str, network: str) -> bool:
+    """Say if a computer has an address in a network."""
     plan = case.fleet.computers.get(computer)
     return plan is not None and (
         network == case.ways.network(plan.robot) or (bool(plan.common_address) and network == COMMON)

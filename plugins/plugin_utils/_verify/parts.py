@@ -221,7 +221,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("network", "multicast"): Fault(
         "{place} does not carry the multicast group: IGMP snooping without a querier, or an access point that drops multicast",
         "switch IGMP snooping off or a querier on; with multimaster_transport: both the robots find each other meanwhile",
-        "on two computers: rosrun fkie_multimaster_discovery, or playbooks/verify.yml with verify_watch: 15m",
+        "on a computer there, for the heartbeats of the others: tcpdump -n -i any -c 10 udp port 11511",
         cost=2.5,
     ),
     ("network", "large"): Fault(

@@ -21,6 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import (
     NONE,
     Parts,
+    is_in,
     large,
     names,
     of,
@@ -105,8 +106,14 @@ def _route_evidence(case: Case) -> Parts:
     if by not in case.way.hops:
         if not (by and case.way.crosses):  # it is sent to a gateway, and is in this network, or the other way round
             return of("interface", name, "prefix")
-        return of("route", name, "other", what=network)
+        return of("route", name, "missing" if _left_to_default(case, by) else "other", what=network)
     return of("interface", name, "address")
+
+
+def _left_to_default(case: Case, by: str) -> bool:
+    """The planned route is one to the network, and is gone: the default route takes what it was for."""
+    special = all(route.destination.prefixlen for route in case.observer.plan.routes)
+    return special and case.probe is not None and by in {route.gateway for route in case.probe.default_routes}
 
 
 def _nowhere(case: Case) -> bool:
@@ -156,7 +163,11 @@ def _ping_suspects(case: Case) -> Parts:
         return of("filter", reporter or case.target, "forward") | passes(case.observer.name, case.target, "icmp")
     if "host unreachable" in error and reporter:
         network = case.ways.network(case.robots[1])
-        down = of("link", case.target, "down", what=network) | of("link", reporter, "down", what=network)
+        down = of("link", case.target, "down", what=network)
+        if is_in(case, reporter, network):
+            down |= of("link", reporter, "down", what=network)
+        else:  # it was to pass the packets on, and has looked for the target in a network of its own
+            down |= of("route", reporter, "missing", "other", what=network) | of("route", reporter, "missing")
         down |= of("network", network, "dead") | of("computer", case.target, "off")
         return down | of("interface", case.target, "address", "prefix")
     return _pinged(case)

@@ -218,3 +218,23 @@ def test_a_route_that_only_the_router_misses_is_told_too():
     found = diagnosed(lost_route, fig12())
     assert parts(found) == [("route", "tibi-nav", "missing")]
     assert ("ping_address", "router", "tibi-nav") in {row[:3] for row in found.findings[0].rows}
+
+
+@pytest.mark.parametrize(("hop", "mode"), [("192.168.1.254", "missing"), ("192.168.1.77", "other")])
+def test_a_route_that_is_gone_is_missing_though_the_default_route_takes_what_it_was_for(hop, mode):
+    def change(seen):
+        for target in INNER_TIBI:
+            update(of(seen["car-visio"].probe.members, target).route, gateway=hop)
+
+    assert parts(diagnosed(change, fig12())) == [("route", "car-visio", mode)]
+
+
+def test_a_gateway_without_a_route_looks_for_the_target_in_a_network_of_its_own():
+    def change(seen):
+        for target in INNER_TIBI:
+            update(of(seen["car-visio"].probe.members, target).route, gateway="192.168.1.254")
+            for name in INNER_CAR:
+                text = "192.168.1.203 reports: host unreachable"
+                update(of(seen[name].probe.members, target), ping_address=no_answer(text), ping_name=no_answer(text))
+
+    assert parts(diagnosed(change, fig12())) == [("route", "car-visio", "missing")]
