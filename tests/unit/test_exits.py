@@ -18,7 +18,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, Finding
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import Diagnosis, Found
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, Row
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import Part
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -145,9 +147,12 @@ def through_a_difference(text):
 
 
 def through_the_report(text):
-    finding = Finding("names", FAILED, "robot1", "robot2", text, text, text, text)
-    shown = plain_lines(report.render(report.summarise([finding], ["robot1", "robot2"], 2)))
-    return [*shown.replace("\t", " ").split("\n"), *texts(plain_data(finding._asdict()))]
+    row = Row("names", "robot1", "robot2", FAILED, text, text)
+    part, rival = Part("registration", "robot1", "ghost", text), Part("messages", "robot2", "differ", text)
+    diagnosis = Diagnosis((Found(part, rivals=(rival,), proof=(row,), rows=(row,)),), (row,))
+    summary = report.summarise([row], ["robot1", "robot2"], 2)
+    shown = plain_lines(report.render(summary, diagnosis))
+    return [*shown.replace("\t", " ").split("\n"), *texts(plain_data(report.document(summary, diagnosis, [row])))]
 
 
 def through_preflight(text):

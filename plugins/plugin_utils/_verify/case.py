@@ -32,6 +32,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON, Way, Ways
 
+ANSWERS_BROADCASTS = ("net.ipv4.icmp_echo_ignore_broadcasts", "0")
+
 
 @dataclass(frozen=True)
 class Participant:
@@ -70,9 +72,7 @@ class Participant:
             callers=frozenset(entry.address for entry in multicast.callers),
             rounds=_rounds(multicast.icmp),
             macs=frozenset(entry.mac.lower() for entry in probe.forwarding.interfaces if entry.mac),
-            answers_broadcasts=any(
-                entry.name == "net.ipv4.icmp_echo_ignore_broadcasts" and entry.value == "0" for entry in plan.sysctl
-            ),
+            answers_broadcasts=ANSWERS_BROADCASTS in {(entry.name, entry.value) for entry in plan.sysctl},
         )
 
     @property
