@@ -333,7 +333,7 @@ class Network:
     def _rounds(self, own):
         """The pings of the group of all hosts on the own network."""
         packet = Packet("icmp", IPv4Address("224.0.0.1"), size=28)
-        answered = [[] for _ in range(ROUNDS)]
+        answered = [[] for _round in range(ROUNDS)]
         hearers = {entry.machine for entry in group(self.world, own.name, own.discovery_address, packet)}
         for name in hearers & set(self.members):
             plan = self.fleet.computers[name]

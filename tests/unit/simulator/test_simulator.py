@@ -75,7 +75,7 @@ def test_every_fault_is_seen(row):
 
 
 def test_a_trial_is_the_same_every_time():
-    one, other = (harness.draw(7, [faults.FAULTS, faults.FAULTS]) for _ in range(2))
+    one, other = (harness.draw(7, [faults.FAULTS, faults.FAULTS]) for _time in range(2))
     assert one.observations == other.observations and one.faults == other.faults
 
 

@@ -62,15 +62,15 @@ class Child:
     """A program that is started, and ends when the test says so."""
 
     def __init__(self):
-        self.starts, self.there, self.problem = 0, False, None
+        self.starts, self.there, self.missing = 0, False, ""
 
     def runs(self):
         return self.there
 
     def start(self, _command):
         self.starts += 1
-        if self.problem:
-            raise self.problem
+        if self.missing:
+            raise FileNotFoundError(self.missing)
         self.there = True
 
     def end(self, _seconds):
@@ -114,7 +114,7 @@ def test_rosout_of_somebody_else_is_left_alone(rosout):
 
 
 def test_where_there_is_no_rosout_one_warning_says_so(rosout, caplog):
-    rosout._child.problem = FileNotFoundError("rosrun")
+    rosout._child.missing = "rosrun"
     for now in range(300):
         rosout.tick(float(now))
     assert rosout._child.starts > 5

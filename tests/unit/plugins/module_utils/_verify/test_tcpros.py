@@ -14,8 +14,8 @@ from provider import GET_SYNC_INFO, LIST_MASTERS, answer, head, master, provider
 NAME = "/master_discovery/list_masters"
 
 
-def call(uri, known=tcpros.LIST_MASTERS):
-    return tcpros.call(uri, NAME, known, "/me")
+def call(uri, known=None):
+    return tcpros.call(uri, NAME, known or tcpros.LIST_MASTERS, "/me")
 
 
 def test_masters_are_read():

@@ -111,11 +111,11 @@ def _off(seen):
                 update(entry, heard=False, publishers=(), error="not registered")
 
 
-def _refused(error, targets=INNER_TIBI):
+def _refused(error):
     def change(seen):
         wall(seen)
         for name in [*outside("tibi"), "router"]:
-            for target in targets:
+            for target in INNER_TIBI:
                 update(of(seen[name].probe.members, target), ping_address=no_answer(error), ping_name=no_answer(error))
 
     return change
