@@ -272,6 +272,9 @@ def _port_evidence(case: Case) -> Parts:
     entry = case.observer.masters.get(case.target)
     if entry is not None and "network is unreachable" in entry.error.lower():
         return of("route", case.observer.name, "missing", what=COMMON)
+    if case.target == case.observer.name and _refused(case):  # nobody listens there, or the node listens elsewhere
+        runs = case.probe is not None and bool(case.probe.list_masters.masters)
+        return of("discovery", case.target, "port" if runs else "dead")
     return NONE
 
 

@@ -131,8 +131,9 @@ def _direct_connection(case: Case) -> Judgement | None:
 
 
 def _said(case: Case) -> Parts:
-    hosts = sorted({host_of(entry.uri) for entry in case.topic.publishers}) if case.topic else []
-    return of("environment", case.target, "shell", what=f"they call themselves {', '.join(hosts)}")
+    uris = [entry.uri for entry in case.topic.publishers if entry.uri] if case.topic else []
+    hosts = sorted({host_of(uri) for uri in uris} - case.ways.called[case.target])
+    return of("environment", case.target, "shell", what=f"they call themselves {', '.join(hosts)}") if hosts else NONE
 
 
 DIRECT_CONNECTION = Check(
@@ -141,6 +142,7 @@ DIRECT_CONNECTION = Check(
     scope=MEMBER,
     judge=_direct_connection,
     documented=Documented("pair", "the publisher in `rostopic info` is a node on that computer", "3.3"),
+    suspects=lambda case: registered(case, case.observer.name, case.target),
     evidence=_said,
 )
 

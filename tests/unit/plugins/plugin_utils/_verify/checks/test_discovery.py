@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import ListMasters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import ListMasters, Publisher
 from fleets import (
     ONE,
     TWO,
@@ -90,6 +90,15 @@ def _other_group(seen):
         update(entry, heard=False, publishers=(), error="the topic is not registered")
 
 
+def _stopped(seen):
+    """The discovery node of the second robot was stopped a moment ago: what the robots have of each other is still there."""
+    for one in (ONE, TWO):
+        port = of(seen[one].probe.masters, TWO, "computer")
+        update(port, open=False, error="Connection refused", clock_offset_s=None, clock_error="no answer")
+    update(seen[TWO].probe, list_masters=ListMasters(error="ERROR: Unable to communicate with master!"))
+    update(of(seen[ONE].probe.topics, TWO, "computer"), publishers=[Publisher("/n", "")])
+
+
 # The change, a check that tells it, its verdict, and the part that is named.
 FAULTS = [
     (_udp(True, heard_from=False, other_interfaces=["eth1"]), "udp_multicast", WARNING, "interface", ONE, "multicast"),
@@ -97,6 +106,7 @@ FAULTS = [
     (_icmp, "icmp_rounds", WARNING, "setting", TWO, "icmp_group"),
     (_closed("Connection refused"), "rpc_port", FAILED, "discovery", TWO, "port"),
     (_closed("no answer within 2 s"), "rpc_port", FAILED, "filter", TWO, "rpc in"),
+    (_stopped, "rpc_port", FAILED, "discovery", TWO, "dead"),
     (_hung, "clock", FAILED, "discovery", TWO, "hung"),
     (_listed(monitoruri="http://10.0.2.2:11611"), "list_masters", FAILED, "translation", TWO, "on"),
     (_listed(uri="http://localhost:11311/"), "list_masters", FAILED, "roscore", TWO, "name"),
