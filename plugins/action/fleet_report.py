@@ -31,8 +31,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     PacketFilter,
     Probe,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.pairs import ALL
 
-OPTIONS = ("fleet", "multicast", "probe", "earlier", "path", "packet_filter", "plan")
+OPTIONS = ("fleet", "multicast", "probe", "earlier", "path", "packet_filter", "plan", "pairs")
 
 T = TypeVar("T")
 
@@ -46,7 +47,7 @@ class ActionModule(ActionBase):
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
         result: dict[str, Any] = super().run(tmp, task_vars)
         task_vars = task_vars or {}
-        plain_fleet, multicast, probe, earlier, path, packet_filter, plan = (
+        plain_fleet, multicast, probe, earlier, path, packet_filter, plan, pairs = (
             self._task.args.get(option) or "" for option in OPTIONS
         )
         try:
@@ -59,11 +60,11 @@ class ActionModule(ActionBase):
         except Mismatch as problem:
             result.update(failed=True, msg=f"The plan of the fleet cannot be read: {problem}")
             return result
-        verification = Verification(CHECKS, fleet, observations)
+        verification = Verification(CHECKS, fleet, observations, pairs or ALL)
         everything = list(verification.rows()) if path else []  # otherwise only what is not ok is kept
         computers = [host for host in fleet.computers if host in observations]
         if path:
-            summary = report.summarise(everything, computers, len(fleet.computers))
+            summary = report.summarise(everything, computers, len(fleet.computers), verification.pairs)
         else:
             summary = report.summarised(verification, computers, len(fleet.computers))
         diagnosis = explained(verification, summary.notable)
@@ -81,6 +82,7 @@ class ActionModule(ActionBase):
             passed=not summary.number(FAILED),
             msg=report.verdict_line(summary),
             checks=report.counts(summary),
+            pairs=report.sampled(summary),
             findings=plain_data(report.findings(diagnosis)),
             unexplained=plain_data([row._asdict() for row in diagnosis.unexplained]),
         )

@@ -57,6 +57,14 @@ options:
     description: A file on the controller for all results and findings as JSON, for example V(verification.json). None, if empty.
     type: str
     default: ""
+  pairs:
+    description:
+      - Which pairs of computers were to be tried, as for the filter P(rosfleet.multimaster.computers_tried#filter), for example
+        V(auto) in a fleet of 400 computers.
+      - A pair that was not to be tried has no result, and is no finding.
+    type: str
+    choices: [auto, all]
+    default: all
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -124,6 +132,22 @@ checks:
       returned: always
       type: int
       sample: 0
+pairs:
+  description: How many pairs of computers were to be tried.
+  returned: success
+  type: dict
+  sample: {tried: 40600, of: 159600}
+  contains:
+    tried:
+      description: The number of pairs of O(pairs).
+      returned: always
+      type: int
+      sample: 40600
+    of:
+      description: The number of all pairs of an observer of the play and another computer.
+      returned: always
+      type: int
+      sample: 159600
 findings:
   description: The parts of the fleet that are broken, the most important first.
   returned: success

@@ -154,6 +154,12 @@ options:
         listens to the others. All of O(present), if not given.
     type: list
     elements: str
+  tried:
+    description:
+      - The names of those of O(members) at which this computer looks, for example V([kobuki2computer]); it listens to the
+        talkers of no others. All O(members), if not given.
+    type: list
+    elements: str
   services:
     description:
       - The services that run on this computer, for example V([roscore, discovery, connections, sync]); each is the unit
@@ -1060,14 +1066,20 @@ def present(params: Params) -> typing.Set[str]:
     return set(members if params["present"] is None else params["present"])
 
 
+def tried(params: Params) -> typing.List[Result]:
+    """List the members to look at, this computer among them."""
+    names = None if params["tried"] is None else {params["name"], *params["tried"]}
+    return [member for member in params["members"] if names is None or member["name"] in names]
+
+
 def others(params: Params) -> typing.List[str]:
     """Name the computers whose talkers are to be heard here, in the order of the members."""
     talkers = (present(params) if params["talkers"] is None else set(params["talkers"])) - {params["name"]}
-    return [member["name"] for member in params["members"] if member["name"] in talkers]
+    return [member["name"] for member in tried(params) if member["name"] in talkers]
 
 
 def look_members(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
-    return network.members(params["members"], params["name"], not params["is_router"])
+    return network.members(tried(params), params["name"], not params["is_router"])
 
 
 def look_masters(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
@@ -1208,7 +1220,7 @@ def collect(module: AnsibleModule) -> Result:
     if not params["is_router"]:
         missing = result["ros_missing"]
         result["talker"] = {"running": False, "error": missing} if missing else talker.state()
-    result["msg"] = f"Looked at {len(params['members'])} computers in {result['seconds']:.1f} s."
+    result["msg"] = f"Looked at {len(tried(params))} computers in {result['seconds']:.1f} s."
     return result
 
 
@@ -1299,6 +1311,7 @@ ARGUMENTS = {
     },
     "present": {"type": "list", "elements": "str"},
     "talkers": {"type": "list", "elements": "str"},
+    "tried": {"type": "list", "elements": "str"},
     "services": {"type": "list", "elements": "str", "default": []},
     "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
     "environment": {"type": "dict", "default": {}},

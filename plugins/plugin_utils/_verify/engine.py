@@ -24,6 +24,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Exchanges
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import NONE, Parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.pairs import ALL, number, tried
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import Ways
 
 OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
@@ -88,9 +89,14 @@ class Check:
 
 
 class Verification:
-    """The checks, applied to the observations of a fleet; `observations` has an entry for each computer of the run."""
+    """The checks, applied to the observations of a fleet; `observations` has an entry for each computer of the run.
 
-    def __init__(self, checks: Sequence[Check], fleet: FleetPlan, observations: Mapping[str, Observation]) -> None:
+    `pairs` says who was to look at whom: `all`, or `auto`; see `pairs.tried`.
+    """
+
+    def __init__(
+        self, checks: Sequence[Check], fleet: FleetPlan, observations: Mapping[str, Observation], pairs: str = ALL
+    ) -> None:
         self.checks = checks
         self.fleet = fleet
         self.ways = ways = Ways(fleet)
@@ -99,6 +105,7 @@ class Verification:
             for name, plan in fleet.computers.items()
             if name in observations
         }
+        self.tried = tried({member.name: str(member.network) for member in fleet.members}, fleet.computers, pairs)
         exchanges = Exchanges(
             fleet,
             {
@@ -110,7 +117,7 @@ class Verification:
         self.everything = Everything(fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways))
 
     def rows(self, passed: Counter[str] | None = None) -> Iterator[Row]:
-        """Apply every check to every computer of the run, and to every pair whose observer is in the run.
+        """Apply every check to every computer of the run, and to every pair that was to be tried by one of them.
 
         With `passed`, what is ok is only counted there, by check: nobody reads a million good rows.
         """
@@ -118,14 +125,21 @@ class Verification:
         own_master, masters = self._of(MASTER_TOO), self._of(MASTER, MASTER_TOO)
         addresses = [(master, master.computer, str(master.address)) for master in self.fleet.masters]
         for observer in self.run.values():
-            name = observer.name
+            name, targets = observer.name, self.tried[observer.name]
             yield from _judged(alone, self._case(observer, name, str(observer.plan.address)), passed)
             for target, address in self.ways.addresses.items():
-                checks = itself if target == name else others
-                yield from _judged(checks, self._case(observer, target, address), passed)
+                if target in targets or target == name:
+                    checks = itself if target == name else others
+                    yield from _judged(checks, self._case(observer, target, address), passed)
             for master, target, address in addresses:
                 checks = own_master if target == name else masters
                 yield from _judged(checks, self._case(observer, target, address, master), passed)
+
+    @property
+    def pairs(self) -> tuple[int, int]:
+        """The number of pairs that the computers of the run were to try, and of all that there are."""
+        chosen = {name: self.tried[name] for name in self.run}
+        return number(chosen), sum(len(self.ways.members.keys() - {name}) for name in self.run)
 
     def case(self, check: Check, observer: str, target: str) -> Case | None:
         """Make the case of one pair; None where the check has none."""

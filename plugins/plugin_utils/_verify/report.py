@@ -41,6 +41,7 @@ class Summary:
 
     computers: Sequence[str]  # of this run
     fleet: int  # computers of the fleet
+    pairs: tuple[int, int] = (0, 0)  # that were to be tried, and all that there are
     counts: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     notable: list[Row] = field(default_factory=list)
     cells: dict[tuple[str, str], Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
@@ -55,9 +56,9 @@ class Summary:
         return sum(counts.total() for counts in self.counts.values())
 
 
-def summarise(rows: Iterable[Row], computers: Sequence[str], fleet: int) -> Summary:
+def summarise(rows: Iterable[Row], computers: Sequence[str], fleet: int, pairs: tuple[int, int] = (0, 0)) -> Summary:
     """Look at every row once."""
-    summary = Summary(computers, fleet)
+    summary = Summary(computers, fleet, pairs)
     small = fits(computers)
     for row in rows:
         summary.counts[row.check][row.verdict] += 1
@@ -71,7 +72,7 @@ def summarise(rows: Iterable[Row], computers: Sequence[str], fleet: int) -> Summ
 def summarised(verification: Verification, computers: Sequence[str], fleet: int) -> Summary:
     """Judge everything, and keep only what is read: in a large fleet, of what is good the numbers."""
     passed: Counter[str] | None = None if fits(computers) else Counter()
-    summary = summarise(verification.rows(passed), computers, fleet)
+    summary = summarise(verification.rows(passed), computers, fleet, verification.pairs)
     for check, number in (passed or {}).items():
         summary.counts[check][OK] += number
     return summary
@@ -99,8 +100,21 @@ def render(summary: Summary, diagnosis: Diagnosis) -> str:
 
 def _title(summary: Summary) -> str:
     if len(summary.computers) == summary.fleet:
-        return f"VERIFICATION of {summary.fleet} computers"
-    return f"VERIFICATION of {len(summary.computers)} of {summary.fleet} computers; the others are not in this run"
+        title = f"VERIFICATION of {summary.fleet} computers"
+    else:
+        title = f"VERIFICATION of {len(summary.computers)} of {summary.fleet} computers; the others are not in this run"
+    return title + _sample(summary)
+
+
+def _sample(summary: Summary) -> str:
+    """What a large fleet left out."""
+    some, everything = summary.pairs
+    if some == everything:
+        return ""
+    return (
+        f"\n{some} of {everything} pairs were tried: every way between two networks, and every computer in both directions "
+        f"at least twice. verify_pairs: all tries all."
+    )
 
 
 def _table(summary: Summary) -> str:
@@ -238,12 +252,18 @@ def document(summary: Summary, diagnosis: Diagnosis, rows: Sequence[Row]) -> dic
     """All findings and rows as plain data."""
     return {
         "computers": list(summary.computers),
+        "pairs": sampled(summary),
         "verdict": FAILED if summary.number(FAILED) else OK,
         "checks": counts(summary),
         "findings": findings(diagnosis, listed=True),
         "unexplained": [row._asdict() for row in diagnosis.unexplained],
         "rows": [row._asdict() for row in rows],
     }
+
+
+def sampled(summary: Summary) -> dict[str, int]:
+    """How many pairs of computers were to be tried, of how many."""
+    return dict(zip(("tried", "of"), summary.pairs, strict=True))
 
 
 def findings(diagnosis: Diagnosis, listed: bool = False) -> list[dict[str, Any]]:

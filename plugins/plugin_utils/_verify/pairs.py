@@ -1,0 +1,70 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which pairs of computers a verification tries: who looks at whom.
+
+Pure: the members in, names out. All pairs of 400 computers are 159,600, and most of them say nothing new: the computers of
+one network have the same way to those of another one. So a large fleet is sampled by a rule that needs no search:
+
+* on its own network, a computer tries the next two in the order of the inventory, as on a ring;
+* on every other network it tries one computer, and each of its neighbours tries another one.
+
+So every way from network to network is tried in both directions, and every computer is looked at by others, and looks at
+others, at least twice (as far as there are so many).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+
+AUTO, ALL = "auto", "all"
+ALL_UP_TO = 30  # computers: so many are tried in all pairs
+AT_LEAST = 2  # times that each computer is looked at
+
+Tried = Mapping[str, Collection[str]]  # observer -> targets
+
+
+def tried(networks: Mapping[str, str], observers: Iterable[str], pairs: str = AUTO) -> Tried:
+    """Say for each observer whom it tries.
+
+    `networks` has the network of each computer, in the order of the inventory. An observer that is none of them (a router)
+    tries one computer of each network. `pairs` is `auto` or `all`.
+    """
+    names = list(observers)
+    if pairs == ALL or len(networks) <= ALL_UP_TO:
+        return {name: networks.keys() - {name} for name in names}
+    rings: dict[str, list[str]] = {}
+    for name, network in networks.items():
+        rings.setdefault(network, []).append(name)
+    places = {name: place for ring in rings.values() for place, name in enumerate(ring)}
+    found = {name: _targets(name, networks.get(name, ""), places.get(name, 0), rings) for name in names}
+    return _seldom_tried(found, [name for name in names if name in networks])
+
+
+def _targets(name: str, own: str, place: int, rings: Mapping[str, Sequence[str]]) -> set[str]:
+    """Return the next two on the own ring, and one of each other ring, another one than the neighbours'."""
+    start = place + list(rings).index(own) if own else 0
+    others = {ring[(start + number) % len(ring)] for number, (key, ring) in enumerate(rings.items()) if key != own}
+    ring = rings.get(own, ())
+    neighbours = {ring[(place + step) % len(ring)] for step in range(1, AT_LEAST + 1) if ring}
+    return (others | neighbours) - {name}
+
+
+def _seldom_tried(found: dict[str, set[str]], computers: Sequence[str]) -> Tried:
+    """Add observers for those that fewer than two look at, as on a ring of two computers."""
+    counts = Counter(target for targets in found.values() for target in targets)
+    for place, target in enumerate(computers):
+        for step in range(1, len(computers)):
+            if counts[target] >= AT_LEAST:
+                break
+            observer = computers[(place + step) % len(computers)]
+            if target not in found[observer]:
+                found[observer].add(target)
+                counts[target] += 1
+    return found
+
+
+def number(chosen: Tried) -> int:
+    """Count the pairs."""
+    return sum(len(targets) for targets in chosen.values())
