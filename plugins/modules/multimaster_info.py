@@ -390,7 +390,8 @@ filters:
         rules:
           description:
             - The rules that are understood, those of chains that are jumped to in their place. Each has C(verdict), and what it asks for of
-              C(protocol), C(ports) (the first and the last one), C(sources), C(destinations), C(incoming), C(leaving) and C(state).
+              C(protocol), C(ports) (the first and the last one), C(sources), C(destinations), C(incoming), C(leaving), C(state) and C(above)
+              (only packets of more bytes).
           returned: always
           type: list
           elements: dict

@@ -21,11 +21,12 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-sys.path[:0] = [str(HERE), str(ROOT / "tests" / "lab")]
+sys.path[:0] = [str(HERE), str(ROOT / "tests" / "lab"), str(ROOT / ".work" / "collections")]
 
 import judge  # noqa: E402
 import page  # noqa: E402
 import state  # noqa: E402
+from agreement import Agreement, agreement  # noqa: E402
 from catalogue import LAB, Fault, Step, facts_of, load  # noqa: E402
 from layout import Extra, read_inventory  # noqa: E402
 from podman import LabError  # noqa: E402
@@ -47,6 +48,7 @@ class Result:
     found: judge.Named
     seconds: float  # of the verification
     left: tuple[str, ...] = ()  # what undo has not taken back
+    predicted: Agreement = Agreement()  # the prediction of reachability, compared with what was measured
 
     @property
     def ok(self) -> bool:
@@ -70,16 +72,16 @@ class Catalogue:
                 self._do(step)
             for step in fault.settled:
                 self._settle(step)
-            found, seconds = self._verified(fault)
+            found, predicted, seconds = self._verified(fault)
         except (AssertionError, subprocess.SubprocessError) as problem:  # the other faults are tried all the same
-            found, seconds = judge.Named(text=f"it could not be made: {problem}"), 0.0
+            found, predicted, seconds = judge.Named(text=f"it could not be made: {problem}"), Agreement(), 0.0
         finally:
             for step in fault.undo:
                 self._do(step, check=False)
             left = state.back(self.lab, self.before, self.masters)
         if left:
             self._repair()
-        return Result(fault, judge.verdict(fault, found), found, seconds, tuple(left))
+        return Result(fault, judge.verdict(fault, found), found, seconds, tuple(left), predicted)
 
     def _do(self, step: Step, *, check: bool = True) -> None:
         if step.where == LAB:
@@ -91,8 +93,8 @@ class Catalogue:
         patiently = f"for time in $(seq {SETTLES:.0f}); do {{ {step.what}; }} && exit; sleep 1; done; exit 1"
         self.lab.run(step.where, patiently)
 
-    def _verified(self, fault: Fault) -> tuple[judge.Named, float]:
-        """What playbooks/verify.yml names first, and how long it took."""
+    def _verified(self, fault: Fault) -> tuple[judge.Named, Agreement, float]:
+        """What playbooks/verify.yml names first, how the prediction agrees, and how long it took."""
         report, observations = (WORK / f"{fault.name}.{kind}.json" for kind in ("report", "observations"))
         for path in (report, observations):
             path.unlink(missing_ok=True)
@@ -108,9 +110,10 @@ class Catalogue:
         )[1]
         seconds = time.monotonic() - began
         found = judge.named(json.loads(report.read_text())) if report.exists() else judge.Named(text=output[-600:])
-        if self.record and observations.exists():
-            self._keep(fault, json.loads(observations.read_text()), found)
-        return found, seconds
+        recorded = json.loads(observations.read_text()) if observations.exists() else {}
+        if self.record and recorded:
+            self._keep(fault, recorded, found)
+        return found, agreement(recorded) if recorded.get("fleet") else Agreement(), seconds
 
     def _keep(self, fault: Fault, observations: dict, found: judge.Named) -> None:
         """Keep what fleet_report got, to be judged again without a lab."""
@@ -158,7 +161,15 @@ def run(options: argparse.Namespace) -> list[Result]:
 def told(result: Result) -> list[str]:
     """The lines about one fault."""
     lines = [f"    {result.verdict} ({result.seconds:.0f} s): {result.found.text}"]
+    lines += [f"    the prediction says {state}: {' '.join(way)}" for way, state in result.predicted.wrong]
     return lines + [f"    left by undo: {line}" for line in result.left]
+
+
+def told_of_prediction(results: Sequence[Result]) -> str:
+    """How far the prediction of reachability agrees with what was measured, over all faults."""
+    ways = sum(result.predicted.ways for result in results)
+    same = ways - sum(len(result.predicted.wrong) for result in results)
+    return f"The prediction of reachability agrees with what was measured in {same} of {ways} ways."
 
 
 def main() -> int:
@@ -182,10 +193,9 @@ def main() -> int:
         return 1
     if options.page:
         page.write([(result.fault, result.verdict) for result in results])
+    print(f"\n{told_of_prediction(results)}")
     failed = [result.fault.name for result in results if not result.ok]
-    print(
-        f"\n{len(results) - len(failed)} of {len(results)} named first{'; not: ' if failed else ''}{', '.join(failed)}"
-    )
+    print(f"{len(results) - len(failed)} of {len(results)} named first{'; not: ' if failed else ''}{', '.join(failed)}")
     return int(bool(failed))
 
 

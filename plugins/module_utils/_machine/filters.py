@@ -3,7 +3,7 @@
 
 """The packet filter of this machine, as far as it can be read simply: rules of nftables, also those that iptables has made.
 
-What a rule says beyond protocol, port, addresses, interfaces and state is not understood. Such rules are counted, and left out.
+What a rule says beyond protocol, port, addresses, interfaces, state and length is not understood. Such rules are counted, and left out.
 """
 
 import ipaddress
@@ -118,6 +118,8 @@ def _together(said: Words, more: Words) -> None:
 def _match(words: Words) -> Words:
     """Read one match. Raises NotUnderstood."""
     left, right = words["left"], words["right"]
+    if left in _LENGTHS and words.get("op") in (">", ">=") and isinstance(right, int):
+        return {"above": right - (words["op"] == ">=")}
     if words.get("op") not in ("==", "in") or not isinstance(left, dict):
         raise NotUnderstood
     kind, value = next(iter(left.items()))
@@ -188,6 +190,8 @@ def _ports(right: typing.Any) -> typing.List[int]:
         return [int(number) for number in right["range"]]
     raise NotUnderstood  # several of them
 
+
+_LENGTHS: typing.Tuple[Words, ...] = ({"meta": {"key": "length"}}, {"payload": {"protocol": "ip", "field": "length"}})
 
 _READERS: typing.Mapping[typing.Tuple[str, str], Reader] = {
     ("meta", "iifname"): _interface("incoming"),

@@ -77,18 +77,18 @@ HOSTS = "on {place}: getent ahostsv4 {what}; cat /etc/hosts"
 # What a packet filter may drop: mode -> what it is, and what to allow.
 DROPPED = {
     "icmp": ("ICMP", "ICMP echo requests and replies"),
-    "udp": ("UDP port {what}", "UDP port {what}"),
-    "group": ("what is sent to the multicast group", "the multicast group, and IGMP"),
-    "rpc": ("TCP port {what} of the discovery node", "TCP port {what}"),
-    "roscore": ("TCP port {what} of the roscore", "TCP port {what}"),
-    "nodes": ("the TCP ports of nodes", "all TCP ports above 1024"),
+    "udp": ("packets for UDP port {what}", "UDP port {what}"),
+    "group": ("packets for the multicast group", "the multicast group, and IGMP"),
+    "rpc": ("connections to TCP port {what} of the discovery node", "TCP port {what}"),
+    "roscore": ("connections to TCP port {what} of the roscore", "TCP port {what}"),
+    "nodes": ("connections to the TCP ports of nodes", "all TCP ports above 1024"),
 }
 # Where: word of the mode -> how it is said, and what it costs more than the plain one.
-DIRECTIONS = {"in": (" that comes in", 0.2), "out": (" that goes out", 0.8), "": (", coming in and going out", 0.4)}
+DIRECTIONS = {"in": ("incoming", 0.2), "out": ("outgoing", 0.8), "": ("incoming and outgoing", 0.4)}
 
 FILTERS: Mapping[tuple[str, str], Fault] = {
     ("filter", f"{mode} {direction}".strip()): Fault(
-        f"a packet filter on {{place}} drops {dropped}{said}",
+        f"a packet filter on {{place}} drops {said} {dropped}",
         f"allow {allowed} between the computers of the fleet; see {RULES}",
         RULES,
         cost=(2.7 if mode == "group" else 2.5) + more,

@@ -157,6 +157,7 @@ def _rule(hook: str, table: str, entry: Info) -> Rule:
         incoming=entry.get("incoming", ""),
         leaving=entry.get("leaving", ""),
         state=entry.get("state", ""),
+        above=entry.get("above", 0),
         table=table,
     )
 

@@ -35,6 +35,7 @@ class Traffic(NamedTuple):
     name: str
     concerns: Callable[[Member], bool]
     packet: Callable[[FleetPlan, IPv4Address], Packet]
+    by_source: bool = False  # whoever gets it looks at the source address: one that was translated is ignored
 
 
 TRAFFIC = (
@@ -43,6 +44,7 @@ TRAFFIC = (
         "heartbeats",
         lambda member: member.discovery,
         lambda fleet, address: Packet("udp", address, port=fleet.multicast_port),
+        by_source=True,
     ),
     Traffic(CONNECTIONS, lambda member: True, lambda fleet, address: Packet("tcp", address, port=NODES)),
     Traffic(
@@ -71,7 +73,7 @@ class Pair(NamedTuple):
     target: str
     now: str
     after: str
-    end: End | None = None  # of after
+    end: End | None = None  # of after: where it fails or, though it reaches, is translated
 
 
 @dataclass(frozen=True)
@@ -85,8 +87,8 @@ class Prediction:
 
     @property
     def failing(self) -> Mapping[End, Sequence[Pair]]:
-        """The pairs that would fail, by where and why, the most frequent first."""
-        bad = [pair for pair in self.pairs if pair.after == FAILS and pair.end is not None]
+        """The pairs that would fail or be translated, by where and why, the most frequent first."""
+        bad = [pair for pair in self.pairs if pair.after != UNSURE and pair.end is not None]
         small = {(pair.observer, pair.target) for pair in bad if pair.traffic == CONNECTIONS}
         groups: dict[tuple[str, str], list[Pair]] = {}
         for pair in bad:
@@ -161,7 +163,9 @@ def _outcome(
     if failed is None and way.there.where == target and way.back is not None:
         if way.there.translations:
             where = way.there.translations[0][0]
-            return FAILS, End(TRANSLATED, where, _network(fleet, packet.destination), "", "")
+            return (FAILS if traffic.by_source else REACHES), End(
+                TRANSLATED, where, _network(fleet, packet.destination), "", ""
+            )
         return REACHES, None
     if failed is None:
         failed = replace(way.there, outcome=packets.ELSEWHERE)
@@ -233,7 +237,7 @@ SENTENCES: Mapping[str, tuple[str, str]] = {
     ),
     packets.ELSEWHERE: ("two machines have an address of {network}", "give one of them another address"),
     TRANSLATED: (
-        "{where} translates addresses (masquerading) of what leaves it for {network}, and nodes cannot call back",
+        "{where} translates addresses (masquerading) of what leaves it for {network}",
         "translate nothing between the robots' networks; see on {where}: nft list ruleset; iptables -t nat -S",
     ),
 }
@@ -243,7 +247,10 @@ def sentence(end: End, pairs: Sequence[Pair]) -> str:
     """Say in one sentence where packets would end, whose, and what to do."""
     what, remedy = SENTENCES[end.outcome]
     what, remedy = what.format(**{**end._asdict(), "where": "it"}), remedy.format(**end._asdict())
-    return f"{end.where}: after site.yml {what}, so {_whose(pairs)} would not work; expected a way there and back: {remedy}."
+    effect = "would not work; expected a way there and back"
+    if all(pair.after == REACHES for pair in pairs):
+        effect = "would show another address, by which no node is found; expected the computer's own"
+    return f"{end.where}: after site.yml {what}, so {_whose(pairs)} {effect}: {remedy}."
 
 
 def _whose(pairs: Sequence[Pair]) -> str:
@@ -283,7 +290,7 @@ def render(prediction: Prediction) -> str:
     if 1 < len(prediction.computers) <= MATRIX:
         parts.append(_matrix(prediction))
     if prediction.failing:
-        parts.append("\n".join(["Would fail:", *_groups(prediction)]))
+        parts.append("\n".join(["Would not be as planned:", *_groups(prediction)]))
     parts += _notes(prediction)
     parts.append(verdict_line(prediction))
     return "\n\n".join(parts)

@@ -265,7 +265,10 @@ def _port_suspects(case: Case) -> Parts:
     """A computer that refuses is there."""
     if _refused(case):
         return of("discovery", case.target, "dead", "port") | of("roscore", case.target, "dead")
-    return _port_needs(case) | of("discovery", case.target, "hung")
+    filtered = of(
+        "filter", case.target, "rpc in", "rpc"
+    )  # one for all interfaces also drops what a computer sends itself
+    return _port_needs(case) | of("discovery", case.target, "hung") | filtered
 
 
 def _port_evidence(case: Case) -> Parts:

@@ -43,11 +43,13 @@ RULES = {
         "verdict": "drop",
         "destinations": ["10.0.0.1/32", "192.168.1.0/24"],
     },
+    "ip length > 1000 drop": {"verdict": "drop", "above": 1000},
+    "meta length >= 1000 drop": {"verdict": "drop", "above": 999},
     "iifname eth0 oifname docker0 accept": {"verdict": "accept", "incoming": "eth0", "leaving": "docker0"},
 }
 STRANGE = (
     "tcp dport { 22, 80 } accept",
-    "ip length > 1000 drop",
+    "ip length < 100 drop",
     'iifname "eth*" drop',
     "ip saddr != 192.168.1.0/24 drop",
     "ip protocol esp drop",

@@ -120,7 +120,7 @@ HOOKS = {"in": "input", "out": "output", "forward": "forward", "nat": "postrouti
 
 def _chain(number, rule):
     said = {"verdict": rule.verdict}
-    for name, empty in (("protocol", ""), ("incoming", ""), ("leaving", ""), ("state", "")):
+    for name, empty in (("protocol", ""), ("incoming", ""), ("leaving", ""), ("state", ""), ("above", 0)):
         if getattr(rule, name) != empty:
             said[name] = getattr(rule, name)
     if rule.ports != (0, 65535):
