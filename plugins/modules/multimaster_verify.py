@@ -12,7 +12,7 @@ description:
     C(rosservice call /master_discovery/list_masters), and hears what every other computer publishes (section 4.3).
     On the computer of a roscore it also reads what that holds, of which robot it is, and which nodes are connected.
   - It takes three tasks, so that any number of C(--forks) works. With O(state=started), every computer that has ROS
-    starts a talker, an ordinary C(rostopic pub) in a unit that ends by itself after O(lifetime). With
+    starts a talker, a small node without rospy in a unit that ends by itself after O(lifetime). With
     O(state=collected), every computer looks, all others at once, and returns what it found; one node on each computer
     subscribes to all talkers, as C(rostopic echo) does to one. With O(state=stopped), the
     talkers end. Use the C(linear) strategy (the default), so that a task is through on every computer before the next

@@ -1,46 +1,106 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""A program like `rostopic echo` for many topics in one node: it writes the message of each, and its node.
+"""A node that subscribes many topics of texts, like `rostopic echo` for each, and needs no rospy.
 
-Runs as a program of its own under the Python of this computer's ROS, which may be 2.7 (kinetic, melodic); it is handed
-over as text, so nothing here may import another part of the collection.
+It is registered at the roscore, which tells it of publishers; it asks each of them for its topic, and reads a message.
 """
 
-import json
 import os
-import sys
+import queue
+import threading
 import time
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import node, tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
+
+WORKERS = 32  # publishers that are asked at the same time: one that does not answer takes its worker for some seconds
+AGAIN = 0.5  # seconds until a publisher is asked again that did not answer
+
+Said = typing.Dict[str, typing.Any]
 
 
-def main(name, deadline, wanted):
-    """Listen as the node `name` until each topic of `wanted` ({topic: text}) has said its text, or until the deadline.
+class Listener:
+    """Subscribes topics until each has said its text."""
 
-    The deadline is a time of the wall clock, since Python and rospy may need many seconds to start on a busy computer.
-    """
-    import rospy  # noqa: PLC0415 only where it runs as a program
-    import std_msgs.msg  # noqa: PLC0415
+    def __init__(self, ros: Ros, name: str, wanted: typing.Mapping[str, str]) -> None:
+        """`wanted`: {topic: its text}. Raises OSError."""
+        self.ros, self.wanted = ros, wanted
+        self.heard: typing.Dict[str, Said] = {}  # topic -> text, node, seconds
+        self.errors: typing.Dict[str, str] = {}  # topic -> why a publisher of it could not be heard
+        self._began = time.monotonic()
+        self._publishers: typing.Dict[str, typing.Set[str]] = {topic: set() for topic in wanted}
+        self._due: queue.Queue[typing.Tuple[str, str]] = queue.Queue()
+        self._lock = threading.Lock()
+        self._open = set(wanted)  # topics that have not said it yet
+        self._done = threading.Event()
+        self.name = f"/{name}_{os.getpid()}_{int(time.time() * 1000)}"
+        self.node = node.Node(self.name, node.host_of(ros.variables, ros.uri), ros.uri, {}, self._told)
 
-    began = time.time()
-    heard = {}
+    def run(self, deadline: float) -> None:
+        """Listen until everything is heard, or until the deadline (monotonic seconds). Raises OSError without a roscore."""
+        for work in [self.node.serve] + [self._work] * min(WORKERS, len(self.wanted)):
+            thread = threading.Thread(target=work)
+            thread.daemon = True
+            thread.start()
+        registered: typing.List[str] = []
+        try:
+            for topic in self.wanted:
+                self._told(topic, self.ros.ask("registerSubscriber", topic, node.TYPE, self.node.uri, caller=self.name))
+                registered.append(topic)
+            self._done.wait(max(0.0, deadline - time.monotonic()))
+        finally:
+            self._done.set()
+            for topic in registered:
+                try:
+                    self.ros.ask("unregisterSubscriber", topic, self.node.uri, caller=self.name)
+                except OSError:
+                    break  # the roscore has ended
+            self.node.ended = True
 
-    def hear(message, topic):
-        if topic not in heard or heard[topic]["text"] != wanted[topic]:  # an older talker may come first
-            node = getattr(message, "_connection_header", {}).get("callerid", "")
-            heard[topic] = {"text": message.data, "node": node, "seconds": round(time.time() - began, 1)}
+    def _told(self, topic: str, publishers: typing.Any) -> None:
+        """Ask the publishers that are new."""
+        if topic not in self.wanted or not isinstance(publishers, list):
+            return
+        now = {uri for uri in publishers if isinstance(uri, str)}
+        with self._lock:
+            new, self._publishers[topic] = now - self._publishers[topic], now
+        for uri in sorted(new):
+            self._due.put((topic, uri))
 
-    rospy.init_node(name, anonymous=True, disable_rosout=True)
-    for topic in wanted:
-        rospy.Subscriber(topic, std_msgs.msg.String, hear, topic)
-    while time.time() < deadline and not rospy.is_shutdown():
-        if all(heard.get(topic, {}).get("text") == text for topic, text in wanted.items()):
-            break
-        time.sleep(0.05)
-    sys.stdout.write(json.dumps(heard) + "\n")
-    sys.stdout.flush()
-    rospy.signal_shutdown("done")  # unregisters, as long as the roscore takes for it
-    os._exit(0)  # a thread that still connects to somebody is not waited for
+    def _work(self) -> None:
+        while not self._done.is_set():
+            try:
+                topic, uri = self._due.get(timeout=0.1)
+            except queue.Empty:
+                continue
+            if topic not in self._open or uri not in self._publishers[topic]:
+                continue
+            try:
+                self._hear(topic, *self._ask(topic, uri))
+            except Exception as problem:  # whatever a stranger answers
+                self.errors[topic] = f"{plain(uri)}: {plain(problem)}"
+                again = threading.Timer(AGAIN, self._due.put, ((topic, uri),))
+                again.daemon = True
+                again.start()
 
+    def _ask(self, topic: str, uri: str) -> typing.Tuple[str, str]:
+        """Ask a publisher for its topic; return its message, and its node. Raises OSError, and what it makes of a strange answer."""
+        code, said, place = server(uri).requestTopic(self.name, topic, [["TCPROS"]])
+        if code != 1:
+            raise OSError(f"it does not give the topic: {plain(said)}")
+        return tcpros.heard((str(place[1]), int(place[2])), topic, self.name)
 
-if __name__ == "__main__":
-    main(sys.argv[1], float(sys.argv[2]), json.load(sys.stdin))
+    def _hear(self, topic: str, text: str, publisher: str) -> None:
+        """Note what was said; an older talker may come first."""
+        with self._lock:
+            if self.heard.get(topic, {}).get("text") != self.wanted[topic]:
+                seconds = round(time.monotonic() - self._began, 1)
+                self.heard[topic] = {"text": text, "node": publisher, "seconds": seconds}
+            if text == self.wanted[topic]:
+                self._open.discard(topic)
+                if not self._open:
+                    self._done.set()

@@ -81,10 +81,10 @@ class Ros:
             return output, f"{name} printed nothing within {limit:.0f} s"
         return output, plain((answer.error.splitlines() or [f"{name} ended with status {answer.status}"])[-1])
 
-    def ask(self, method: str, *arguments: typing.Any) -> typing.Any:
+    def ask(self, method: str, *arguments: typing.Any, caller: str = CALLER) -> typing.Any:
         """Call a method of the master API. Raises OSError with a sentence where the roscore gives no value."""
         try:
-            code, message, value = getattr(server(self.uri, STATE), method)(CALLER, *arguments)
+            code, message, value = getattr(server(self.uri, STATE), method)(caller, *arguments)
         except OSError as problem:
             raise OSError(f"{self.uri}: {problem.strerror or problem}") from problem
         except xmlrpc.client.Error as problem:

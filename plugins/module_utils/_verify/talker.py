@@ -1,19 +1,28 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The talker of this computer: an ordinary `rostopic pub` in a unit that ends by itself. Also the names that it uses."""
+"""The talker of this computer: a small node (node.py) in a unit that ends by itself. Also the names that it uses.
 
+It calls itself what a node calls itself in the environment of the services, and needs no rospy: what a workspace says is
+not run, and it is there after a tenth of a second of a processor.
+"""
+
+import base64
+import inspect
 import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import node
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import FAREWELL, Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.services import state_of
 
 TALKER = "multimaster-verify-talker.service"
+PYTHON = "/usr/bin/python3"
+VARIABLES = ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_IP")  # by which a node calls itself
 # The sandbox of the services (plugin_utils/_plan/units.py), as far as systemd 237 knows it: systemd-run refuses what it does not
-# know. It may be a person's rostopic.
+# know.
 SANDBOX = (
     "DynamicUser=yes",
     "CapabilityBoundingSet=",
@@ -46,7 +55,7 @@ def topic_of(computer: str) -> str:
 
 def node_of(run: str, computer: str) -> str:
     """Return the node name of a computer's talker; no other node of the fleet has it, also if many start together."""
-    return re.sub(r"\W", "_", f"multimaster_verify_talker_{computer}_{run}")
+    return "/" + re.sub(r"\W", "_", f"multimaster_verify_talker_{computer}_{run}")
 
 
 def sentence_of(run: str, computer: str) -> str:
@@ -55,25 +64,22 @@ def sentence_of(run: str, computer: str) -> str:
 
 
 def start(ros: Ros, label: str, computer: str, lifetime: int) -> str:
-    """Start `rostopic pub` as a unit that ends by itself; an older one of ours ends first. Returns an error or ''."""
+    """Start the talker as a unit that ends by itself; an older one of ours ends first. Returns an error or ''."""
     stop()
-    folder = TALKER[: -len(".service")]
     options = {
-        "RuntimeDirectory": folder,
         "RuntimeMaxSec": str(lifetime),
         "KillSignal": "SIGINT",  # so that its node unregisters
         "TimeoutStopSec": str(FAREWELL),
+        "StandardInput": "data",
+        "StandardInputData": base64.b64encode(inspect.getsource(node).encode()).decode(),
     }
     argv = ["systemd-run", "--quiet", "--collect", "--unit=" + TALKER]
     argv += ["--description=Talker of the verification of rosfleet.multimaster"]
     argv += [f"--property={line}" for line in SANDBOX + _BOUNDS]
     argv += [f"--property={name}={value}" for name, value in sorted(options.items())]
-    argv += [f"--setenv={name}={value}" for name, value in sorted(ros.variables.items())]
-    argv += [f"--setenv={name}=/run/{folder}" for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR")]
-    argv += ["--setenv=PYTHONDONTWRITEBYTECODE=1", "--"]
-    message = f"data: '{sentence_of(label, computer)}'"
-    argv += [ros.command("rostopic"), "pub", "-r", "5", topic_of(computer), "std_msgs/String", message]
-    argv.append("__name:=" + node_of(label, computer))
+    argv += [f"--setenv={name}={ros.variables[name]}" for name in VARIABLES if name in ros.variables]
+    argv += ["--", PYTHON, "-I", "-"]
+    argv += [node_of(label, computer), topic_of(computer), sentence_of(label, computer)]
     answer = run(argv, limit=30)
     return "" if answer.status == 0 else answer.error or f"systemd-run ended with status {answer.status}"
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Services of discovery and sync nodes, called by their own protocol (http://wiki.ros.org/ROS/TCPROS), without ROS here.
+"""Services of discovery and sync nodes, and topics, by their own protocol (http://wiki.ros.org/ROS/TCPROS), without ROS here.
 
 Whoever answers may be anybody: time, bytes and numbers of entries are bounded.
 """
@@ -13,6 +13,7 @@ import typing
 import urllib.parse
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import node
 
 CALL = 5.0  # seconds that a call may take, from the connection to the last byte
 MOST = 2 << 20  # bytes of an answer: 5,000 topics are 1 MB
@@ -128,16 +129,15 @@ def _call(
     if place.scheme != "rosrpc" or not place.hostname or not place.port:
         raise ValueError(f"{plain(uri)} is no address of a service")
     with socket.create_connection((place.hostname, place.port), CALL) as connection:
-        fields = {"callerid": caller, "service": service, "md5sum": "*"}
-        connection.sendall(_block(b"".join(_block(f"{name}={value}".encode()) for name, value in fields.items())))
-        told = _fields(_read_block(connection, _HEADER, deadline))
+        connection.sendall(node.header({"callerid": caller, "service": service, "md5sum": "*"}))
+        told = node.fields_of(_read_block(connection, _HEADER, deadline))
         if "error" in told:
             raise OSError(f"{service}: {plain(told['error'])}")
         if told.get("md5sum") not in known:
             raise UnknownType(
                 f"{service} is of the type {plain(told.get('type', ''))} ({plain(told.get('md5sum', ''))}), which is not known"
             )
-        connection.sendall(_block(b""))
+        connection.sendall(node.block(b""))
         good = _read(connection, 1, deadline) == b"\1"
         answer = _read_block(connection, MOST, deadline)
     if not good:
@@ -145,8 +145,21 @@ def _call(
     return Reader(answer).many(known[told["md5sum"]])
 
 
-def _block(content: bytes) -> bytes:
-    return struct.pack("<I", len(content)) + content
+def heard(place: typing.Tuple[str, int], topic: str, caller: str) -> typing.Tuple[str, str]:
+    """Subscribe a topic of texts at its publisher, and return its next message, and its node. Raises OSError with a sentence."""
+    deadline = time.monotonic() + CALL
+    try:
+        with socket.create_connection(place, CALL) as connection:
+            fields = {"callerid": caller, "topic": topic, "type": node.TYPE, "md5sum": node.SUM, "tcp_nodelay": "1"}
+            connection.sendall(node.header(fields))
+            told = node.fields_of(_read_block(connection, _HEADER, deadline))
+            if "error" in told:
+                raise OSError(plain(told["error"]))
+            return plain(Reader(_read_block(connection, _HEADER, deadline)).text()), plain(told.get("callerid", ""))
+    except socket.timeout:
+        raise OSError(f"no message within {CALL:g} s") from None
+    except (ValueError, struct.error) as problem:
+        raise OSError(f"a message that is none: {plain(problem)}") from None
 
 
 def _read_block(connection: socket.socket, most: int, deadline: float) -> bytes:
@@ -168,13 +181,3 @@ def _read(connection: socket.socket, size: int, deadline: float) -> bytes:
             raise ValueError("the connection was closed")
         data += piece
     return bytes(data)
-
-
-def _fields(head: bytes) -> typing.Dict[str, str]:
-    found, at = {}, 0
-    while at + 4 <= len(head):
-        (size,) = struct.unpack_from("<I", head, at)
-        name, _equals, value = head[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
-        found[name] = value
-        at += 4 + size
-    return found

@@ -3,21 +3,18 @@
 
 """The topics of all talkers, heard by one node of this computer."""
 
-import inspect
-import json
 import re
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import listener
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import Listener, Said
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import NO_SCRIPT, SHORTEST, Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import sentence_of, topic_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import PAUSE, awaited
 
-LAST = 3  # seconds before the end at which the listener says what it has heard until then
+LEAST = 5.0  # seconds that are listened at least, also where the roscore was waited for
 
 
 def topics(
@@ -27,11 +24,11 @@ def topics(
     if not talkers or ros.missing():
         return []
     awaited(lambda: _answers(ros), bool, deadline)
-    heard, error = listen(ros, talkers, label, own, deadline)
+    heard, errors = listen(ros, talkers, label, own, deadline)
     try:
         published = _published(ros)
     except OSError as problem:
-        published, error = {}, str(problem)
+        published, errors = {}, dict.fromkeys(map(topic_of, talkers), str(problem))
     found = []
     for talker in talkers:
         name = topic_of(talker)
@@ -40,7 +37,7 @@ def topics(
         entry["publishers"] = [{"node": node, "uri": _uri(ros, node)} for node in nodes]
         if not entry["heard"] and not entry["error"]:
             unknown = published and name not in published
-            entry["error"] = f"the topic is not registered at {ros.uri}" if unknown else error or "nothing"
+            entry["error"] = f"the topic is not registered at {ros.uri}" if unknown else errors.get(name) or "nothing"
         found.append(entry)
     return found
 
@@ -81,32 +78,15 @@ def _answers(ros: Ros) -> bool:
 
 def listen(
     ros: Ros, talkers: typing.List[str], label: str, own: str, deadline: float
-) -> typing.Tuple[typing.Dict[str, typing.Dict[str, typing.Any]], str]:
-    """Run the listener; return {topic: text, node and seconds} of what it heard, and an error or ''.
-
-    One node for all topics: rospy takes half a second of a processor to start, and there is one for each computer.
-    """
-    words = ros.python()
-    if not words:
-        return {}, NO_SCRIPT
+) -> typing.Tuple[typing.Dict[str, Said], typing.Dict[str, str]]:
+    """Listen to all talkers; return {topic: text, node and seconds} of what was heard, and {topic: why it was not}."""
     wanted = {topic_of(talker): sentence_of(label, talker) for talker in talkers}
-    limit = max(deadline - time.monotonic(), SHORTEST)
-    words += ["-c", inspect.getsource(listener), listener_of(own), f"{time.time() + limit - LAST:.1f}"]
-    output, error = ros.program("the listener", words, limit, json.dumps(wanted))
-    heard = last_line(output.encode())
-    if not isinstance(heard, dict):
-        return {}, f"the listener failed: {error or 'it printed nothing'}"
-    return {topic: _said(heard[topic]) for topic in wanted if isinstance(heard.get(topic), dict)}, error
-
-
-def _said(told: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
-    """Return what the listener told of a topic in the types that it should have: it ran with a workspace's modules."""
-    seconds = told.get("seconds")
-    return {
-        "text": plain(told.get("text", "")),
-        "node": plain(told.get("node", "")),
-        "seconds": seconds if isinstance(seconds, (int, float)) and 0 <= seconds < 1e6 else None,
-    }
+    try:
+        listener = Listener(ros, listener_of(own), wanted)
+        listener.run(max(deadline, time.monotonic() + LEAST))
+    except OSError as problem:
+        return {}, dict.fromkeys(wanted, f"the listener failed: {problem}")
+    return listener.heard, listener.errors
 
 
 def _uri(ros: Ros, node: str) -> str:
@@ -117,5 +97,5 @@ def _uri(ros: Ros, node: str) -> str:
 
 
 def listener_of(computer: str) -> str:
-    """Return the beginning of the node name of the listener; rospy makes the rest of it."""
+    """Return the beginning of the node name of the listener."""
     return re.sub(r"\W", "_", f"multimaster_verify_listener_{computer}")

@@ -1,45 +1,83 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The program that listens, with the parts of ROS that it needs pretended."""
+"""The listener, over real sockets: talkers that are there, that come later, that are older ones, and that are none."""
 
-import json
-import sys
 import threading
 import time
-import types
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import listener as probe_listener
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import Listener
+from talking import Roscore, served, talking, until
+
+ONE, TWO = "/multimaster_verify/one", "/multimaster_verify/two"
 
 
-def test_the_listener_waits_for_what_this_run_says(monkeypatch, capsys):
-    """The program itself, with a rospy that delivers at once: first what an older talker says, then this run's."""
-    subscribed = []
+@pytest.fixture
+def master():
+    roscore = Roscore()
+    with served(roscore) as uri:
+        yield roscore, uri
 
-    class Message:
-        def __init__(self, data):
-            self.data, self._connection_header = data, {"callerid": "/talker"}
 
-    def subscriber(topic, kind, hear, argument):
-        subscribed.append(topic)
-        hear(Message("old"), argument)
-        if topic == "/a":
-            threading.Timer(0.2, hear, (Message("run a"), argument)).start()
+@pytest.fixture
+def made(ros, master):
+    found = ros[0]
+    found.uri = master[1]
+    found.variables["ROS_IP"] = "127.0.0.1"
+    return found
 
-    rospy = types.SimpleNamespace(
-        init_node=lambda *arguments, **options: None,
-        Subscriber=subscriber,
-        is_shutdown=lambda: False,
-        signal_shutdown=lambda reason: None,
-    )
-    message = types.SimpleNamespace(String=object)
-    for name, module in (("rospy", rospy), ("std_msgs", types.SimpleNamespace(msg=message)), ("std_msgs.msg", message)):
-        monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr(probe_listener.os, "_exit", lambda status: None)
-    began = time.monotonic()
-    probe_listener.main("listener", time.time() + 60, {"/a": "run a"})
-    assert time.monotonic() - began < 50
-    probe_listener.main("listener", time.time() + 0.3, {"/b": "run b"})
-    first, second = map(json.loads, capsys.readouterr().out.splitlines())
-    assert subscribed == ["/a", "/b"]
-    assert (first["/a"]["text"], first["/a"]["node"], second["/b"]["text"]) == ("run a", "/talker", "old")
+
+def test_a_talker_is_heard_also_one_that_comes_later(made, master):
+    roscore, uri = master
+    listener = Listener(made, "listener", {ONE: "run one", TWO: "run two"})
+    thread = threading.Thread(target=listener.run, args=(time.monotonic() + 30,))
+    with talking(uri, "/talker_one", ONE, "run one"):
+        until(lambda: roscore.of(ONE))
+        thread.start()
+        until(lambda: ONE in listener.heard and roscore.subscribers.get(TWO))
+        with talking(uri, "/talker_two", TWO, "run two"):
+            thread.join(20)
+    assert not thread.is_alive() and roscore.subscribers == {ONE: {}, TWO: {}}
+    assert {topic: (said["text"], said["node"]) for topic, said in listener.heard.items()} == {
+        ONE: ("run one", "/talker_one"),
+        TWO: ("run two", "/talker_two"),
+    }
+
+
+def test_an_older_talker_does_not_count_and_a_newer_one_beside_it_does(made, master):
+    roscore, uri = master
+    with talking(uri, "/older", ONE, "yesterday one"):
+        until(lambda: roscore.of(ONE))
+        listener = Listener(made, "listener", {ONE: "run one"})
+        listener.run(time.monotonic() + 0.5)
+        assert listener.heard[ONE]["text"] == "yesterday one"
+        with talking(uri, "/newer", ONE, "run one"):
+            until(lambda: len(roscore.of(ONE)) == 2)
+            listener = Listener(made, "listener", {ONE: "run one"})
+            listener.run(time.monotonic() + 20)
+            assert listener.heard[ONE]["node"] == "/newer"
+
+
+def test_who_does_not_answer_is_asked_again_and_named(made, master):
+    roscore, uri = master
+    roscore.publishers[ONE] = {"/gone": "http://127.0.0.1:9/"}
+    listener = Listener(made, "listener", {ONE: "run one"})
+    listener.run(time.monotonic() + 0.3)
+    assert listener.heard == {} and listener.errors[ONE].startswith("http://127.0.0.1:9/: ")
+
+
+@pytest.mark.parametrize("publishers", ["text", 7, [7, None], {"a": 1}])
+def test_a_strange_list_of_publishers_is_nobody(made, master, publishers):
+    listener = Listener(made, "listener", {ONE: "run one"})
+    listener._told(ONE, publishers)
+    listener._told("/other", ["http://127.0.0.1:9/"])
+    assert listener._due.empty()
+    listener.node.ended = True
+    listener.node.serve()
+
+
+def test_without_a_roscore_it_says_so(made, master):
+    made.uri = "http://127.0.0.1:9"
+    with pytest.raises(OSError, match="http://127.0.0.1:9: "):
+        Listener(made, "listener", {ONE: "run one"}).run(time.monotonic() + 5)

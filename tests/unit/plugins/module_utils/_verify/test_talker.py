@@ -12,7 +12,7 @@ LATER = {"PrivateMounts", "ProtectProc", "ProtectKernelLogs", "ProtectClock", "P
 
 def test_nodes_of_the_verification_have_names_of_their_own():
     names = {talker.node_of("run.1", computer) for computer in ("tibi-nav", "tibi-visio.lan")}
-    assert names == {"multimaster_verify_talker_tibi_nav_run_1", "multimaster_verify_talker_tibi_visio_lan_run_1"}
+    assert names == {"/multimaster_verify_talker_tibi_nav_run_1", "/multimaster_verify_talker_tibi_visio_lan_run_1"}
     assert topics.listener_of("tibi-nav") == "multimaster_verify_listener_tibi_nav"
 
 

@@ -3,48 +3,42 @@
 
 """The topics of talkers, heard by one node."""
 
-import os
-import pathlib
-
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
+from talking import Roscore, served, talking, until
 
-# Stands for the Python of ROS: what it is given is the listener and its arguments, and it says what it heard.
-LISTENER = """#!/usr/bin/env python3
-import json, sys
-assert sys.argv[1] == "-c" and "rospy" in sys.argv[2]
-wanted = json.load(sys.stdin)
-print(json.dumps({topic: {"text": TEXT, "node": "/n", "seconds": 0.2} for topic, text in wanted.items() if "2" in topic}))
-"""
+TOPIC = "/multimaster_verify/kobuki2computer"
 
 
-def pretend(made, text):
-    """A rostopic whose interpreter is LISTENER; returns after it is in place."""
-    folder = os.path.dirname(made.file)
-    for name, script in (("python", LISTENER.replace("TEXT", text)), ("rostopic", f"#!{folder}/python\n")):
-        path = os.path.join(folder, name)
-        pathlib.Path(path).write_text(script)
-        os.chmod(path, 0o755)
+@pytest.fixture
+def made(ros, monkeypatch):
+    found, command = ros
+    command("rostopic", "exit 1\n")  # there is ROS
+    found.variables["ROS_IP"] = "127.0.0.1"
+    monkeypatch.setattr(topics, "LEAST", 1.0)
+    return found
 
 
-def test_one_node_listens_to_all_talkers(roscore):
-    made, _command = roscore
-    pretend(made, "text")
-    talkers = ["kobuki2computer", "kobuki3computer"]
-    heard, silent = topics.topics(made, talkers, "run", "kobuki1computer", 0)
-    assert (heard["heard"], heard["text"], heard["seconds"], heard["error"]) == (True, "run kobuki2computer", 0.2, "")
-    assert heard["publishers"] == [{"node": "/rostopic_1_1", "uri": "http://kobuki2computer:41233/"}]
+def heard_by(made, text, talkers):
+    roscore = Roscore()
+    with served(roscore) as made.uri, talking(made.uri, "/talker", TOPIC, text):
+        until(lambda: roscore.of(TOPIC))
+        return topics.topics(made, talkers, "run", "kobuki1computer", 0), roscore.publishers[TOPIC]["/talker"]
+
+
+def test_one_node_listens_to_all_talkers(made):
+    (heard, silent), uri = heard_by(made, "run kobuki2computer", ["kobuki2computer", "kobuki3computer"])
+    assert (heard["heard"], heard["text"], heard["error"]) == (True, "run kobuki2computer", "")
+    assert heard["seconds"] < 10 and heard["publishers"] == [{"node": "/talker", "uri": uri}]
     assert not silent["heard"] and silent["publishers"] == [] and "not registered" in silent["error"]
 
 
-def test_an_older_talker_is_not_taken_for_this_run(roscore):
-    made, _command = roscore
-    pretend(made, "'yesterday kobuki2computer'")
-    entry = topics.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)[0]
+def test_an_older_talker_is_not_taken_for_this_run(made):
+    (entry,), _uri = heard_by(made, "yesterday kobuki2computer", ["kobuki2computer"])
     assert not entry["heard"] and "yesterday" in entry["error"]
 
 
-def test_a_listener_that_fails_says_why(roscore):
-    made, _command = roscore
-    pretend(made, "unknown_name")
-    entry = topics.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)[0]
-    assert not entry["heard"] and "unknown_name" in entry["error"]
+def test_a_listener_that_fails_says_why(made):
+    made.uri = "http://127.0.0.1:9"
+    (entry,) = topics.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)
+    assert not entry["heard"] and "http://127.0.0.1:9" in entry["error"]

@@ -1,0 +1,301 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""A small ROS node in one loop, without ROS: the slave API, and topics whose text each subscriber gets at once and every second.
+
+The talker is this file as a program of its own, handed over as text, so nothing here may import another part of the collection.
+Whoever calls may be anybody: bytes, connections and time are bounded.
+"""
+
+import os
+import selectors
+import signal
+import socket
+import struct
+import sys
+import time
+import typing
+import xmlrpc.client
+
+TYPE, SUM = "std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1"
+DEFINITION = "string data\n"
+PERIOD = 1.0  # seconds between two messages
+REQUEST = 10.0  # seconds that a caller has for its question, and for its answer
+RETRY = 0.5  # seconds until a roscore that does not answer is asked again
+_BYTES = 1 << 16  # of a question
+_CONNECTIONS = 900  # a process may have 1,024 files
+
+Fields = typing.Dict[str, str]
+
+
+def host_of(variables: typing.Mapping[str, str], uri: str) -> str:
+    """Return the host by which a node of this computer calls itself, as rosgraph.network does; `uri` is that of its roscore."""
+    given = variables.get("ROS_HOSTNAME") or variables.get("ROS_IP")
+    named = given or socket.gethostname()
+    if given or not (named == "localhost" or named.startswith("127.")):
+        return named
+    place = uri.split("://")[-1].split("/")[0]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:  # nothing is sent
+        asked.connect((place.split(":")[0], 9))
+        return str(asked.getsockname()[0])
+
+
+def block(content: bytes) -> bytes:
+    """A text of TCPROS, with its length before it."""
+    return struct.pack("<I", len(content)) + content
+
+
+def header(fields: Fields) -> bytes:
+    """A header of TCPROS."""
+    return block(b"".join(block("=".join(field).encode()) for field in fields.items()))
+
+
+def fields_of(content: bytes) -> Fields:
+    """Read the fields of a header, without its own length; a broken end is left out."""
+    found, at = {}, 0
+    while at + 4 <= len(content):
+        (size,) = struct.unpack_from("<I", content, at)
+        name, _equals, value = content[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
+        found[name] = value
+        at += 4 + size
+    return found
+
+
+def message(text: str) -> bytes:
+    """A std_msgs/String with its length before it."""
+    return block(block(text.encode()))
+
+
+class _Link:
+    """A connection with somebody: a caller until its question is answered, or a subscriber."""
+
+    def __init__(self, connection: socket.socket, answer: typing.Callable[["_Link"], None]) -> None:
+        self.connection, self.answer = connection, answer
+        self.read, self.written = b"", b""
+        self.topic, self.name = "", ""  # of a subscriber
+        self.last = False  # it ends when all is written
+        self.deadline: typing.Optional[float] = time.monotonic() + REQUEST
+
+
+class Node:
+    """A node with its sockets. `told` is called with the name of a topic and its publishers when the roscore tells them."""
+
+    def __init__(
+        self,
+        name: str,
+        host: str,
+        master: str,
+        topics: typing.Mapping[str, str],
+        told: typing.Callable[[str, typing.List[str]], None] = lambda topic, publishers: None,
+    ) -> None:
+        """Open the sockets; `topics` are {published topic: its text}. Raises OSError."""
+        self.name, self.host, self.master, self.topics, self.told = name, host, master, topics, told
+        self.ended = False
+        self._links: typing.Set[_Link] = set()
+        self._selector = selectors.DefaultSelector()
+        within = "127.0.0.1" if host == "localhost" or host.startswith("127.") else ""
+        self._ports = [self._open(within, answer) for answer in (self._called, self._subscribed)]
+        self.uri = f"http://{host}:{self._ports[0]}/"
+
+    def _open(self, address: str, answer: typing.Callable[[_Link], None]) -> int:
+        door = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        door.setblocking(False)
+        door.bind((address, 0))
+        door.listen(128)
+        self._selector.register(door, selectors.EVENT_READ, answer)
+        return int(door.getsockname()[1])
+
+    def serve(self) -> None:
+        """Answer until `ended`; it may be set by another thread, and counts within a tenth of a second."""
+        spoken = time.monotonic()
+        try:
+            while not self.ended or any(link.last for link in self._links):  # who is answered gets all of the answer
+                for key, _events in self._selector.select(0.1):
+                    if isinstance(key.data, _Link):
+                        self._move(key.data)
+                    else:
+                        self._accept(typing.cast(socket.socket, key.fileobj), key.data)
+                now = time.monotonic()
+                if now - spoken >= PERIOD:
+                    spoken = now
+                    self._speak(now)
+        finally:
+            for key in list(self._selector.get_map().values()):
+                typing.cast(socket.socket, key.fileobj).close()
+            self._selector.close()
+
+    # Connections
+
+    def _accept(self, door: socket.socket, answer: typing.Callable[[_Link], None]) -> None:
+        try:
+            connection = door.accept()[0]
+        except OSError:  # it has ended since
+            return
+        if len(self._links) >= _CONNECTIONS:
+            connection.close()
+            return
+        connection.setblocking(False)
+        link = _Link(connection, answer)
+        self._links.add(link)
+        self._selector.register(connection, selectors.EVENT_READ, link)
+
+    def _move(self, link: _Link) -> None:
+        """Read what has come, answer a question that is whole, write what is due."""
+        try:
+            if link.written:
+                self._write(link)
+            else:
+                piece = link.connection.recv(_BYTES)
+                link.read += piece
+                if not piece or len(link.read) > _BYTES:
+                    self._leave(link)
+                elif link.topic:
+                    link.read = b""  # a subscriber says nothing after its header
+                else:
+                    link.answer(link)
+        except BlockingIOError:
+            pass
+        except Exception:  # whatever a stranger makes of it
+            self._leave(link)
+
+    def _write(self, link: _Link) -> None:
+        link.written = link.written[link.connection.send(link.written) :]
+        if link.last and not link.written:
+            self._leave(link)
+        else:
+            events = selectors.EVENT_WRITE if link.written else selectors.EVENT_READ
+            self._selector.modify(link.connection, events, link)
+
+    def _say(self, link: _Link, data: bytes, last: bool = False) -> None:
+        link.written, link.last = data, last
+        self._selector.modify(link.connection, selectors.EVENT_WRITE, link)
+
+    def _leave(self, link: _Link) -> None:
+        if link in self._links:
+            self._links.remove(link)
+            self._selector.unregister(link.connection)
+            link.connection.close()
+
+    def _speak(self, now: float) -> None:
+        """Say the texts again, and let go whoever is late."""
+        for link in list(self._links):
+            if link.topic and not link.written:
+                self._say(link, message(self.topics[link.topic]))
+            elif link.deadline is not None and now > link.deadline:
+                self._leave(link)
+
+    # Subscribers: http://wiki.ros.org/ROS/TCPROS
+
+    def _subscribed(self, link: _Link) -> None:
+        size = struct.unpack("<I", link.read[:4])[0] if len(link.read) >= 4 else 0
+        if len(link.read) < 4 or len(link.read) < 4 + size:
+            return
+        asked = fields_of(link.read[4 : 4 + size])
+        topic, link.read = asked.get("topic", ""), b""
+        if topic not in self.topics or asked.get("md5sum") not in (SUM, "*"):
+            self._say(
+                link, header({"error": "this node publishes {} on {}".format(TYPE, ", ".join(self.topics))}), True
+            )
+            return
+        link.topic, link.name, link.deadline = topic, asked.get("callerid", ""), None
+        told = {"callerid": self.name, "topic": topic, "type": TYPE, "md5sum": SUM, "latching": "0"}
+        self._say(link, header(dict(told, message_definition=DEFINITION)) + message(self.topics[topic]))
+
+    # Callers: http://wiki.ros.org/ROS/Slave_API
+
+    def _called(self, link: _Link) -> None:
+        head, end, body = link.read.partition(b"\r\n\r\n")
+        if not end:
+            return
+        lines = [line.split(b":", 1) for line in head.lower().split(b"\r\n")[1:]]
+        length = int(dict(line for line in lines if len(line) == 2).get(b"content-length", b"0"))
+        if not 0 < length <= _BYTES:
+            raise ValueError("a question without a length")
+        if len(body) < length:
+            return
+        answer = self._answer(body[:length]).encode()
+        begin = f"HTTP/1.0 200 OK\r\nContent-Type: text/xml\r\nContent-Length: {len(answer)}\r\n\r\n"
+        self._say(link, begin.encode() + answer, True)
+
+    def _answer(self, body: bytes) -> str:
+        if b"<!" in body:  # no document of XML-RPC needs a document type
+            raise ValueError("a document type")
+        arguments, method = xmlrpc.client.loads(body.decode())
+        if method not in ANSWERS:
+            return xmlrpc.client.dumps(xmlrpc.client.Fault(1, "no such method"), allow_none=True)
+        return xmlrpc.client.dumps((ANSWERS[method](self, *arguments[1:]),), methodresponse=True)
+
+    def ask_for_topic(self, topic: str, _protocols: typing.Any) -> typing.List[typing.Any]:
+        """Say where a topic is to be had."""
+        if topic not in self.topics:
+            return [0, "not published here", 0]
+        return [1, "ready", ["TCPROS", self.host, self._ports[1]]]
+
+    def take_publishers(self, topic: str, publishers: typing.List[str]) -> typing.List[typing.Any]:
+        """Take the publishers of a topic from the roscore."""
+        self.told(str(topic), [str(uri) for uri in publishers])
+        return [1, "taken", 0]
+
+    def end(self, _reason: str = "") -> typing.List[typing.Any]:
+        """End, as a node does whose name another one has taken."""
+        self.ended = True
+        return [1, "it ends", 0]
+
+    def bus(self) -> typing.List[typing.Any]:
+        """List the connections with subscribers, in the words of rospy."""
+        found: typing.List[typing.Any] = []
+        for link in self._links:
+            if link.topic:
+                place = "{}:{} on socket {}".format(*link.connection.getpeername()[:2], link.connection.fileno())
+                words = f"TCPROS connection on port {self._ports[1]} to [{place}]"
+                found.append([len(found), link.name, "o", "TCPROS", link.topic, True, words])
+        return found
+
+
+# method -> its answer, without the name of who asks
+ANSWERS: typing.Dict[str, typing.Callable[..., typing.List[typing.Any]]] = {
+    "getPid": lambda node: [1, "", os.getpid()],
+    "getMasterUri": lambda node: [1, "", node.master],
+    "getBusInfo": lambda node: [1, "", node.bus()],
+    "getBusStats": lambda node: [1, "", [[], [], []]],
+    "getPublications": lambda node: [1, "", [[topic, TYPE] for topic in node.topics]],
+    "getSubscriptions": lambda node: [1, "", []],
+    "paramUpdate": lambda node, key, value: [0, "no parameter is read", 0],
+    "publisherUpdate": Node.take_publishers,
+    "requestTopic": Node.ask_for_topic,
+    "shutdown": Node.end,
+}
+
+
+def _leave(*_signal: typing.Any) -> None:
+    raise SystemExit
+
+
+def main(name: str, topic: str, text: str) -> None:
+    """Publish a text on a topic until a signal comes; a roscore that does not answer yet is waited for."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _leave)
+    socket.setdefaulttimeout(REQUEST)
+    uri = os.environ["ROS_MASTER_URI"]
+    node = Node(name, host_of(os.environ, uri), uri, {topic: text})
+    roscore = xmlrpc.client.ServerProxy(uri)
+    while not _registered(roscore, name, topic, node.uri):
+        time.sleep(RETRY)
+    try:
+        node.serve()
+    finally:
+        roscore.unregisterPublisher(name, topic, node.uri)
+
+
+def _registered(roscore: typing.Any, name: str, topic: str, uri: str) -> bool:
+    try:
+        code, said, _publishers = roscore.registerPublisher(name, topic, TYPE, uri)
+    except (OSError, xmlrpc.client.Error):
+        return False
+    if code != 1:
+        sys.exit(f"the roscore refuses the talker: {said}")
+    return True
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
