@@ -171,6 +171,12 @@ options:
     description: The environment of the services, for example V(/etc/rosfleet-multimaster/environment).
     type: path
     default: /etc/rosfleet-multimaster/environment
+  variables:
+    description:
+      - The variables that the services are to have in any case, also where O(environment_file) has lost them, for example C(ROS_HOSTNAME)
+        with V(kobuki1computer).
+    type: dict
+    default: {}
   boot:
     description: The plan of what the next boot brings back; see RV(next_boot). Nothing is compared with it, if not given.
     type: dict
@@ -976,8 +982,8 @@ services:
       sample: 0
     differing:
       description:
-        - The variables of O(environment_file) that its running process has with another value, or not at all. Null where
-          the process cannot be looked at.
+        - The variables of O(environment_file) and of O(variables) that its running process has with another value, or not at all.
+          Null where the process cannot be looked at.
       returned: always
       type: list
       elements: str
@@ -1141,7 +1147,7 @@ PARTS = (
     ),
     Part("ros_missing", lambda params, ros, deadline: ros.missing(), "not looked at"),
     Part("next_boot", look_next_boot, [], router=True),
-    Part("services", lambda params, ros, deadline: services.services(params["services"], ros.variables), []),
+    Part("services", lambda params, ros, deadline: services.services(params["services"], environment(params, ros)), []),
 )
 
 
@@ -1211,6 +1217,11 @@ def call(params: Params) -> None:
         ],
         params["port"],
     )
+
+
+def environment(params: Params, ros: Ros) -> typing.Dict[str, str]:
+    """The environment that services are to have: that of the file, and what the plan says in any case."""
+    return {**ros.variables, **{name: str(value) for name, value in params["variables"].items()}}
 
 
 def collect(module: AnsibleModule) -> Result:
@@ -1314,6 +1325,7 @@ ARGUMENTS = {
     "tried": {"type": "list", "elements": "str"},
     "services": {"type": "list", "elements": "str", "default": []},
     "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
+    "variables": {"type": "dict", "default": {}},
     "environment": {"type": "dict", "default": {}},
     "boot": {
         "type": "dict",

@@ -211,9 +211,14 @@ def between_masters(case: Case, own: str, its: str) -> Parts:
 
 
 def heartbeats(case: Case, own: str, its: str) -> Parts:
-    """List what may keep heartbeats back, of either transport, in both directions; nothing where datagrams arrive by one."""
-    if own == its or (_arrive(case, own, its) and _arrive(case, its, own)):
+    """List what may keep heartbeats back, of either transport, in both directions.
+
+    Where the probes' datagrams arrive, it is only that a node sends by another interface.
+    """
+    if own == its:
         return NONE
+    if _arrive(case, own, its) and _arrive(case, its, own):
+        return of("interface", own, "multicast") | of("interface", its, "multicast")
     both_ways = passes(own, its, "udp", "group") | passes(its, own, "udp", "group")
     return both_ways | translated(case, own, its) | multicast(case, own, its) | multicast(case, its, own)
 
@@ -240,6 +245,7 @@ def connected(case: Case, observer: str, target: str) -> Parts:
     return (
         talks(case, observer, target, "nodes")
         | of("environment", target, "shell")
+        | of("environment", observer, "shell")  # by its URI the roscore tells a subscriber of new publishers
         | of("registration", observer, "listener")
     )
 

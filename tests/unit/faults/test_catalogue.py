@@ -23,6 +23,7 @@ import words  # noqa: E402
 
 HOSTS = yaml.safe_load((ROOT / "tests" / "faults" / "inventory" / "hosts.yml").read_text())
 COMPUTERS = {name for robot in HOSTS["robots"]["children"].values() for name in robot["hosts"]}
+ROBOTS = set(HOSTS["robots"]["children"])
 FACTS = {
     **{f"{name}{suffix}": "192.0.2.1" for name in COMPUTERS for suffix in ("", ".common")},
     "group": "226.0.0.0",
@@ -36,7 +37,7 @@ SHELL = [(fault.name, step) for fault in ALL for step in (*fault.inject, *fault.
 def test_a_file_names_parts_and_places_that_exist(fault):
     assert fault.inject and fault.undo
     assert set(fault.parts) <= set(FAULTS)
-    assert set(fault.at) & (COMPUTERS | {words.COMMON, words.STRANGERS_ADDRESS})
+    assert set(fault.at) & (COMPUTERS | ROBOTS | {words.COMMON, words.STRANGERS_ADDRESS})
 
 
 def test_steps_are_of_computers_or_words_of_the_lab_and_bash_reads_them():

@@ -182,7 +182,7 @@ def _environment(case: Case) -> Judgement | None:
     running = [entry for entry in (case.probe.services if case.probe else ()) if entry.active_state == "active"]
     if not running:
         return None
-    expected = "the environment of the file in every service"
+    expected = "the planned environment in every service"
     differing = [f"{', '.join(entry.differing)} of {entry.unit}" for entry in running if entry.differing]
     closed = [entry.unit for entry in running if entry.differing is None]
     if closed and not differing:
@@ -204,7 +204,9 @@ ENVIRONMENT = Check(
     scope=COMPUTER,
     judge=of_site_yml(_environment, _has_services),
     documented=Documented(
-        "computer", "the process of each service really has the variables of the environment file", "3.2"
+        "computer",
+        "the process of each service really has the variables of the environment file and of the plan",
+        "3.2",
     ),
     needs=lambda case: of("environment", case.observer.name, "service"),
     evidence=unless_by_hand(_environment_evidence),

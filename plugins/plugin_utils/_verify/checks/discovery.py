@@ -386,6 +386,8 @@ def _list_evidence(case: Case) -> Parts:
         return NONE
     if not same_uri(entry.uri, case.master.uri):
         return of("roscore", case.target, "name", what=entry.uri)
+    if case.robots[0] == case.robots[1]:  # the node tells the address from which it sends
+        return of("interface", case.target, "multicast")
     return _translator(case, case.target)
 
 

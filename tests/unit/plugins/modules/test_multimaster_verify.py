@@ -79,3 +79,11 @@ def test_check_mode_refuses_the_same():
     )
     result = json.loads(done.stdout)
     assert result["failed"] and "the address of kobuki1computer is 'x'" in result["msg"]
+
+
+def test_a_variable_that_the_file_has_lost_is_wanted_all_the_same(tmp_path):
+    file = tmp_path / "environment"
+    file.write_text("ROS_MASTER_URI=http://one:11311\nROS_PACKAGE_PATH=/opt\n")
+    ros = multimaster_verify.Ros(str(file), {})
+    wanted = multimaster_verify.environment(params(variables={"ROS_HOSTNAME": "one"}), ros)
+    assert wanted["ROS_HOSTNAME"] == "one" and wanted["ROS_MASTER_URI"] == "http://one:11311"
