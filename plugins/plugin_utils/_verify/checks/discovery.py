@@ -262,13 +262,14 @@ def _port_needs(case: Case) -> Parts:
 
 
 def _port_suspects(case: Case) -> Parts:
-    """A computer that refuses is there."""
+    """A computer that refuses is there; one that says nothing would refuse if nobody listened on the port."""
     if _refused(case):
         return of("discovery", case.target, "dead", "port") | of("roscore", case.target, "dead")
     filtered = of(
         "filter", case.target, "rpc in", "rpc"
     )  # one for all interfaces also drops what a computer sends itself
-    return _port_needs(case) | of("discovery", case.target, "hung") | filtered
+    nobody = of("discovery", case.target, "dead", "port")
+    return _port_needs(case) - nobody | of("discovery", case.target, "hung") | filtered
 
 
 def _port_evidence(case: Case) -> Parts:

@@ -67,8 +67,13 @@ def _filtered(case: Case, topic: str) -> bool:
 
 
 def _heard_needs(case: Case) -> Parts:
-    """A discovery node may have told it on a connection that was there before a packet filter: that port is not cleared."""
+    """What is heard need not be registered here: the other robot may have registered this subscriber, and called it.
+
+    A discovery node may have told it on a connection that was there before a packet filter: that port is not cleared.
+    """
     one, other = case.observer.name, case.target
+    if case.topic is not None and not any(publisher.uri for publisher in case.topic.publishers):
+        return connected(case, one, other)
     return (registered(case, one, other) - passes(*case.masters, "rpc")) | connected(case, one, other)
 
 
@@ -127,7 +132,7 @@ def _direct_connection(case: Case) -> Judgement | None:
         return None
     publishers = case.topic.publishers
     good = all(host_of(publisher.uri) in case.ways.called[case.target] for publisher in publishers)
-    found = ", ".join(publisher.uri or f"{publisher.node} without a URI" for publisher in publishers)
+    found = ", ".join(publisher.uri or f"{publisher.node}, which is not registered here" for publisher in publishers)
     return Judgement(OK if good else FAILED, f"the publisher is on {case.target}", found)
 
 
