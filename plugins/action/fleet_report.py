@@ -98,7 +98,7 @@ def observation(
     plan: str = "",
 ) -> Observation:
     """Read the registered results of one computer; the message of the first one that failed is its problem."""
-    results = [variables[name] for name in (*earlier, multicast, probe) if name in variables]
+    results = [registered(variables, name) for name in (*earlier, multicast, probe)]
     bad = [entry for entry in results if entry.get("unreachable") or entry.get("failed")]
     problem = plain(" ".join(str(bad[0].get("msg", "")).split()), LINE) if bad else ""
     unreachable = any(entry.get("unreachable") for entry in bad)
@@ -119,13 +119,21 @@ def observation(
 
 def complete(kind: type[T], variables: Mapping[str, Any], name: str, part: str) -> T | None:
     """Read a registered result; None where the task gave none, or not this part. Raises Mismatch."""
-    registered = variables[name] if name in variables else {}
-    return from_plain(kind, plain_data(registered)) if part in registered else None
+    result = registered(variables, name)
+    return from_plain(kind, plain_data(result)) if part in result else None
+
+
+def registered(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return a registered result, or with a dot in the name a part of one; empty where there is none."""
+    found: Any = variables
+    for key in name.split("."):
+        found = found[key] if isinstance(found, Mapping) and key in found else {}
+    return found if isinstance(found, Mapping) else {}
 
 
 def as_found(variables: Mapping[str, Any], name: str) -> AsFound | None:
     """Read what preflight found, out of the variable with the computer's plan; None where there is none. Raises Mismatch."""
-    plan = variables[name] if name in variables else {}
+    plan = registered(variables, name)
     return from_plain(AsFound, plain_data(plan["found"])) if "found" in plan else None
 
 

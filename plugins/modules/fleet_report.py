@@ -26,7 +26,7 @@ options:
     required: true
   multicast:
     description: The name of the variable that every computer registered from C(multicast_verify), for example
-      V(verify_multicast).
+      V(verify_multicast); where C(multimaster_verify) has measured that, too, for example V(verify_probe.multicast).
     type: str
     required: true
   probe:

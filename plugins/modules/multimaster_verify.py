@@ -218,6 +218,12 @@ options:
         description: Whether C(/etc/hosts) has bindings of the collection, for example V(true).
         type: bool
         default: true
+  multicast:
+    description:
+      - The options of M(rosfleet.multimaster.multicast_verify) without its O(state), for example C(name) and C(computers) of its
+        listener. With O(state=collected), what it measures is measured here at the same time, so a computer has one module run
+        and not two; see RV(multicast). Nothing is measured on the group, if not given.
+    type: dict
   environment:
     description:
       - The variables of ROS on this computer where O(environment_file) is not there, since the collection did not set it up, for
@@ -1009,6 +1015,13 @@ ros_missing:
   returned: when O(state=collected)
   type: str
   sample: ""
+multicast:
+  description:
+    - What M(rosfleet.multimaster.multicast_verify) with O(state=collected) returns; where that fails, V(failed) and the sentence
+      in C(msg).
+  returned: when O(state=collected) and O(multicast)
+  type: dict
+  sample: {udp: [], heard: [], missing: [], unexpected: [], msg: Every other computer (0) is heard on the group and hears this one.}
 seconds:
   description: How long the looking took.
   returned: when O(state=collected)
@@ -1032,11 +1045,14 @@ import time
 import typing
 
 from ansible.module_utils.basic import AnsibleModule
+from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._boot import next_boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
     exchange,
     masters,
+    multicast,
     network,
     services,
     talker,
@@ -1059,7 +1075,7 @@ class Part(typing.NamedTuple):
     name: str
     look: typing.Callable[[Params, Ros, float], typing.Any]  # options, ROS, deadline (monotonic seconds)
     nothing: typing.Any
-    commands: bool = False  # it runs commands of ROS, so it is left out in check mode
+    commands: bool = False  # it runs commands of ROS or measures with others, so it is left out in check mode
     router: bool = False  # the router of the common network has it, too
     # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
     # is there, and a robot's other computers would only ask the same roscore.
@@ -1120,7 +1136,22 @@ def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Res
     return [] if params["boot"] is None else next_boot.differences(params["services"], params["boot"])
 
 
+def look_multicast(params: Params, ros: Ros, deadline: float) -> typing.Optional[Result]:
+    """Measure on the group; what prevents it is a result, too, since the rest still counts."""
+    if params["multicast"] is None:
+        return None
+    options = dict(params["multicast"], state="collected")
+    checked = ArgumentSpecValidator(multicast.OPTIONS, required_if=multicast.REQUIRED_IF).validate(options)
+    if checked.error_messages:
+        return {"failed": True, "msg": f"multicast: {'; '.join(checked.error_messages)}."}
+    try:
+        return multicast.measured(checked.validated_parameters, quiet=False)
+    except Problem as problem:
+        return {"failed": True, "msg": str(problem)}
+
+
 PARTS = (
+    Part("multicast", look_multicast, None, commands=True),  # first: it waits most
     Part("members", look_members, [], router=True),
     Part("default_routes", lambda params, ros, deadline: network.default_routes(), [], router=True),
     Part(
@@ -1231,6 +1262,8 @@ def collect(module: AnsibleModule) -> Result:
     if not params["is_router"]:
         missing = result["ros_missing"]
         result["talker"] = {"running": False, "error": missing} if missing else talker.state()
+    if result["multicast"] is None:
+        del result["multicast"]
     result["msg"] = f"Looked at {len(tried(params))} computers in {result['seconds']:.1f} s."
     return result
 
@@ -1327,6 +1360,7 @@ ARGUMENTS = {
     "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
     "variables": {"type": "dict", "default": {}},
     "environment": {"type": "dict", "default": {}},
+    "multicast": {"type": "dict"},
     "boot": {
         "type": "dict",
         "options": {

@@ -60,7 +60,7 @@ def measured(registered: Mapping[str, Any]) -> Iterator[tuple[Way, bool]]:
             for name, traffic in (("ping_address", "ping"), ("ping_large", prediction.LARGE)):
                 if member.get(name):
                     yield (traffic, observer, target), member[name]["ok"]
-        for entry in (results.get("verify_multicast") or {}).get("udp") or ():
+        for entry in (probe.get("multicast") or {}).get("udp") or ():
             if entry["unicast"] is not None:
                 yield ("heartbeats", observer, entry["name"]), entry["unicast"]
         for topic in probe.get("topics") or ():

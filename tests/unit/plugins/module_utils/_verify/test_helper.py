@@ -8,8 +8,8 @@ import random
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import helper as m
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.messages import ASK, Message, encode
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast import wrong
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast_report import explain
-from ansible_collections.rosfleet.multimaster.plugins.modules.multicast_verify import wrong
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -156,6 +156,12 @@ def test_registered_results_become_an_observation():
     good = {"verify_multicast": {"udp": []}, "verify_probe": {"members": []}, "multimaster_info": {"changed": False}}
     seen = fleet_report.observation(good, "verify_multicast", "verify_probe", ["multimaster_info"])
     assert seen == Observation(Multicast(), Probe())
+    together = {"verify_probe": {"members": [], "multicast": {"udp": []}}, "multimaster_info": {"changed": False}}
+    assert fleet_report.observation(together, "verify_probe.multicast", "verify_probe", ["multimaster_info"]) == seen
+    half = {"verify_probe": {"members": [], "multicast": {"failed": True, "msg": "No helper."}}}
+    assert fleet_report.observation(half, "verify_probe.multicast", "verify_probe", []) == Observation(
+        probe=Probe(), problem="No helper."
+    )
     filtered = {**good, "verify_filter": {"members": [], "changed": True, "msg": "would be changed"}}
     seen = fleet_report.observation(filtered, "verify_multicast", "verify_probe", [], "verify_filter")
     assert (seen.packet_filter.changed, seen.packet_filter.msg) == (True, "would be changed")
