@@ -223,6 +223,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "switch IGMP snooping off or a querier on; with multimaster_transport: both the robots find each other meanwhile",
         "on a computer there, for the heartbeats of the others: tcpdump -n -i any -c 10 udp port 11511",
         cost=2.5,
+        hard=False,  # a switch prunes port by port: who has just joined hears the others for some minutes
     ),
     ("network", "large"): Fault(
         "{place} loses large packets", "give all its interfaces one MTU, and look at the switch", cost=4.0
