@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import by_hand
 
@@ -249,6 +250,29 @@ def test_the_verification_names_the_cause(lab):
     status, output = lab.play("site.yml")
     assert status == 0
     assert lab.play("playbooks/verify.yml")[0] == 0
+
+
+def test_a_watch_tells_what_is_lost_and_names_the_cause(lab):
+    watched = []
+
+    def end_discovery_when_the_watch_has_begun():
+        door = "test -S /run/rosfleet-multimaster/watch-*.sock && echo watched"
+        watched.append(eventually(lambda: lab.run(FIRST, door, check=False), bool, seconds=300))
+        lab.run(SECOND, "systemctl stop multimaster-discovery")
+
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(end_discovery_when_the_watch_has_begun)
+        status, output = lab.play("playbooks/verify.yml", variables={"verify_watch": "2m", "verify_patience": 3})
+        done.result()
+    lab.run(SECOND, "systemctl start multimaster-discovery")
+    assert watched == ["watched\n"]
+    assert status != 0
+    assert re.search(r"watched 0:\d\d of 2:00: \d+ values on 2 computers, \d+ lost now", output), output
+    assert re.search(r"First loss at \d\d:\d\d:\d\d, 0:\d\d after the start", output), output
+    assert f"multimaster-discovery.service on {SECOND}: inactive" in output
+    assert f"the discovery node of {SECOND} does not run" in output  # the finding of the verification that follows
+    assert "ls: cannot access" in lab.run(FIRST, "ls /run/rosfleet-multimaster/watch-*.sock 2>&1", check=False)
+    assert len(eventually(lambda: masters(lab, FIRST), lambda names: len(names) == 2)) == 2
 
 
 def test_the_prediction_names_the_first_place_at_which_packets_would_end(lab):

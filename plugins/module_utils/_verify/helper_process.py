@@ -9,16 +9,10 @@ stays as it is.
 """
 
 import ctypes
-import glob
-import hashlib
-import json
-import os
 import random
 import select
-import signal
 import socket
 import struct
-import syslog
 import time
 import typing
 
@@ -28,9 +22,13 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helpe
     Helper,
     Settings,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.left_behind import (
+    admit,
+    answer,
+    open_door,
+    put_away,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import echo, echo_request, packet
-
-FOLDER = "/run/rosfleet-multimaster"
 
 # linux/in.h, linux/icmp.h and asm-generic/socket.h; Python does not name them in every version
 IP_PKTINFO = 8
@@ -40,7 +38,6 @@ ICMP_FILTER = 1
 
 LINK_LOCAL = "224.0.0."
 TTL_LINK_LOCAL, TTL = 1, 20  # as the discovery nodes send
-LONGEST_LINE = 1 << 20  # bytes of a request or reply on the helper's own socket
 ICMP_PAUSE = 0.5  # seconds between two rounds; a late reply is counted for the round that asked
 
 
@@ -62,7 +59,7 @@ def open_sockets(settings: Settings, index: int, path: str) -> Sockets:
         for make in (
             lambda: _copies(settings, index),
             lambda: _control(settings, index),
-            lambda: _door(path),
+            lambda: open_door(path),
         ):
             opened.append(make())
     except OSError:
@@ -80,13 +77,13 @@ def _member(group: str, address: str, index: int) -> bytes:
 def _copies(settings: Settings, index: int) -> socket.socket:
     raw = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_UDP)
     raw.setblocking(False)
-    _only_port(raw, settings.port)
+    only_port(raw, settings.port)
     raw.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
     raw.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _member(settings.group, settings.address, index))
     return raw
 
 
-def _only_port(raw: socket.socket, port: int) -> None:
+def only_port(raw: socket.socket, port: int) -> None:
     """Let only UDP datagrams to port through, and 64 bytes of each: a robot's other UDP traffic costs nothing here.
 
     The classic BPF program sees the packet from its IP header on: x = length of that header; port = 16 bits at x + 2.
@@ -108,66 +105,7 @@ def _control(settings: Settings, index: int) -> socket.socket:
     return control
 
 
-def _door(path: str) -> socket.socket:
-    os.makedirs(os.path.dirname(path), 0o755, exist_ok=True)
-    door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    before = os.umask(0o177)  # for root only
-    try:
-        door.bind(path)
-        door.listen(8)
-    except OSError:
-        door.close()
-        raise
-    finally:
-        os.umask(before)
-    return door
-
-
-def door_path(run: str) -> str:
-    """Return the path of the door of a run's helper. Everybody here can read it: it does not give the label away."""
-    name = hashlib.sha256(b"door " + run.encode()).hexdigest()[:16]
-    return os.path.join(FOLDER, f"multicast-{name}.sock")
-
-
 # The helper's process
-
-
-def detach(sockets: Sockets, settings: Settings, path: str) -> None:
-    """Leave a helper behind, as a process of its own that has nothing open but its sockets."""
-    child = os.fork()
-    if child:
-        os.waitpid(child, 0)
-        return
-    try:
-        os.setsid()
-        if os.fork():
-            os._exit(0)
-        _let_go(item.fileno() for item in sockets)
-        serve(sockets, settings, path)
-    except Exception as error:  # nobody else is left to tell
-        syslog.syslog(syslog.LOG_ERR, f"multicast_verify's helper ended: {error!r}")
-    finally:
-        os._exit(0)
-
-
-def _leave(*unused: typing.Any) -> None:
-    raise SystemExit  # so that serve() puts the door away
-
-
-def _let_go(kept: typing.Iterable[int]) -> None:
-    """Close everything but these descriptors: no terminal, no pipe of Ansible's and no folder stays busy."""
-    os.chdir("/")
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _leave)
-    numbers = set(kept)
-    for number in [int(name) for name in os.listdir("/proc/self/fd")]:
-        if number not in numbers:
-            try:
-                os.close(number)
-            except OSError:
-                pass  # the listing's own descriptor
-    for standard in (os.O_RDONLY, os.O_WRONLY, os.O_WRONLY):
-        os.open(os.devnull, standard)
 
 
 def serve(sockets: Sockets, settings: Settings, path: str) -> None:
@@ -253,85 +191,6 @@ def datagrams(control: socket.socket) -> typing.Iterator[typing.Tuple[bytes, Add
             yield control.recvfrom(512)
         except OSError:
             return
-
-
-# The door: one JSON line in, one out
-
-
-def admit(door: socket.socket) -> typing.Tuple[socket.socket, typing.Dict[str, typing.Any]]:
-    """Accept the next visitor; its request is empty where it is not understood."""
-    connection = door.accept()[0]
-    connection.settimeout(2)
-    try:
-        request = json.loads(_line(connection))
-    except (OSError, ValueError):
-        request = {}
-    return connection, request if isinstance(request, dict) else {}
-
-
-def answer(connection: socket.socket, reply: typing.Dict[str, typing.Any]) -> None:
-    try:
-        connection.settimeout(5)
-        connection.sendall(json.dumps(reply).encode() + b"\n")
-    except OSError:
-        pass  # the one who asked is gone
-    finally:
-        connection.close()
-
-
-def _line(connection: socket.socket) -> str:
-    data = b""
-    while not data.endswith(b"\n") and len(data) < LONGEST_LINE:
-        more = connection.recv(65536)
-        if not more:
-            break
-        data += more
-    return data.decode()
-
-
-class Visit:
-    """A request to this computer's helper. Raises OSError when there is none."""
-
-    def __init__(self, path: str, request: typing.Dict[str, typing.Any]) -> None:
-        if os.stat(path).st_uid != os.geteuid():
-            raise PermissionError(f"{path} belongs to another user")
-        self.connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self.connection.settimeout(5)
-        self.connection.connect(path)
-        self.connection.sendall(json.dumps(request).encode() + b"\n")
-
-    def reply(self, seconds: float) -> typing.Optional[typing.Dict[str, typing.Any]]:
-        """Read the helper's reply; None where it ended without one, or not within that time."""
-        self.connection.settimeout(seconds)
-        try:
-            return json.loads(_line(self.connection))
-        except (OSError, ValueError):
-            return None
-        finally:
-            self.connection.close()
-
-
-def end_others() -> int:
-    """End every older helper of this computer, through its own door; a door without a helper is only removed."""
-    ended = 0
-    for path in glob.glob(os.path.join(FOLDER, "multicast-*.sock")):
-        try:
-            Visit(path, {"do": "end"}).reply(5)
-            ended += 1
-        except ConnectionRefusedError:
-            put_away(path)
-        except FileNotFoundError:
-            pass  # it has just ended by itself
-    return ended
-
-
-def put_away(path: str) -> None:
-    """Remove a door, and its folder if that is empty."""
-    for remove, what in ((os.unlink, path), (os.rmdir, os.path.dirname(path))):
-        try:
-            remove(what)
-        except OSError:
-            pass  # gone already, or the folder holds more than our door
 
 
 # The report's `ping 224.0.0.1`

@@ -11,13 +11,16 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper import Settings
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper_process import (
-    Visit,
-    detach,
-    door_path,
-    end_others,
     icmp_rounds,
     open_sockets,
     plain,
+    serve,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.left_behind import (
+    Visit,
+    end_others,
+    leave,
+    path_of,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.memberships import (
     igmp6_memberships,
@@ -26,6 +29,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.membe
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast_report import explain, icmp_round
 
+KIND = "multicast"  # of the doors of helpers
 MOST_ICMP_ROUNDS = 5
 LONGEST_MEASUREMENT = 120  # seconds
 IGNORE_BROADCASTS = "/proc/sys/net/ipv4/icmp_echo_ignore_broadcasts"
@@ -141,17 +145,17 @@ def listed(seen: Result, group: str) -> str:
 
 def start(settings: Settings, index: int) -> Result:
     """Leave a helper behind; sockets that cannot be opened are a Problem before there is one."""
-    path = door_path(settings.run)
+    path = path_of(KIND, settings.run)
     where = f"{settings.group}:{settings.port} on {settings.interface} ({settings.address})"
     try:
-        end_others()
+        end_others(KIND)
         sockets = open_sockets(settings, index, path)
     except OSError as error:
         why = error.strerror or error
         if isinstance(error, PermissionError):
             why = f"{why}; it needs root, so set become: true"
         raise Problem(f"Cannot listen for {where}: {why}.") from error
-    detach(sockets, settings, path)
+    leave(lambda: serve(sockets, settings, path), sockets, "multicast_verify's helper")
     return {"msg": f"Listening for {where}, for {settings.lifetime} s at most."}
 
 
@@ -164,7 +168,7 @@ def collect(params: Params, settings: Settings, index: int) -> Result:
         f"or its lifetime ({params['lifetime']} s) was over; run that task before this one, or raise lifetime."
     )
     try:
-        visit = Visit(door_path(settings.run), request)
+        visit = Visit(path_of(KIND, settings.run), request)
     except OSError as error:
         raise Problem(f"{ended} ({error.strerror or error})") from error
     icmp = ping(settings, index, params) if params["icmp"] else None

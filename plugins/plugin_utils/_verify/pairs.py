@@ -52,16 +52,19 @@ def _targets(name: str, own: str, place: int, rings: Mapping[str, Sequence[str]]
 
 
 def _seldom_tried(found: dict[str, set[str]], computers: Sequence[str]) -> Tried:
-    """Add observers for those that fewer than two look at, as on a ring of two computers."""
+    """Add pairs for those that look at fewer than two, or that fewer than two look at: a ring of two, or a computer alone."""
     counts = Counter(target for targets in found.values() for target in targets)
-    for place, target in enumerate(computers):
-        for step in range(1, len(computers)):
-            if counts[target] >= AT_LEAST:
+    for place, name in enumerate(computers):
+        for other in [*computers[place + 1 :], *computers[:place]]:
+            for observer, target, due in (
+                (name, other, len(found[name]) < AT_LEAST),
+                (other, name, counts[name] < AT_LEAST),
+            ):
+                if due and target not in found[observer]:
+                    found[observer].add(target)
+                    counts[target] += 1
+            if len(found[name]) >= AT_LEAST <= counts[name]:
                 break
-            observer = computers[(place + step) % len(computers)]
-            if target not in found[observer]:
-                found[observer].add(target)
-                counts[target] += 1
     return found
 
 

@@ -27,6 +27,7 @@ CONTROLLER_ONLY = (
     "fleet_plan",
     "fleet_predict",
     "fleet_report",
+    "fleet_watch",
     "import_role",
     "include_role",
     "meta",

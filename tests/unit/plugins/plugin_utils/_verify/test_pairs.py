@@ -8,7 +8,7 @@ from collections import Counter
 import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import diagnosis, pairs, report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Ping
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 
@@ -31,6 +31,9 @@ def test_all_tries_all_pairs_of_any_fleet():
 
 
 @settings(max_examples=60, deadline=None)
+@example([1, 30])
+@example([1] * 31)
+@example([2] * 16)
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=40).filter(lambda sizes: sum(sizes) > pairs.ALL_UP_TO))
 def test_every_way_between_two_networks_and_every_computer_twice_in_both_directions(sizes):
     networks = of_rings(sizes)

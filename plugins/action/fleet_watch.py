@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The action fleet_watch: what all computers told of a watch in, a progress line and the first loss out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from ansible.plugins.action import ActionBase
+from ansible.utils.display import Display
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
+    LINE,
+    plain,
+    plain_data,
+    plain_lines,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import watched
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.watched import Event, Lost, Watched
+
+OPTIONS = ("watched", "duration", "known")
+
+
+class ActionModule(ActionBase):
+    """Tells how a watch over the fleet goes."""
+
+    _VALID_ARGS = frozenset(OPTIONS)
+    _requires_connection = False
+
+    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
+        """Return what was lost so far; see ActionBase."""
+        result: dict[str, Any] = super().run(tmp, task_vars)
+        task_vars = task_vars or {}
+        name, duration, known = (self._task.args.get(option) or "" for option in OPTIONS)
+        try:
+            seconds = watched.planned(duration).seconds
+        except watched.Unreadable as problem:
+            result.update(failed=True, msg=str(problem))
+            return result
+        told = {
+            host: told_by(task_vars["hostvars"][host], name)
+            for host in task_vars["ansible_play_hosts_all"]
+            if name in task_vars["hostvars"][host]
+        }
+        before = known if isinstance(known, Mapping) else {}
+        Display().display(plain_lines(watched.progress(told, seconds, before)))
+        events = watched.events_of(told)
+        lost = sum(len(seen.lost) for seen in told.values())
+        first = plain(watched.first_loss(events), LINE)
+        result.update(
+            changed=False,
+            lost=lost,
+            first_loss=first,
+            events=plain_data([{"observer": host, **vars(event)} for host, event in events]),
+            known={host: len(seen.events) for host, seen in told.items()},
+            msg=first or f"Nothing was lost in {watched.clock(seconds)}.",
+        )
+        return result
+
+
+def told_by(variables: Mapping[str, Any], name: str) -> Watched:
+    """Read what a computer has told; one that has told nothing is lost itself."""
+    told = plain_data(variables[name])
+    try:
+        if "events" in told:
+            return from_plain(Watched, told)
+        why = plain(" ".join(str(told.get("msg", "no result")).split()), LINE)
+    except Mismatch as problem:
+        why = plain(f"its results cannot be read: {problem}", LINE)
+    gone = Event("computer", "", False, "an answer", why, time.time(), 0.0)
+    return Watched(watched=0, events=(gone,), lost=(Lost("computer", ""),))

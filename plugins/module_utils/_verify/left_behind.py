@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+"""A process that a module leaves behind, and its door: the socket at which a later run of the module asks it.
+
+A request is one JSON line, and so is the reply. The folder of the doors is root's, so nobody else can put one there.
+"""
+
+import glob
+import hashlib
+import json
+import os
+import signal
+import socket
+import syslog
+import typing
+
+FOLDER = "/run/rosfleet-multimaster"
+LONGEST_LINE = 1 << 20  # bytes of a request or reply
+
+Line = typing.Dict[str, typing.Any]
+
+
+# The process
+
+
+def leave(serve: typing.Callable[[], None], kept: typing.Iterable[socket.socket], who: str) -> None:
+    """Leave a process behind that has nothing open but the sockets `kept`, and runs `serve`; `who` it is goes to the log."""
+    child = os.fork()
+    if child:
+        os.waitpid(child, 0)
+        return
+    try:
+        os.setsid()
+        if os.fork():
+            os._exit(0)
+        _let_go(item.fileno() for item in kept)
+        serve()
+    except Exception as error:  # nobody else is left to tell
+        syslog.syslog(syslog.LOG_ERR, f"{who} ended: {error!r}")
+    finally:
+        os._exit(0)
+
+
+def _end(*unused: typing.Any) -> None:
+    raise SystemExit  # so that `serve` puts the door away
+
+
+def _let_go(kept: typing.Iterable[int]) -> None:
+    """Close everything but these descriptors: no terminal, no pipe of Ansible's and no folder stays busy."""
+    os.chdir("/")
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end)
+    numbers = set(kept)
+    for number in [int(name) for name in os.listdir("/proc/self/fd")]:
+        if number not in numbers:
+            try:
+                os.close(number)
+            except OSError:
+                pass  # the listing's own descriptor
+    for standard in (os.O_RDONLY, os.O_WRONLY, os.O_WRONLY):
+        os.open(os.devnull, standard)
+
+
+# Its side of the door
+
+
+def path_of(kind: str, run: str) -> str:
+    """Return the path of the door of a run. Everybody here can read it: it does not give the label of the run away."""
+    name = hashlib.sha256(b"door " + run.encode()).hexdigest()[:16]
+    return os.path.join(FOLDER, f"{kind}-{name}.sock")
+
+
+def open_door(path: str) -> socket.socket:
+    """Open a door for root only. Raises OSError."""
+    os.makedirs(os.path.dirname(path), 0o755, exist_ok=True)
+    door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    before = os.umask(0o177)
+    try:
+        door.bind(path)
+        door.listen(8)
+    except OSError:
+        door.close()
+        raise
+    finally:
+        os.umask(before)
+    return door
+
+
+def admit(door: socket.socket) -> typing.Tuple[socket.socket, Line]:
+    """Accept the next visitor; its request is empty where it is not understood."""
+    connection = door.accept()[0]
+    connection.settimeout(2)
+    try:
+        request = json.loads(_line(connection))
+    except (OSError, ValueError):
+        request = {}
+    return connection, request if isinstance(request, dict) else {}
+
+
+def answer(connection: socket.socket, reply: Line) -> None:
+    """Reply to a visitor, and let it go."""
+    try:
+        connection.settimeout(5)
+        connection.sendall(json.dumps(reply).encode() + b"\n")
+    except OSError:
+        pass  # the one who asked is gone
+    finally:
+        connection.close()
+
+
+def put_away(path: str) -> None:
+    """Remove a door, and its folder if that is empty."""
+    for remove, what in ((os.unlink, path), (os.rmdir, os.path.dirname(path))):
+        try:
+            remove(what)
+        except OSError:
+            pass  # gone already, or the folder holds more than our door
+
+
+# The visitor's side
+
+
+class Visit:
+    """A request to a process that was left behind here. Raises OSError when there is none."""
+
+    def __init__(self, path: str, request: Line) -> None:
+        if os.stat(path).st_uid != os.geteuid():
+            raise PermissionError(f"{path} belongs to another user")
+        self.connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.connection.settimeout(5)
+        self.connection.connect(path)
+        self.connection.sendall(json.dumps(request).encode() + b"\n")
+
+    def reply(self, seconds: float) -> typing.Optional[Line]:
+        """Read the reply; None where the process ended without one, or not within that time."""
+        self.connection.settimeout(seconds)
+        try:
+            return json.loads(_line(self.connection))
+        except (OSError, ValueError):
+            return None
+        finally:
+            self.connection.close()
+
+
+def end_others(kind: str) -> int:
+    """End every older process of a kind through its own door; a door without a process is only removed."""
+    ended = 0
+    for path in glob.glob(os.path.join(FOLDER, f"{kind}-*.sock")):
+        try:
+            Visit(path, {"do": "end"}).reply(5)
+            ended += 1
+        except ConnectionRefusedError:
+            put_away(path)
+        except FileNotFoundError:
+            pass  # it has just ended by itself
+    return ended
+
+
+def _line(connection: socket.socket) -> str:
+    data = b""
+    while not data.endswith(b"\n") and len(data) < LONGEST_LINE:
+        more = connection.recv(65536)
+        if not more:
+            break
+        data += more
+    return data.decode()

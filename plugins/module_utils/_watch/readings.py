@@ -1,0 +1,154 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+"""What a watch reads on its computer each few seconds: all parts that cost little.
+
+Each reader returns {(kind, name): value}. Two commands are run, `ip` and `systemctl`; everything else is a file of the
+kernel, or a connection that is closed at once. A value that cannot be read is a value, too.
+"""
+
+import hashlib
+import socket
+import struct
+import sys
+import time
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.memberships import igmp_memberships
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
+
+CONNECT = 2.0  # seconds that a TCP port has to open
+STEP = 0.1  # seconds by which the clock may move beside the time that has passed
+MOST_BYTES = 1 << 20  # of a file
+
+Values = typing.Dict[typing.Tuple[str, str], str]
+
+
+class Wanted(typing.NamedTuple):
+    """What is watched on this computer."""
+
+    group: str
+    addresses: typing.Tuple[str, ...]  # of the plan, on this computer
+    masters: typing.Tuple[typing.Tuple[str, str, int], ...]  # computer, address, TCP port of discovery
+    services: typing.Tuple[str, ...]  # units
+    settings: typing.Tuple[str, ...]  # kernel settings, as sysctl names them
+    destinations: typing.Tuple[str, ...]  # of routes of the plan: networks, or default
+
+
+def everything(wanted: Wanted, before: "Before") -> Values:
+    """Read all parts."""
+    values: Values = {}
+    values.update(links(wanted.addresses, wanted.group))
+    values.update(routes(wanted.destinations, _text("/proc/net/route")))
+    values.update({("setting", name): setting(name) for name in wanted.settings})
+    values.update(services(wanted.services, before))
+    values.update(ports(wanted.masters))
+    values["hosts", "/etc/hosts"] = _sum("/etc/hosts")
+    values["clock", "clock"] = before.clock(time.monotonic(), time.time())
+    return values
+
+
+def links(addresses: typing.Sequence[str], group: str) -> Values:
+    """Read the interfaces of the planned addresses: link, address, and membership of the group."""
+    values: Values = {}
+    try:
+        found = network.interfaces()
+    except OSError as problem:
+        return {("address", address): str(problem) for address in addresses}
+    members = {entry["interface"] for entry in igmp_memberships(_text("/proc/net/igmp")) if entry["group"] == group}
+    for address in addresses:
+        here = [item for item in found if address in {entry.address for entry in item.addresses}]
+        values["address", address] = here[0].name if here else "on no interface"
+        if here:
+            values["link", here[0].name] = _text(f"/sys/class/net/{here[0].name}/operstate").strip() or "gone"
+            values["membership", here[0].name] = "member" if here[0].name in members else "no member"
+    return values
+
+
+def routes(destinations: typing.Sequence[str], table: str) -> Values:
+    """Read the gateways of destinations in the content of /proc/net/route (proc(5))."""
+    gateways: typing.Dict[str, typing.List[str]] = {}
+    for line in table.splitlines()[1:]:
+        words = line.split()
+        if len(words) > 7:
+            network_, gateway = _address(words[1]), _address(words[2])
+            prefix = bin(int(words[7], 16)).count("1")
+            name = "default" if prefix == 0 else f"{network_}/{prefix}"
+            gateways.setdefault(name, []).append(gateway)
+    return {("route", name): ", ".join(sorted(gateways.get(name, []))) or "no route" for name in destinations}
+
+
+def _address(digits: str) -> str:
+    """Read an address of /proc/net/route: the number that its bytes make in the memory of this machine."""
+    return socket.inet_ntoa(struct.pack("=I" if sys.byteorder == "little" else "!I", int(digits, 16)))
+
+
+def setting(name: str) -> str:
+    """Read a kernel setting by its name, such as net.ipv4.ip_forward or net/ipv4/conf/eth0.1/rp_filter."""
+    path = name if "/" in name else name.replace(".", "/")
+    return _text("/proc/sys/" + path).strip() or "not there"
+
+
+def services(units: typing.Sequence[str], before: "Before") -> Values:
+    """Read the state of units, and whether they were started again."""
+    if not units:
+        return {}
+    shown = systemd.show(units, ("ActiveState", "MainPID"))
+    if shown.error or len(shown.units) != len(units):
+        return {}  # a busy systemd is no loss
+    return {
+        ("service", unit): before.service(unit, seen.get("ActiveState", ""), seen.get("MainPID", ""))
+        for unit, seen in zip(units, shown.units)
+    }
+
+
+def ports(masters: typing.Sequence[typing.Tuple[str, str, int]]) -> Values:
+    """Open the TCP port of the discovery node of each master, and close it again."""
+    found = concurrently(lambda master: _opens(*master[1:]), masters, 2 * CONNECT + 1, lambda master: "no answer")
+    return {("port", master[0]): value for master, value in zip(masters, found)}
+
+
+def _opens(address: str, port: int) -> str:
+    for _attempt in range(2):  # one lost packet is no loss
+        try:
+            socket.create_connection((address, port), timeout=CONNECT).close()
+            return "open"
+        except OSError as problem:
+            why = problem.strerror or "no answer"
+    return why
+
+
+class Before:
+    """What the last look saw of things that happen in a moment: a step of the clock, a service that is started again."""
+
+    def __init__(self, now: float, wall: float) -> None:
+        self._ahead = wall - now
+        self._processes: typing.Dict[str, str] = {}
+
+    def clock(self, now: float, wall: float) -> str:
+        """Say if the clock was stepped since the last look, beside the time that has passed."""
+        step, self._ahead = wall - now - self._ahead, wall - now
+        return f"stepped by {step:+.1f} s" if abs(step) > STEP else "steady"
+
+    def service(self, unit: str, state: str, process: str) -> str:
+        """Say if a unit is active, or was started again since the last look."""
+        if state != "active":
+            return state or "not there"
+        before, self._processes[unit] = self._processes.get(unit, process), process
+        return "active" if before == process else "started again"
+
+
+def _sum(path: str) -> str:
+    try:
+        with open(path, "rb") as stream:
+            return hashlib.sha256(stream.read(MOST_BYTES)).hexdigest()[:12]
+    except OSError as problem:
+        return problem.strerror or "cannot be read"
+
+
+def _text(path: str) -> str:
+    try:
+        with open(path) as stream:
+            return stream.read(MOST_BYTES)
+    except (OSError, ValueError):
+        return ""

@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+"""A watch over one computer without its sockets and files: values and heartbeats with their times in, events out.
+
+What is watched is any value, known by a kind and a name. The value at the first look is the one to keep: the fleet was
+verified before. Only where one value is known to be good, that one counts. Another value is a loss, and this one again is a
+return. A heartbeat has two values: heard and silent.
+"""
+
+import typing
+
+# Seconds without a heartbeat after which its master counts as silent: as many heartbeats as the others' nodes wait for,
+# and long enough for a busy machine.
+MISSED = 4
+QUIET = 5.0
+# The same where the sender promises no rate, as a master of upstream's nodes with their default of 0.02 Hz.
+UNPROMISED = 180.0
+
+EVENTS = 500  # kept; a link that comes and goes for hours is counted beyond
+SENDERS = 4096  # of heartbeats that are kept in mind; more would be somebody else's flood
+
+HEARD, SILENT = "heard", "silent"
+GOOD = {
+    "service": "active",
+    "port": "open",
+    "clock": "steady",
+}  # kind -> the value that counts, whatever the first one was
+
+Key = typing.Tuple[str, str]  # kind and name
+Plain = typing.Dict[str, typing.Any]
+
+
+class Beat:
+    """When a sender was heard last, and how long it may be silent."""
+
+    __slots__ = ("last", "limit")
+
+    def __init__(self, last: float, limit: float) -> None:
+        self.last, self.limit = last, limit
+
+
+def silence(rate: float) -> float:
+    """Return the seconds that a sender of `rate` heartbeats a second may be silent; 0 is no promise."""
+    return max(QUIET, MISSED / rate) if rate > 0 else UNPROMISED
+
+
+class Watch:
+    """The first values, the present ones, and the events since the start."""
+
+    def __init__(self, now: float, wall: float) -> None:
+        self.began, self.wall = now, wall  # monotonic seconds, Unix time
+        self.first: typing.Dict[Key, str] = {}
+        self.lost: typing.Dict[Key, float] = {}  # -> the Unix time since when
+        self.beats: typing.Dict[Key, Beat] = {}
+        self.events: typing.List[Plain] = []
+        self.dropped = 0
+
+    def heard(self, now: float, kind: str, name: str, rate: float) -> None:
+        """Note a heartbeat; `rate` is what it promises, in heartbeats a second."""
+        key = kind, name
+        if key in self.beats:
+            self.beats[key].last, self.beats[key].limit = now, silence(rate)
+        elif len(self.beats) < SENDERS:
+            self.beats[key] = Beat(now, silence(rate))
+            self.first[key] = HEARD
+
+    def beat(self, now: float, wall: float) -> bool:
+        """Look who is silent; True where somebody was lost just now. A loss began with the last heartbeat."""
+        losses = 0
+        for key, beat in self.beats.items():
+            value = SILENT if now - beat.last > beat.limit else HEARD
+            losses += self._look(key, value, wall - (now - beat.last) if value == SILENT else wall)
+        return bool(losses)
+
+    def read(self, wall: float, values: typing.Mapping[Key, str]) -> bool:
+        """Compare what was read with the values to keep; True where something was lost just now."""
+        losses = 0
+        for key, value in values.items():
+            self.first.setdefault(key, GOOD.get(key[0], value))
+            losses += self._look(key, value, wall)
+        return bool(losses)
+
+    def _look(self, key: Key, value: str, wall: float) -> bool:
+        well = value == self.first[key]
+        if well == (key not in self.lost):
+            return False
+        if well:
+            del self.lost[key]
+        else:
+            self.lost[key] = wall
+        self._note(key, value, well, wall)
+        return not well
+
+    def _note(self, key: Key, value: str, well: bool, wall: float) -> None:
+        if len(self.events) >= EVENTS:
+            self.dropped += 1
+            return
+        kind, name = key
+        found = {"kind": kind, "name": name, "well": well, "expected": self.first[key], "found": value}
+        self.events.append(dict(found, time=round(wall, 3), after=round(max(0.0, wall - self.wall), 1)))
+
+    def report(self, now: float) -> Plain:
+        """Return what was seen so far, as the module returns it."""
+        return {
+            "watched": len(self.first),
+            "seconds": round(now - self.began, 1),
+            "events": self.events,
+            "dropped": self.dropped,
+            "lost": [{"kind": kind, "name": name} for kind, name in sorted(self.lost)],
+        }

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: fleet_watch
+short_description: Tell how a watch over the fleet goes
+version_added: "0.1.0"
+description:
+  - Reads what M(rosfleet.multimaster.multimaster_watch) has returned on all computers of the play, and prints a line of
+    progress with what was lost and what has returned since the last one.
+  - Names the moment and the place of the first loss. Of what was lost within 10 seconds, that is the part nearest to the
+    reason, as a link before the heartbeats that come by it.
+  - Runs on the controller and connects to no host, so it is run once.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.info
+options:
+  watched:
+    description: The name of the variable that every computer registered from C(multimaster_watch), for example V(verify_watched).
+    type: str
+    required: true
+  duration:
+    description: How long is watched, for example V(15m).
+    type: str
+    required: true
+  known:
+    description: How many events were told before, as RV(known) of the round before; empty in the first round.
+    type: dict
+    default: {}
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.multimaster_watch
+"""
+
+EXAMPLES = r"""
+- name: Tell how the watch goes
+  rosfleet.multimaster.fleet_watch:
+    watched: verify_watched
+    duration: 15m
+  run_once: true
+  register: watch
+"""
+
+RETURN = r"""
+lost:
+  description: How many values of all computers are lost now.
+  returned: success
+  type: int
+  sample: 0
+first_loss:
+  description: When and where something was lost first, empty if nothing was.
+  returned: success
+  type: str
+  sample: "First loss at 12:31:05, 4:21 after the start: dabo-nav hears no heartbeat of tibi-nav on the group."
+events:
+  description: What was lost and what has returned on all computers, in the order of time.
+  returned: success
+  type: list
+  elements: dict
+  sample:
+    - observer: dabo-nav
+      kind: group
+      name: tibi-nav
+      well: false
+      expected: heard
+      found: silent
+      time: 1730000261.2
+      after: 261.2
+  contains:
+    observer:
+      description: The computer that tells it. The others are those of C(multimaster_watch).
+      returned: always
+      type: str
+      sample: dabo-nav
+known:
+  description: How many events each computer has told, for the next round.
+  returned: success
+  type: dict
+  sample: {dabo-nav: 1}
+msg:
+  description: The first loss, or that nothing was lost.
+  returned: always
+  type: str
+  sample: Nothing was lost in 15:00.
+"""

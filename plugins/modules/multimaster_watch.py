@@ -1,0 +1,338 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: multimaster_watch
+short_description: Watch a computer of a fleet for a while, and tell what is lost and when
+version_added: "0.1.0"
+description:
+  - Watches on this computer what costs little. These are the heartbeats of the discovery nodes of all masters (on the
+    group, and those sent to this computer), the membership of the group, addresses and links, routes, kernel settings,
+    services, the TCP ports of the discovery nodes, C(/etc/hosts) and steps of the clock.
+  - The values of the first look are those to keep, so verify the fleet before. What differs from them is lost, and what is
+    as before has returned.
+  - Some faults need minutes. An example is a switch with IGMP snooping and without a querier, which forgets a group after
+    about 260 seconds.
+  - It takes several tasks. O(state=started) leaves a process behind on the computer, each O(state=collected) asks it, and
+    O(state=stopped) ends it. The process ends by itself after O(lifetime).
+  - It joins no group, opens no port for others and sends nothing but a TCP connection every three seconds to each master.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.info
+attributes:
+  check_mode:
+    support: full
+    details: It does the same in check mode, since it changes nothing.
+options:
+  state:
+    description:
+      - With V(started), a watch begins; an older one of this computer ends.
+      - With V(collected), the watch of the same O(run) is asked, and the result is returned.
+      - With V(stopped), every watch of this computer ends.
+    type: str
+    choices: [started, collected, stopped]
+    required: true
+  run:
+    description: The label of the run, for example V(watch-1730000000), of 1 to 64 letters, digits, dots, hyphens and underscores.
+    type: str
+    default: default
+  group:
+    description: The IPv4 multicast group of discovery, for example V(226.0.0.0).
+    type: str
+    default: 226.0.0.0
+  port:
+    description: The UDP port of discovery, for example V(11511).
+    type: int
+    default: 11511
+  addresses:
+    description: The IPv4 addresses of this computer that are to stay, for example V([192.168.1.229]).
+    type: list
+    elements: str
+    default: []
+  masters:
+    description:
+      - The masters of the fleet, as M(rosfleet.multimaster.fleet_plan) returns them; that of this computer may be among them.
+      - Of each entry are used C(computer) (its name), C(address) (the IPv4 address from which its heartbeats come) and
+        C(rpc_port) (the TCP port of its discovery node).
+    type: list
+    elements: dict
+    default: []
+  services:
+    description: The services that are to stay active, for example V([roscore, discovery]); each is the unit C(multimaster-<name>.service).
+    type: list
+    elements: str
+    default: []
+  settings:
+    description: The kernel settings that are to stay, for example V([net.ipv4.ip_forward]).
+    type: list
+    elements: str
+    default: []
+  destinations:
+    description: The destinations whose routes are to stay, for example V([default, 192.168.11.0/24]).
+    type: list
+    elements: str
+    default: []
+  until:
+    description:
+      - With O(state=collected), how long the watch has lasted when it answers, in seconds, for example V(30). It answers
+        earlier where something is lost, and at once with V(0). From 0 to 604800; at most 600 seconds from now.
+    type: int
+    default: 0
+  lifetime:
+    description: How long the watch lives at most, in seconds, for example V(960); from 1 to 604800 (a week).
+    type: int
+    default: 900
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.multimaster_verify
+  - name: Verification
+    description: The role that uses it, with C(verify_watch).
+    link: https://github.com/rosfleet/multimaster/tree/main/docs/verification.md
+"""
+
+EXAMPLES = r"""
+- name: Watch from now on
+  rosfleet.multimaster.multimaster_watch:
+    state: started
+    addresses: [192.168.1.229]
+    masters:
+      - {computer: kobuki2computer, address: 192.168.1.239, rpc_port: 11611}
+    services: [roscore, discovery, sync]
+    lifetime: 960
+
+- name: Wait until something is lost, or the first half minute is over
+  rosfleet.multimaster.multimaster_watch:
+    state: collected
+    until: 30
+  register: watched
+
+- name: End the watch
+  rosfleet.multimaster.multimaster_watch:
+    state: stopped
+"""
+
+RETURN = r"""
+watched:
+  description: How many values are watched.
+  returned: when O(state=collected)
+  type: int
+  sample: 23
+seconds:
+  description: How long the watch has lasted, in seconds.
+  returned: when O(state=collected)
+  type: float
+  sample: 312.4
+events:
+  description: What was lost and what has returned, in the order of time, 500 at most.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample:
+    - kind: group
+      name: kobuki2computer
+      well: false
+      expected: heard
+      found: silent
+      time: 1730000261.2
+      after: 261.2
+  contains:
+    kind:
+      description:
+        - V(group) for heartbeats on the group and V(direct) for those sent to this computer, then V(membership), V(address),
+          V(link), V(route), V(setting), V(service), V(port), V(hosts) and V(clock).
+      returned: always
+      type: str
+      sample: group
+    name:
+      description: The computer, interface, address, destination, setting, unit or file.
+      returned: always
+      type: str
+      sample: kobuki2computer
+    well:
+      description: Whether it has returned; false for a loss.
+      returned: always
+      type: bool
+      sample: false
+    expected:
+      description: The first value.
+      returned: always
+      type: str
+      sample: heard
+    found:
+      description: The value since then.
+      returned: always
+      type: str
+      sample: silent
+    time:
+      description: The time on this computer's clock, in seconds since 1970. For silence that of the last heartbeat.
+      returned: always
+      type: float
+      sample: 1730000261.2
+    after:
+      description: How long after the start, in seconds.
+      returned: always
+      type: float
+      sample: 261.2
+dropped:
+  description: How many events there were beyond those of RV(events).
+  returned: when O(state=collected)
+  type: int
+  sample: 0
+lost:
+  description: What is lost now.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample: [{kind: group, name: kobuki2computer}]
+  contains:
+    kind:
+      description: As in RV(events[].kind).
+      returned: always
+      type: str
+      sample: group
+    name:
+      description: As in RV(events[].name).
+      returned: always
+      type: str
+      sample: kobuki2computer
+msg:
+  description: What was found, in a sentence.
+  returned: always
+  type: str
+  sample: 23 values are watched since 312 s; 1 of them is lost.
+"""
+
+import contextlib
+import ipaddress
+import re
+import typing
+
+from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.left_behind import (
+    Visit,
+    end_others,
+    leave,
+    open_door,
+    path_of,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.process import heartbeats_socket, serve
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Wanted
+
+KIND = "watch"  # of the doors of watches
+LONGEST = 600  # seconds that a task waits
+ANSWER = 30  # seconds that a busy watch may take beyond that
+
+Params = typing.Dict[str, typing.Any]
+Result = typing.Dict[str, typing.Any]
+
+
+def wrong(params: Params) -> typing.Optional[str]:
+    """Say in one sentence which option cannot be used; None where all can."""
+    if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
+        return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
+    for option, least, most in (("port", 1, 65535), ("until", 0, 604800), ("lifetime", 1, 604800)):
+        if not least <= params[option] <= most:
+            return f"{option} is {params[option]}, expected {least} to {most}."
+    return wrong_places(params)
+
+
+def wrong_places(params: Params) -> typing.Optional[str]:
+    """Say which master, address or kernel setting is none; None where all are."""
+    for master in params["masters"]:
+        absent = [key for key in ("computer", "address", "rpc_port") if key not in master]
+        if absent or not str(master["rpc_port"]).isdigit():
+            return f"masters has {master!r}, expected the keys computer, address, and rpc_port as a number."
+    places = [("group", params["group"])] + [("addresses", address) for address in params["addresses"]]
+    places += [(f"masters: the address of {master['computer']}", master["address"]) for master in params["masters"]]
+    for place, address in places:
+        try:
+            ipaddress.IPv4Address(address)
+        except ValueError:
+            return f"{place} is {address!r}, expected an IPv4 address such as 192.168.1.239."
+    for name in params["settings"]:
+        if not re.match(r"[A-Za-z0-9_./-]+\Z", name) or ".." in name:
+            return f"settings has {name!r}, expected the name of a kernel setting such as net.ipv4.ip_forward."
+    return None
+
+
+def start(module: AnsibleModule) -> Result:
+    """Leave a watch behind; sockets that cannot be opened are an error before there is one."""
+    params = module.params
+    path = path_of(KIND, params["run"])
+    wanted = Wanted(
+        group=params["group"],
+        addresses=tuple(params["addresses"]),
+        masters=tuple(
+            (str(entry["computer"]), entry["address"], int(entry["rpc_port"])) for entry in params["masters"]
+        ),
+        services=tuple(f"multimaster-{name}.service" for name in params["services"]),
+        settings=tuple(params["settings"]),
+        destinations=tuple(params["destinations"]),
+    )
+    try:
+        end_others(KIND)
+        raw = heartbeats_socket(params["port"])
+        door = open_door(path)
+    except OSError as error:
+        why = error.strerror or error
+        more = "; it needs root, so set become: true" if isinstance(error, PermissionError) else ""
+        ends.fail(module, msg=f"Cannot watch the heartbeats on port {params['port']}: {why}{more}.")
+    sockets = raw, door
+    leave(lambda: serve(raw, door, path, wanted, params["port"], params["lifetime"]), sockets, "multimaster_watch")
+    return {"msg": f"The watch lives for {params['lifetime']} s at most."}
+
+
+def collect(module: AnsibleModule) -> Result:
+    """Ask the watch; it answers when it is time, or as soon as something is lost."""
+    params = module.params
+    reply: Result = {}
+    with contextlib.suppress(OSError):
+        visit = Visit(path_of(KIND, params["run"]), {"until": params["until"]})
+        reply = visit.reply(min(params["until"], LONGEST) + ANSWER) or {}
+    if not reply:
+        ends.fail(
+            module,
+            msg=f"No watch of the run {params['run']!r} lives on this computer: its task with state=started did not run, its "
+            "lifetime was over, or the computer was started again.",
+        )
+    lost = len(reply["lost"])
+    verb = "is" if lost == 1 else "are"
+    return dict(
+        reply, msg=f"{reply['watched']} values are watched since {reply['seconds']:.0f} s; {lost} of them {verb} lost."
+    )
+
+
+def stop(module: AnsibleModule) -> Result:
+    """End every watch of this computer."""
+    end_others(KIND)
+    return {"msg": "No watch lives here."}
+
+
+STATES = {"started": start, "collected": collect, "stopped": stop}
+ARGUMENTS = {
+    "state": {"type": "str", "choices": ["started", "collected", "stopped"], "required": True},
+    "run": {"type": "str", "default": "default"},
+    "group": {"type": "str", "default": "226.0.0.0"},
+    "port": {"type": "int", "default": 11511},
+    "addresses": {"type": "list", "elements": "str", "default": []},
+    "masters": {"type": "list", "elements": "dict", "default": []},
+    "services": {"type": "list", "elements": "str", "default": []},
+    "settings": {"type": "list", "elements": "str", "default": []},
+    "destinations": {"type": "list", "elements": "str", "default": []},
+    "until": {"type": "int", "default": 0},
+    "lifetime": {"type": "int", "default": 900},
+}
+
+
+def main() -> None:
+    module = AnsibleModule(argument_spec=ARGUMENTS, supports_check_mode=True)
+    error = wrong(module.params)
+    if error:
+        ends.fail(module, msg=error)
+    ends.leave(module, changed=False, **STATES[module.params["state"]](module))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A watch over a fleet: what all computers told of it in, progress lines and the first loss out.
+
+Pure: see the module multimaster_watch for what a computer tells. Times are those of the computers' clocks, which the
+verification has compared before.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import ceil
+
+UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86400}
+LEAST, MOST = 10, 7 * 86400  # seconds
+# A round is the time between two progress lines.
+SHORTEST, LONGEST, ROUNDS = 15, 300, 60  # seconds, seconds, number of them
+
+TOGETHER = 10.0  # seconds: losses that have one reason are seen so close to each other
+LINES = 6  # events that are told in one round; the result has all
+
+GROUP, DIRECT = "group", "direct"
+# Kind -> what is said of a loss. In the order in which one is nearer to the reason than another.
+SENTENCES = {
+    "computer": "{observer} does not answer: {found}",
+    "link": "the link {name} of {observer} is {found}, and was {expected}",
+    "address": "the address {name} of {observer} is {found}, and was on {expected}",
+    "service": "{name} on {observer}: {found}",
+    "route": "the route of {observer} to {name} is {found}, and was {expected}",
+    "setting": "{name} on {observer} is {found}, and was {expected}",
+    "hosts": "{name} on {observer} was changed",
+    "clock": "the clock of {observer} was {found}",
+    "membership": "no program on {observer} is a member of the group on {name}",
+    "port": "{observer} cannot connect to the discovery node of {name}: {found}",
+    DIRECT: "{observer} hears no heartbeat that {name} sends to it",
+    GROUP: "{observer} hears no heartbeat of {name} on the group",
+}
+RANKS = {kind: rank for rank, kind in enumerate(SENTENCES)}
+SNOOPING = (
+    "{observers} computers hear no heartbeat on the group any more, and the other ways to them work: the network does not pass "
+    "the group on. A switch with IGMP snooping and without a querier forgets a group after about 260 s."
+)
+
+
+class Unreadable(ValueError):
+    """The duration is none; the text says what was expected."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A value of a computer was lost, or has returned."""
+
+    kind: str
+    name: str
+    well: bool
+    expected: str
+    found: str
+    time: float  # Unix time in seconds
+    after: float  # seconds after the start of the watch
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A value that is lost now."""
+
+    kind: str
+    name: str
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What one computer has told."""
+
+    watched: int = 0
+    seconds: float = 0.0
+    events: tuple[Event, ...] = ()
+    lost: tuple[Lost, ...] = ()
+    dropped: int = 0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long is watched, and when progress is told: the ends of the rounds, in seconds after the start."""
+
+    seconds: int
+    ends: tuple[int, ...] = field(default=())
+
+
+def planned(duration: str) -> Plan:
+    """Read a duration such as 90, 90s, 15m, 2h or 1d, and split it into rounds. Raises Unreadable."""
+    match = re.fullmatch(r"\s*(\d{1,6})\s*([smhd]?)\s*", str(duration))
+    seconds = int(match[1]) * UNITS[match[2]] if match else 0
+    if not LEAST <= seconds <= MOST:
+        raise Unreadable(f"verify_watch is {duration!r}, expected a time from 10s to 7d, such as 90s, 15m or 2h.")
+    length = min(max(SHORTEST, ceil(seconds / ROUNDS)), LONGEST)
+    return Plan(seconds, tuple(min(end, seconds) for end in range(length, seconds + length, length)))
+
+
+def events_of(told: Mapping[str, Watched]) -> list[tuple[str, Event]]:
+    """List all events with their computers, in the order of time."""
+    return sorted(((name, event) for name, seen in told.items() for event in seen.events), key=lambda one: one[1].time)
+
+
+def progress(told: Mapping[str, Watched], seconds: int, known: Mapping[str, int]) -> str:
+    """Tell how far the watch is, and what has happened since; `known` are the events told before, by computer."""
+    lost = sum(len(seen.lost) for seen in told.values())
+    values = sum(seen.watched for seen in told.values())
+    state = f"{lost} lost now" if lost else "nothing is lost"
+    last = min(max((seen.seconds for seen in told.values()), default=0.0), seconds)
+    head = f"watched {clock(last)} of {clock(seconds)}: {values} values on {len(told)} computers, {state}"
+    new = events_of({name: _without(seen, known.get(name, 0)) for name, seen in told.items()})
+    more = [f"  and {len(new) - LINES} more"] if len(new) > LINES else []
+    return "\n".join([head, *(f"  {sentence(*event)}" for event in new[:LINES]), *more])
+
+
+def _without(seen: Watched, known: int) -> Watched:
+    return Watched(seen.watched, seen.seconds, seen.events[known:], seen.lost)
+
+
+def sentence(observer: str, event: Event) -> str:
+    """Say when and what."""
+    text = SENTENCES.get(event.kind, "{name} on {observer} is {found}")
+    said = text.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
+    when = f"{_time(event.time)} ({clock(event.after)} after the start)"
+    return f"{when}: it is over that {said}" if event.well else f"{when}: {said}"
+
+
+def first_loss(events: Sequence[tuple[str, Event]]) -> str:
+    """Say when and where the first loss was; empty where nothing was lost.
+
+    Of what was lost together, the part that is nearest to the reason is named: a link before the heartbeats that come by it.
+    """
+    losses = [(observer, event) for observer, event in events if not event.well]
+    if not losses:
+        return ""
+    begin = losses[0][1]
+    together = [entry for entry in losses if entry[1].time <= begin.time + TOGETHER]
+    when = f"First loss at {_time(begin.time)}, {clock(begin.after)} after the start"
+    observers = {observer for observer, event in together}
+    if {event.kind for _observer, event in together} == {GROUP} and len(observers) > 1 and len(_masters(together)) > 1:
+        return f"{when}: {SNOOPING.format(observers=len(observers))}"
+    observer, event = min(together, key=lambda entry: RANKS.get(entry[1].kind, len(RANKS)))
+    return f"{when}: {_place(observer, event, together)}."
+
+
+def _masters(losses: Iterable[tuple[str, Event]]) -> set[str]:
+    return {event.name for _observer, event in losses}
+
+
+def _place(observer: str, event: Event, together: Sequence[tuple[str, Event]]) -> str:
+    """Say what is lost; of heartbeats the one computer that all losses have in common."""
+    said = SENTENCES.get(event.kind, "{name} on {observer} is {found}")
+    same = [entry for entry in together if entry[1].kind == event.kind]
+    others = len(together) - 1
+    text = said.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
+    if event.kind in (GROUP, DIRECT, "port") and len(same) > 1:
+        masters, observers = _masters(same), {name for name, _event in same}
+        if len(masters) == 1:
+            return f"{len(observers)} computers hear nothing of {event.name}"
+        if len(observers) == 1:
+            return f"{observer} hears nothing of {len(masters)} masters"
+    return text + (f"; {others} more losses within {TOGETHER:g} s" if others else "")
+
+
+def clock(seconds: float) -> str:
+    """Write a duration as 4:21, or as 1:04:21."""
+    whole = int(seconds)
+    hours, rest = divmod(whole, 3600)
+    return f"{hours}:{rest // 60:02}:{rest % 60:02}" if hours else f"{rest // 60}:{rest % 60:02}"
+
+
+def _time(wall: float) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(wall))

@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""What a watch reads: this machine's own values, and tables of the kernel."""
+
+import socket
+import sys
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch import process, readings
+
+TABLE = """Iface\tDestination\tGateway \tFlags\tRefCnt\tUse\tMetric\tMask\t\tMTU\tWindow\tIRTT
+eth0\t00000000\t0100A8C0\t0003\t0\t0\t0\t00000000\t0\t0\t0
+eth0\t000BA8C0\tC901A8C0\t0003\t0\t0\t0\t00FFFFFF\t0\t0\t0
+"""
+
+
+@pytest.mark.skipif(sys.byteorder != "little", reason="the table is that of a little-endian machine")
+def test_routes_are_read_by_destination():
+    assert readings.routes(["default", "192.168.11.0/24", "10.0.0.0/8"], TABLE) == {
+        ("route", "default"): "192.168.0.1",
+        ("route", "192.168.11.0/24"): "192.168.1.201",
+        ("route", "10.0.0.0/8"): "no route",
+    }
+
+
+def test_a_setting_is_read_by_either_spelling():
+    with open("/proc/sys/net/ipv4/ip_forward") as stream:
+        assert (
+            readings.setting("net.ipv4.ip_forward") == readings.setting("net/ipv4/ip_forward") == stream.read().strip()
+        )
+    assert readings.setting("net.ipv4.no_such_thing") == "not there"
+
+
+def test_a_port_is_open_or_the_reason_is_told():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        assert readings.ports([("pc", "127.0.0.1", port)]) == {("port", "pc"): "open"}
+    assert readings.ports([("pc", "127.0.0.1", port)]) == {("port", "pc"): "Connection refused"}
+
+
+def test_an_address_that_nobody_has():
+    assert readings.links(["192.0.2.1"], "226.0.0.0") == {("address", "192.0.2.1"): "on no interface"}
+
+
+def test_the_clock_and_services_are_compared_with_the_last_look():
+    before = readings.Before(0.0, 1000.0)
+    assert before.clock(3.0, 1003.01) == "steady"
+    assert before.clock(6.0, 1008.01) == "stepped by +2.0 s"
+    assert before.clock(9.0, 1011.01) == "steady"
+    assert before.service("a", "active", "7") == "active"
+    assert before.service("a", "active", "8") == "started again"
+    assert before.service("a", "active", "8") == "active"
+    assert before.service("a", "failed", "0") == "failed"
+    assert before.service("b", "", "") == "not there"
+
+
+def packet(body, port=11511, destination="226.0.0.0"):
+    head = bytes([0x45]) + bytes(11) + socket.inet_aton("192.168.1.2") + socket.inet_aton(destination)
+    return (
+        head
+        + (40000).to_bytes(2, "big")
+        + port.to_bytes(2, "big")
+        + (8 + len(body)).to_bytes(2, "big")
+        + bytes(2)
+        + body
+    )
+
+
+def test_only_the_record_of_discovery_is_a_heartbeat():
+    record = b"R\x02\x0a" + bytes(21)
+    assert process.heartbeat(packet(record), 11511) == process.Beat("192.168.1.2", "226.0.0.0", 1.0)
+    for other in (b"", record[:-1], record + b"x", b"X" + record[1:]):
+        assert process.heartbeat(packet(other), 11511) is None
+    assert process.heartbeat(packet(record, port=11512), 11511) is None
+    assert process.heartbeat(packet(record)[:30], 11511) is None
+    assert process.heartbeat(b"", 11511) is None
