@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Who provides a service: asked of a server that answers as roscpp and rospy do."""
 
+import contextlib
 import socket
 import struct
 import threading
+import time
 
 import pytest
 from rosfleet_multimaster.edge.tcpros import provider
@@ -21,16 +23,18 @@ def header(*fields):
 
 @pytest.fixture
 def server():
-    """A server that gives one answer; `asked` is what it was asked."""
+    """A server that gives one answer, with a pause after each byte if wanted; `asked` is what it was asked."""
     listener = socket.create_server(("127.0.0.1", 0))
     asked = []
 
-    def start(answer):
+    def start(answer, pause=0.0):
         def serve():
             connection, _address = listener.accept()
-            with connection:
+            with connection, contextlib.suppress(OSError):
                 asked.append(connection.recv(10000))
-                connection.sendall(answer)
+                for piece in (answer[at : at + 1] for at in range(len(answer))) if pause else (answer,):
+                    connection.sendall(piece)
+                    time.sleep(pause)
 
         threading.Thread(target=serve, daemon=True).start()
         return f"rosrpc://127.0.0.1:{listener.getsockname()[1]}", asked
@@ -59,6 +63,14 @@ def test_a_connection_that_ends_early_is_no_answer(server, answer):
 def test_too_much_is_not_read(server):
     with pytest.raises(ValueError, match="a header of"):
         provider(server(struct.pack("<I", 1 << 30))[0], "/stop", 2.0)
+
+
+def test_an_answer_that_drips_ends_at_the_time_limit(server):
+    uri, asked = server(header("callerid=/a", "x=" + 200 * "y"), pause=0.05)
+    began = time.monotonic()
+    with pytest.raises(socket.timeout):
+        provider(uri, "/stop", 0.4)
+    assert asked and time.monotonic() - began < 3  # all of it would take ten seconds
 
 
 @pytest.mark.parametrize("uri", ["", "http://a:1/", "rosrpc://", "rosrpc://a"])
