@@ -52,6 +52,12 @@ options:
     description: The digest of the nodes and their parameters; a change of it restarts C(discovery) and C(sync).
     type: str
     required: true
+  code_digest:
+    description:
+      - The digest of the code of the nodes without their parameters; a change of it restarts C(roscore), where O(programs) has its
+        lines. That one remembers what is registered.
+    type: str
+    default: ""
 """
 
 EXAMPLES = r"""
@@ -98,6 +104,7 @@ def service_units(
     programs: Mapping[str, Mapping[str, str]],
     environment_digest: str,
     nodes_digest: str,
+    code_digest: str = "",
 ) -> list[dict[str, str]]:
     """Return the units by name and content; see DOCUMENTATION."""
     known = (*units.OTHERS, *programs)
@@ -114,7 +121,7 @@ def service_units(
             address,
             units.Roscore(roscore_command, roscore_port),
             {name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
-            units.Inputs.of(environment_digest, nodes_digest),
+            units.Inputs.of(environment_digest, nodes_digest, code_digest if "roscore" in programs else ""),
         )
     except quoting.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem

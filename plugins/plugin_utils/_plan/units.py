@@ -49,12 +49,17 @@ class Inputs:
     nodes: str
 
     @classmethod
-    def of(cls, environment: str, nodes: str) -> Inputs:
-        """Make it of the digests of the environment and of the nodes.
+    def of(cls, environment: str, nodes: str, code: str = "") -> Inputs:
+        """Make it of the digests of the environment, and of the nodes with their parameters.
 
-        A restart of the roscore costs every node its registration. So the roscore depends on the environment alone.
+        `code` is that of the bundled code, where the roscore is of it: it remembers, so a restart costs nothing. A restart
+        of the roscore of ROS costs every node its registration, so that one depends on the environment alone.
         """
-        return cls(environment, hashlib.sha256((environment + nodes).encode()).hexdigest())
+        return cls(_digest(environment, code) if code else environment, _digest(environment, nodes))
+
+
+def _digest(*parts: str) -> str:
+    return hashlib.sha256("".join(parts).encode()).hexdigest()
 
 
 _INSTALL = """

@@ -43,7 +43,7 @@ def test_every_role_has_the_same_parts(role):
 
 
 # What preflight hands to all roles, and what a role takes of another one: as the default of an option, so it can be seen.
-HANDED_ON = {"environment_digest", "nodes_digest"}
+HANDED_ON = {"environment_digest", "nodes_digest", "nodes_code_digest"}
 
 
 @pytest.mark.parametrize("role", ROLES, ids=lambda role: role.name)

@@ -3,6 +3,8 @@
 
 """The filter service_units: plain data in, units out."""
 
+import re
+
 import pytest
 from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.filter.service_units import service_units
@@ -28,6 +30,26 @@ def test_units():
     assert [unit["name"] for unit in units] == ["multimaster-roscore.service", "multimaster-sync.service"]
     assert "ExecStart=/usr/bin/roscore -p 11411 " in units[0]["content"]
     assert "\n# sync\n\n[Service]\n" in units[1]["content"] and "\nExecStart=/sync\n" in units[1]["content"]
+
+
+def test_the_code_restarts_the_roscore_that_is_of_it_and_no_other():
+    def inputs(programs, code):
+        (unit,) = service_units(
+            ["roscore"],
+            robot="tibi",
+            address="192.168.1.1",
+            roscore_command="/usr/bin/roscore",
+            roscore_port=11411,
+            programs=programs,
+            environment_digest="4567",
+            nodes_digest="0123",
+            code_digest=code,
+        )
+        return re.findall("ROSFLEET_INPUTS=(.*)", unit["content"])
+
+    bundled = {**PROGRAMS, "roscore": {"unit": "", "service": "ExecStart=/roscore"}}
+    assert inputs(PROGRAMS, "old") == inputs(PROGRAMS, "new") == ["4567"]
+    assert inputs(bundled, "old") != inputs(bundled, "new")
 
 
 def test_no_service():

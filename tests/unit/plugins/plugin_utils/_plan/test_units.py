@@ -27,12 +27,22 @@ def test_the_units_have_the_order_of_the_services():
     assert list(made(names, units.Inputs("a", "b"))) == [f"multimaster-{name}.service" for name in names]
 
 
-def test_the_roscore_depends_on_the_environment_alone():
+def test_the_roscore_of_ros_depends_on_the_environment_alone():
     old, new = (made(["roscore", "sync"], units.Inputs.of("environment", nodes)) for nodes in ("old", "new"))
     assert old["multimaster-roscore.service"] == new["multimaster-roscore.service"]
     assert old["multimaster-sync.service"] != new["multimaster-sync.service"]
     digest = hashlib.sha256(b"environmentnew").hexdigest()
     assert f"Environment=ROSFLEET_INPUTS={digest}\n" in new["multimaster-sync.service"]
+    assert "Environment=ROSFLEET_INPUTS=environment\n" in new["multimaster-roscore.service"]
+
+
+def test_the_bundled_roscore_depends_on_its_code_too_but_not_on_the_parameters_of_the_nodes():
+    of = {
+        (nodes, code): made(["roscore"], units.Inputs.of("environment", nodes, code))
+        for nodes in ("a", "b")
+        for code in ("old", "new")
+    }
+    assert of["a", "old"] == of["b", "old"] and of["a", "new"] == of["b", "new"] and of["a", "old"] != of["a", "new"]
 
 
 def test_a_unit_ends_with_a_newline():
