@@ -84,7 +84,7 @@ class Pattern:
     @cached_property
     def cheap(self) -> bool:
         """True where another computer would accept it."""
-        return len(self.text) <= MAX_TEXT and _cost(_parser.parse(self.text, re.IGNORECASE)) <= MAX_COST
+        return len(self.text) <= MAX_TEXT and _is_cheap(self.text)
 
     @cached_property
     def _compiled(self) -> "re.Pattern[str]":
@@ -148,13 +148,28 @@ def _check(text: str, what: str, costly: bool = True) -> None:
     if len(text) > MAX_TEXT:
         raise InvalidPattern(f"{what} is longer than {MAX_TEXT} characters")
     try:
-        if not costly and _cost(_parser.parse(text, re.IGNORECASE)) > MAX_COST:
+        if not costly and not _is_cheap(text):
             raise InvalidPattern(f"{what} would be too costly: it has too many repetitions, or one in another")
-        _compile(text)
+        (_can_be_compiled if len(text) <= _CACHED else _compile)(text)
     except InvalidPattern:
         raise
     except (re.error, ValueError, RecursionError, OverflowError) as problem:
         raise InvalidPattern(f"{what} is no regular expression: {problem}") from None
+
+
+@lru_cache(maxsize=512)
+def _can_be_compiled(text: str) -> bool:
+    """Raise what `_compile` raises. Once for a text: twenty masters with the same filters cost a third of all computing."""
+    return _compile(text) is not None
+
+
+def _is_cheap(text: str) -> bool:
+    return (_is_cheap_once if len(text) <= _CACHED else _is_cheap_once.__wrapped__)(text)
+
+
+@lru_cache(maxsize=64)
+def _is_cheap_once(text: str) -> bool:
+    return _cost(_parser.parse(text, re.IGNORECASE)) <= MAX_COST
 
 
 def _cost(tree: Any) -> int:
