@@ -3,7 +3,8 @@
 """The history of changes: what somebody gets who knows a revision."""
 
 import pytest
-from rosfleet_multimaster.core.feed import Feed
+from rosfleet_multimaster.core.feed import PART, Feed, packed, unpacked
+from rosfleet_multimaster.core.graph import Malformed
 
 
 def feed(*revisions, most=100):
@@ -46,3 +47,17 @@ def test_who_follows_has_what_is_there_whatever_the_steps(most=7):
             )
             known = source.revision
             assert seen == [[n, part] for n in range(number + 1) for part in range(n % 4 + 1)]
+
+
+@pytest.mark.parametrize("count", [0, 1, PART, PART + 1, 3 * PART])
+def test_rows_travel_a_few_in_a_text(count):
+    rows = [["publisher", f"/{number}", "/\ud800 \0 <&\u2028", True, None] for number in range(count)]
+    texts = packed(rows)
+    assert unpacked(texts) == rows and len(texts) == -(-count // PART)
+    assert all(text.isascii() and text.isprintable() for text in texts)
+
+
+@pytest.mark.parametrize("texts", [None, 7, ["{"], [7], [["a"]], ["7"], [None]])
+def test_what_is_no_text_of_rows(texts):
+    with pytest.raises(Malformed):
+        unpacked(texts)

@@ -335,6 +335,41 @@ def test_others_can_call_no_other_names(roscore):
             roscore.master._dispatch(name, ())
 
 
+def test_changes_of_one_text_are_made_together(roscore):
+    handed = []
+    roscore.master.handed_on = handed.append
+    calls = [["registerPublisher", "/a", f"/topic_{number}", "x/Y", A] for number in range(3)]
+    calls += [["registerPublisher", "/a"], ["getPid", "/a"], ["rosfleetTogether", "/a", []]]
+    texts = [json.dumps(calls), json.dumps([["unregisterPublisher", "/a", "/topic_0", A]])]
+    code, _text, answers = roscore.master.call("rosfleetTogether", "/me", texts)
+    first, second = map(json.loads, answers)
+    assert code == 1 and [result[0] for result in first[:3]] == [1, 1, 1] and second[0][0] == 1
+    assert (
+        all(isinstance(why, str) for why in first[3:])
+        and "changes nothing" in first[4]
+        and "changes nothing" in first[5]
+    )
+    assert len(handed) == 2, "handed on once for each text"
+    assert [record[1] for record in handed[0] if record[0] == "publisher"] == ["/topic_0", "/topic_1", "/topic_2"]
+
+
+def test_together_one_has_the_same_verdict_as_alone(roscore):
+    roscore.call("registerPublisher", "/a", "/one", "x/Y", NEW)
+    record = imports.write("/master_sync", "http://own:1/", {("/a", FAR): "http://far:11311/"})
+    calls = [
+        ["setParam", "/master_sync", imports.IMPORTS, record],
+        ["registerPublisher", "/a", "/two", "x/Y", FAR],
+    ]
+    (text,) = roscore.master.call("rosfleetTogether", "/me", [json.dumps(calls)])[2]
+    (set_code, *_), (code, why, _value) = json.loads(text)
+    assert set_code == 1 and code == -1 and "has the name" in why and "/two" not in roscore.master.publishers.map
+
+
+def test_programs_of_another_computer_make_no_changes_together(roscore):
+    roscore.master.calls.caller = module.Caller("192.168.1.2", "192.168.1.1")
+    assert roscore.master.call("rosfleetTogether", "/me", ["[]"])[0] == -1
+
+
 def test_the_lock_may_be_taken_again_and_hands_on_when_it_is_free():
     lock, seen = module.Lock(), []
     lock.changed = lambda: seen.append("changed")

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The method rosfleetChanges."""
 
+import json
 import threading
 import time
 import types
@@ -29,8 +30,8 @@ class Roscore:
                     self.registry.apply(record)
             self.feed.add(list(records))
 
-    def ask(self, epoch="now", revision=0, wait=0):
-        code, text, value = self.feed.answer("/me", epoch, revision, wait)
+    def ask(self, epoch="now", revision=0, wait=0, *more):
+        code, text, value = self.feed.answer("/me", epoch, revision, wait, *more)
         assert code == 1, text
         return value
 
@@ -52,6 +53,18 @@ def test_then_what_changed():
     roscore.change(PUBLISHER)
     assert roscore.ask(revision=1) == ["now", 2, False, [["publisher", "/chatter", "/a", True]]]
     assert roscore.ask(revision=2) == ["now", 2, False, []]
+
+
+@pytest.mark.parametrize(("epoch", "revision"), [("", 0), ("now", 1), ("now", 2)])
+def test_in_texts_it_is_the_same(epoch, revision):
+    roscore = Roscore()
+    roscore.change(NODE)
+    roscore.change(PUBLISHER, ["type", "/chatter", "x/Y"])
+    *about, records = roscore.ask(epoch, revision)
+    *same, texts = roscore.ask(epoch, revision, 0, True)
+    assert about == same and roscore.ask(epoch, revision, 0, False)[3] == records
+    found = [record[:-1] if record[-1] is None else record for text in texts for record in json.loads(text)]
+    assert found == records
 
 
 def test_what_nobody_is_told_of_is_no_revision():

@@ -6,6 +6,7 @@ import types
 import xmlrpc.client
 
 import pytest
+from rosfleet_multimaster.core.feed import packed
 from rosfleet_multimaster.parts import own_graph as module
 from rosfleet_multimaster.parts.own_graph import OwnGraph
 from rosfleet_multimaster.parts.source import CHANGES
@@ -28,18 +29,31 @@ class Roscore:
 
     def __init__(self, answers, tells=True):
         self.answers, self.tells, self.asked = answers, tells, []
-        self.rpc = types.SimpleNamespace(call=self.call)
+        self.rpc = types.SimpleNamespace(call=self.call, multicall=self.multicall)
 
     def has(self, method):
         self.asked.append("has")
         return self.tells and method == CHANGES
 
-    def call(self, _method, _caller, epoch, revision, wait):
+    def call(self, _method, _caller, epoch, revision, wait, in_texts):
+        assert in_texts is True
         self.asked.append((epoch, revision, wait))
         answer = self.answers.pop(0)
         if isinstance(answer, Exception):
             raise answer
+        if isinstance(answer, list) and len(answer) == 4 and isinstance(answer[3], list):
+            answer = [*answer[:3], packed(answer[3])]
         return [1, "changes", answer]
+
+    def together(self, calls):
+        self.asked.append(("together", calls))
+        if isinstance(self.tells, Exception):
+            raise self.tells
+        return ["done"]
+
+    def multicall(self, calls):
+        self.asked.append(("multicall", calls))
+        return ["done"]
 
     def ask(self, *calls):
         self.asked.append(calls[0][0])
@@ -98,3 +112,24 @@ def test_after_a_roscore_that_does_not_answer_the_next_one_is_asked_what_it_can(
         graph.read(everything)
     roscore.tells = False
     assert sorted(graph.read(everything).publishers) == ["/one"] and roscore.asked.count("has") == 2
+
+
+def test_one_that_tells_makes_calls_together_and_any_other_one_by_one():
+    calls = [("registerPublisher", "/a", "/one", "*", "http://own:1/")]
+    roscore, other = Roscore([["e", 3, True, WHOLE]]), Roscore([], tells=False)
+    for asked, way in ((roscore, "together"), (other, "multicall")):
+        graph = OwnGraph(asked)
+        graph.read(everything)
+        assert graph.carry_out(calls) == ["done"] and asked.asked[-1] == (way, calls)
+
+
+def test_after_calls_that_failed_the_next_one_is_asked_what_it_can():
+    roscore = Roscore([["e", 3, True, WHOLE], ["f", 1, True, WHOLE]])
+    graph = OwnGraph(roscore)
+    graph.read(everything)
+    roscore.tells = OSError("gone")
+    with pytest.raises(OSError, match="gone"):
+        graph.carry_out([])
+    roscore.tells = True
+    graph.read(everything)
+    assert roscore.asked.count("has") == 2

@@ -11,6 +11,7 @@ from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
 from rosfleet_multimaster.core.differences import Stamps
+from rosfleet_multimaster.core.feed import packed
 from rosfleet_multimaster.core.graph import State
 from rosfleet_multimaster.core.mirror import Mirror
 from rosfleet_multimaster.edge.roscore import Roscore as Master
@@ -49,7 +50,8 @@ class Roscore:
         self.uri = f"http://127.0.0.1:{self.server.server_address[1]}"
         threading.Thread(target=self.server.serve_forever, args=(0.05,), daemon=True).start()
 
-    def changes(self, _caller, epoch, revision, _wait):
+    def changes(self, _caller, epoch, revision, _wait, in_texts):
+        assert in_texts is True
         self.asked.append((epoch, revision))
         answer = self.answers.get(timeout=5)
         if isinstance(answer, Exception):
@@ -57,7 +59,7 @@ class Roscore:
         return answer
 
     def tell(self, epoch, revision, whole, records):
-        self.answers.put([1, "changes", [epoch, revision, whole, records]])
+        self.answers.put([1, "changes", [epoch, revision, whole, packed(records)]])
 
 
 @pytest.fixture(name="roscore")

@@ -6,6 +6,7 @@ What it calls at its places is ours here: the lock, the tables of registrations,
 seen where it is made, and all changes of one call are handed on together before the caller has its answer.
 """
 
+import json
 import socket
 import threading
 from itertools import chain, islice
@@ -21,6 +22,7 @@ from ..core.name_guard import NameGuard
 from ..core.registry import Of, Record, Registry, touches
 from .clock import monotonic
 from .notifier import Notifier
+from .roscore import TOGETHER
 
 #: what changes something -> where the URI of the calling node stands in its arguments
 CHANGES = {
@@ -226,7 +228,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self._notifier = Notifier()
         self.left: Callable[[str, str], None] = lambda _name, _uri: None
         self.handed_on: Callable[[List[Record]], None] = lambda _records: None
-        self.more: Dict[str, Callable[..., Any]] = {"system.listMethods": self._methods}
+        self.more: Dict[str, Callable[..., Any]] = {"system.listMethods": self._methods, TOGETHER: self._together}
 
         note = self._records.append
         self.thread_pool = _Pool(self._notifier, lambda _node, _uri: self._spare)
@@ -264,6 +266,28 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def call(self, name: str, *arguments: Any) -> Any:
         """A call of this process itself."""
         return self._dispatch(name, arguments)
+
+    def _together(self, _caller_id: str, texts: List[str]) -> Any:
+        """Carry out changes, [method, caller, argument, ...], which come in texts of JSON, and so do the results.
+
+        Those of one text are made together: nobody sees some of them alone, and they are handed on at once.
+        """
+        if not self.caller().own:
+            return -1, "only programs of this computer may use it", 0
+        return 1, "", [json.dumps(self._part(json.loads(text)), default=str) for text in texts]
+
+    def _part(self, calls: List[Any]) -> List[Any]:
+        """The results; of a call that fails, why, as a text."""
+        results: List[Any] = []
+        with self._lock:
+            for name, *arguments in calls:
+                try:
+                    if name not in CHANGES:
+                        raise ValueError(f"{name} changes nothing")
+                    results.append(self._dispatch(name, tuple(arguments)))
+                except Exception as problem:  # as in a multicall: one that fails does not end the others
+                    results.append(f"{type(problem).__name__}: {problem}")
+        return results
 
     def _methods(self) -> List[str]:
         return sorted([*self._known, *self.more, "system.multicall"])

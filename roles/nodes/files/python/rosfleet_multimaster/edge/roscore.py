@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The master API of a roscore (http://wiki.ros.org/ROS/Master_API)."""
 
-from typing import Any, List, Tuple
+from typing import Any, List, Sequence, Tuple
 from xmlrpc.client import Fault
 
+from ..core.feed import packed, unpacked
+from ..core.plain_text import plain
 from .rpc_client import Rpc
 from .xml_rpc import STATE
+
+TOGETHER = "rosfleetTogether"
 
 
 class Roscore:
@@ -22,6 +26,19 @@ class Roscore:
         """
         results = self.rpc.multicall([(call[0], self.caller, *call[1:]) for call in calls])
         return [_value(result) for result in results]
+
+    def together(self, calls: Sequence[Tuple[Any, ...]]) -> List[Any]:
+        """The results of many calls, (method, caller, argument, ...), by a roscore that has TOGETHER; as Rpc.multicall.
+
+        It costs a tenth of what the same calls cost in a multicall, and those who wait for changes are woken less often.
+        """
+        if not calls:
+            return []
+        answer = self.rpc.call(TOGETHER, self.caller, packed(calls))
+        results = unpacked(_value(answer))
+        if len(results) != len(calls):
+            raise ValueError(f"{self.rpc.uri} does not answer every call")
+        return [Fault(1, plain(result)) if isinstance(result, str) else result for result in results]
 
     def has(self, method: str) -> bool:
         """True where the roscore has a method besides those of rosmaster. Raises as `ask` where it does not answer."""

@@ -122,7 +122,7 @@ class Rpc:
             raise OSError(f"{self.uri} answers too slowly") from None
 
     def _exchange(self, connection: http.client.HTTPConnection, body: bytes, deadline: float) -> Tuple[bytearray, bool]:
-        headers = {"Content-Type": "text/xml", "Accept-Encoding": "gzip"}
+        headers = {"Content-Type": "text/xml", "Accept-Encoding": "identity" if self._own else "gzip"}
         connection.request("POST", self._path, body, headers)
         answer = connection.getresponse()
         if answer.status != 200:

@@ -3,6 +3,7 @@
 """The method rosfleetChanges: who follows the roscore asks what changed, and waits for the answer.
 
     rosfleetChanges(caller_id, epoch, revision, wait) -> [1, text, [epoch, revision, whole, records]]
+    rosfleetChanges(caller_id, epoch, revision, wait, True)   the same, the records in texts of JSON, a few in each
 
 It answers at once where something changed since that revision, and else within `wait` seconds, with no records. Whoever
 names another epoch or a revision from long ago gets the whole state, which replaces what he has.
@@ -11,7 +12,7 @@ names another epoch or a revision from long ago gets the whole state, which repl
 import threading
 from typing import Any, Callable, ContextManager, Iterable, List, Sequence, Tuple
 
-from ..core.feed import Feed
+from ..core.feed import Feed, packed
 from ..core.registry import Record, told, told_whole
 from ..edge.clock import monotonic
 
@@ -54,12 +55,13 @@ class Changes:
     def answer(self, *arguments: Any) -> List[Any]:
         """The method."""
         try:
-            _caller_id, epoch, revision, wait = arguments
+            _caller_id, epoch, revision, wait, *more = arguments
             seconds = min(max(float(wait), 0.0), LONGEST)
-            if not isinstance(epoch, str) or not isinstance(revision, int):
+            if not isinstance(epoch, str) or not isinstance(revision, int) or more not in ([], [False], [True]):
                 raise ValueError
+            sent = packed if more == [True] else _sent
         except (TypeError, ValueError):
-            return [-1, "expected: caller_id, epoch (text), revision (int), wait (seconds)", 0]
+            return [-1, "expected: caller_id, epoch (text), revision (int), wait (seconds), packed (bool, optional)", 0]
         caller = self._caller()
         if not caller.own:
             return [-1, "only programs of this computer are told", 0]
@@ -74,8 +76,8 @@ class Changes:
                 finally:
                     self._waiting -= 1
             if records is not None:
-                return [1, "changes", [self._feed.epoch, self._feed.revision, False, _sent(records)]]
-        return self._whole()
+                return [1, "changes", [self._feed.epoch, self._feed.revision, False, sent(records)]]
+        return self._whole(sent)
 
     def _wait(self, epoch: str, revision: int, end: float, caller: Any) -> Any:
         """Wait for records until then. The lock of the feed is held, but not while this sleeps."""
@@ -85,10 +87,10 @@ class Changes:
             records = self._feed.since(epoch, revision)
         return records
 
-    def _whole(self) -> List[Any]:
+    def _whole(self, sent: Callable[[Sequence[Record]], Any]) -> List[Any]:
         with self._lock:
             found, revision = told_whole(self._registrations(), self._parameters()), self._feed.revision
-        return [1, "whole state", [self._feed.epoch, revision, True, _sent(found)]]
+        return [1, "whole state", [self._feed.epoch, revision, True, sent(found)]]
 
 
 def _sent(records: Sequence[Record]) -> List[Record]:

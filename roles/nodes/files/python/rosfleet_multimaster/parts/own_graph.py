@@ -5,9 +5,10 @@
 With 3,000 topics, to read everything takes longer than everything else that master_sync does.
 """
 
-from typing import Callable, Optional, Sequence
+from typing import Any, Callable, List, Optional, Sequence, Tuple
 from xmlrpc.client import Fault
 
+from ..core.feed import unpacked
 from ..core.mirror import Mirror
 from ..core.sync import View
 from ..edge.clock import monotonic
@@ -47,6 +48,16 @@ class OwnGraph:
         self._forget(self._ask_again)
         return self._whole(look_up)
 
+    def carry_out(self, calls: Sequence[Tuple[Any, ...]]) -> List[Any]:
+        """Make calls, (method, caller, argument, ...), in one request; the results as of Rpc.multicall. Raises as `read`."""
+        if self._mirror is None:
+            return self._roscore.rpc.multicall(calls)
+        try:
+            return self._roscore.together(calls)
+        except Exception:
+            self._forget(0.0)  # the next one may be another roscore
+            raise
+
     def _tells(self) -> bool:
         if self._mirror is None and monotonic() >= self._ask_again:
             self._ask_again = monotonic() + KNOWN
@@ -59,12 +70,12 @@ class OwnGraph:
 
     def _changed(self) -> View:
         mirror = self._mirror
-        answer = self._roscore.rpc.call(CHANGES, self._roscore.caller, self._epoch, self._revision, 0)
+        answer = self._roscore.rpc.call(CHANGES, self._roscore.caller, self._epoch, self._revision, 0, True)
         if mirror is None or not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
             raise ValueError("the roscore does not tell its changes")
         self._epoch, self._revision, whole, records = answer[2]
         if whole or records:
-            mirror.take(whole, records)
+            mirror.take(whole, unpacked(records))
         state, uris = mirror.state(), (mirror.node_uris, mirror.service_uris)
         return View(state.publishers, state.subscribers, state.services, state.types, *map(dict, uris))
 

@@ -233,7 +233,7 @@ class Rounds:
         record: List[Tuple[Any, ...]] = []
         if todo.claims != claims:
             record = [("setParam", imports.IMPORTS, self._record(todo.claims))]
-        results = self._roscore.rpc.multicall([(call[0], self._node[0], *call[1:]) for call in record] + calls(todo))
+        results = self._graph.carry_out([(call[0], self._node[0], *call[1:]) for call in record] + calls(todo))
         return results[len(record) :]
 
     def _record(self, claims: Claims) -> str:

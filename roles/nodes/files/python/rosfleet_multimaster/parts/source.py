@@ -10,6 +10,7 @@ from typing import Any, Callable, Optional
 from xmlrpc.client import Fault
 
 from ..core.differences import Stamps
+from ..core.feed import unpacked
 from ..core.graph import Malformed, State
 from ..core.mirror import Mirror
 from ..edge.clock import monotonic, wall_clock
@@ -23,7 +24,6 @@ from .poller import GET_SYNC_INFO, Poller
 CHANGES = "rosfleetChanges"
 WAIT, TIMEOUT = 50.0, 10.0  # seconds that an answer may take, and besides
 RETRY = 0.1  # seconds until a roscore that does not answer is asked again
-KNOWN = 60.0  # seconds until a roscore that did not tell its changes is asked again whether it does
 KNOWN = 60.0  # seconds until a roscore that did not tell its changes is asked again whether it does
 SHARE, SLOWEST = 20, 5.0  # a poll takes at most one part in so many of the time, but there is one every so many seconds
 
@@ -44,11 +44,11 @@ class Follower:
     def next(self) -> State:
         """The next state. Raises as Poller.poll, and PollInstead."""
         service = self._identity.service
-        answer = self._rpc.call(CHANGES, self._caller, self._epoch, self._revision, WAIT)
+        answer = self._rpc.call(CHANGES, self._caller, self._epoch, self._revision, WAIT, True)
         if not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
             raise PollInstead(f"{self._rpc.uri} does not tell its changes: {answer!r:.200}")
         self._epoch, self._revision, whole, records = answer[2]
-        self._mirror.take(whole, records)
+        self._mirror.take(whole, unpacked(records))
         if service[0]:
             self._identity.check_service(service, self._mirror.service_uris.get(service[0]))
         record = imports.read(self._mirror.parameters.get(imports.IMPORTS))
