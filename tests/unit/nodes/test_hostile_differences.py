@@ -23,7 +23,7 @@ from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.edge.xml_rpc import STATE
 from rosfleet_multimaster.parts import fetcher, followed, told
-from rosfleet_multimaster.parts.followed import Answer, View
+from rosfleet_multimaster.parts.followed import Answer, Surroundings, View
 from rosfleet_multimaster.parts.served import DIFFERENCES, OwnMaster, Served
 from rosfleet_multimaster.parts.told import Told
 
@@ -90,7 +90,7 @@ def _following(monkeypatch):
     def follow(answer):
         peer, states, over = Peer(answer), queue.Queue(), queue.Queue()
         fetch = Fetch(URI, peer.uri, Filters({}).rules("robot2"))
-        found = fetcher._fetch(fetch, None, View(fetch, OWN, False, Members()), True)
+        found = fetcher._fetch(fetch, None, View(fetch, OWN, False, Members(), Surroundings()), True)
         found.follower.start(lambda *news: states.put(news[1]), lambda *why: over.put(why[1]))
         made.append((peer, found.follower))
         return peer, states, over

@@ -17,7 +17,7 @@ from rosfleet_multimaster.edge import rpc_server
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.parts import fetcher, followed
-from rosfleet_multimaster.parts.followed import Answer, View
+from rosfleet_multimaster.parts.followed import Answer, Surroundings, View
 from rosfleet_multimaster.parts.served import DIFFERENCES, OwnMaster, Served
 from rosfleet_multimaster.parts.told import Told
 
@@ -63,7 +63,7 @@ class Here:
 
     def __init__(self, there, rules=None):
         self.fetch = Fetch(URI, there.uri, rules or Filters({}).rules("robot2"))
-        self.view = View(self.fetch, "http://own:11311/", False, Members())
+        self.view = View(self.fetch, "http://own:11311/", False, Members(), Surroundings())
         self.found = fetcher._fetch(self.fetch, None, self.view, True)
         self.states, self.over = queue.Queue(), queue.Queue()
         if self.found.follower is not None:

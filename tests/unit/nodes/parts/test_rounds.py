@@ -31,3 +31,42 @@ def test_leftovers_wait_from_the_end_of_the_wiring(monkeypatch, after, kept):
     view = View({"/chatter": ("/talker",)}, {}, {}, {"/chatter": "std_msgs/String"}, dict([TALKER]), {})
     todo = made._plan(module.Reading([], view, dict(made.claims)), now[0] + after)
     assert bool(todo.held) is kept
+
+
+def test_after_a_round_the_next_one_waits_as_long_as_it_took(monkeypatch):
+    now, began = [100.0], []
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    made = rounds_of(lambda: began.append(now[0]), lambda seconds: now.__setitem__(0, now[0] + seconds))
+    made.soon(now[0])
+    made.tick(now[0])
+    assert began == [100.0] and now[0] == pytest.approx(100.2) and not made.working
+    made.soon(now[0])  # news that came meanwhile
+    assert made.tick(now[0]) == pytest.approx(100.4) and len(began) == 1
+    made.tick(100.41)
+    assert len(began) == 2
+
+
+def rounds_of(begun, last):
+    """Rounds with a roscore that holds nothing; each takes 0.2 s."""
+
+    def submit(job, done):
+        try:
+            found = job(), None
+        except OSError as problem:
+            found = None, problem
+        last(0.1)
+        done(*found)
+
+    def read(_look_up):
+        begun()
+        return View({}, {}, {}, {}, {}, {})
+
+    workers = types.SimpleNamespace(submit=submit)
+    roscore = types.SimpleNamespace(ask=lambda *calls: [None for _call in calls])
+    graph = types.SimpleNamespace(read=read, carry_out=lambda calls: [[1, "", 0] for _call in calls])
+    core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
+    node = ("/master_sync", "http://own:1/")
+    made = module.Rounds(roscore, graph, node, core, TypeGuard(), workers, workers, program.Limited())
+    lost = types.SimpleNamespace(registered=lambda *seen: None)
+    made.connect(None, lost, lambda: True, lambda refused: None, lambda problem: None)
+    return made

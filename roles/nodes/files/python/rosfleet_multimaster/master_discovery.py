@@ -33,7 +33,7 @@ from .parts.told import Told
 
 LOOKS = {True: 30.0, False: 1.0}  # seconds between two looks at the addresses, where the kernel tells of changes or not
 #: seconds from a change of own nodes to its announcement, and of others' nodes: changes come in bursts
-SETTLE, SETTLE_OTHERS = 0.02, 0.5
+SETTLE, SETTLE_OTHERS = 0.02, 2.0
 LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however much changes
 
 

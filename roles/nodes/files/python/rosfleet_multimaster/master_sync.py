@@ -23,9 +23,10 @@ from .parts.fetcher import Fetcher
 from .parts.finder import Finder
 from .parts.lost import Lost
 from .parts.own_graph import OwnGraph
-from .parts.rounds import LINES, ROUND, Rounds
+from .parts.rounds import ROUND, Rounds
 from .parts.type_questions import TypeQuestions
 
+LINES = 50  # log lines about refusals at once
 STATUS = 1.0  # seconds between two lines of status
 OWN_SHARE, OWN_SLOWEST = 4, 2.0  # times as long as a round took, and seconds, it waits after a change of own nodes
 

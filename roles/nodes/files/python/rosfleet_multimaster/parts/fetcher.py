@@ -15,7 +15,7 @@ from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
 from ..edge.xml_rpc import STATE, TooLarge
 from . import program
-from .followed import MOST, TIMEOUT, Answer, Follower, Misplaced, View
+from .followed import MOST, TIMEOUT, Answer, Follower, Misplaced, Surroundings, View
 from .served import DIFFERENCES
 
 MOST_FOLLOWED = 128  # masters: more are fetched when they announce a change
@@ -50,6 +50,7 @@ class Fetcher:
         self._core, self._limited, self._on_state, self._on_changes = core, limited, fetched, changed
         self._differences = differences
         self._followers: Dict[str, Follower] = {}
+        self._around = Surroundings()
 
     def tick(self, now: float) -> Optional[float]:
         """Fetch what is due; the time of the next fetch."""
@@ -58,7 +59,7 @@ class Fetcher:
         for fetch in self._core.due(now):
             self._stop(fetch.uri)
             before = self._core.remotes[fetch.uri].state
-            view = View(fetch, self._core.own_uri, self._core.sync_remote_nodes, self._core.members)
+            view = View(fetch, self._core.own_uri, self._core.sync_remote_nodes, self._core.members, self._around)
             quick = self._differences and len(self._followers) < MOST_FOLLOWED
             job = partial(_fetch, fetch, before, view, quick)
             self._workers.submit(job, partial(self._fetched, fetch))

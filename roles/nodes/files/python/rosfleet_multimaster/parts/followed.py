@@ -52,14 +52,30 @@ class Answer:
         return applied(before, self.document, self.gone)
 
 
+class Surroundings:
+    """This computer, as it was a moment ago at most: the kernel's lists cost more than a change."""
+
+    def __init__(self) -> None:
+        self._here: Optional[Here] = None
+        self._looked = 0.0
+
+    def here(self) -> Here:
+        """The own addresses and networks. Raises OSError."""
+        now = monotonic()
+        if self._here is None or now - self._looked > HERE:
+            self._here, self._looked = Here(frozenset(network().own), Networks(networks())), now
+        return self._here
+
+
 class View:
     """The state of one master as far as it is taken here, and where its nodes may be."""
 
-    def __init__(self, fetch: Fetch, own_uri: str, sync_remote_nodes: bool, members: Members) -> None:
+    def __init__(
+        self, fetch: Fetch, own_uri: str, sync_remote_nodes: bool, members: Members, around: Surroundings
+    ) -> None:
         self._fetch, self._own_uri, self._remote_nodes, self._members = fetch, own_uri, sync_remote_nodes, members
         self.wanted = fetch.rules.to_wire(sync_remote_nodes)
-        self._here: Optional[Here] = None
-        self._looked = 0.0
+        self._around = around
 
     def taken(self, state: State, before: Optional[State]) -> State:
         """As much of a state as is taken. `before`: what was taken of this master until now."""
@@ -68,14 +84,7 @@ class View:
     def places(self, state: State) -> Places:
         """Where the nodes of a state may be."""
         resolved = _resolved(names_to_resolve(state, self._members))
-        return Places(self._members, self._fetch.uri, self._fetch.monitor_uri, self._here_now(), resolved)
-
-    def _here_now(self) -> Here:
-        """This computer, as it was a moment ago at most: the kernel's lists cost more than a change."""
-        now = monotonic()
-        if self._here is None or now - self._looked > HERE:
-            self._here, self._looked = Here(frozenset(network().own), Networks(networks())), now
-        return self._here
+        return Places(self._members, self._fetch.uri, self._fetch.monitor_uri, self._around.here(), resolved)
 
 
 def _resolved(names: List[str]) -> Dict[str, str]:

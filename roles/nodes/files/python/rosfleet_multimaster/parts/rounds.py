@@ -25,11 +25,12 @@ from .own_graph import OwnGraph
 from .type_questions import TypeQuestions
 
 ROUND = 30.0  # seconds between two rounds, if nothing happens
+LONGEST_REST = 0.5  # seconds after a round at most, and as long as it took, in which news wait for each other
 SHARE = 200  # times as long as a round took, there is none if nothing happens
 AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
-LINES = 50  # log lines of one round
+LINES = 10  # log lines of one round
 
 
 class Taken(Exception):
@@ -71,6 +72,7 @@ class Rounds:
         self._last_refused: List[Refusal] = []
         self._touched: Set[Registration] = set()
         self._began = self.took = 0.0  # when the last round began, and seconds that it took
+        self._rest = 0.0  # until then there is no other one: many masters that are met together make few rounds
 
     def connect(
         self,
@@ -108,14 +110,14 @@ class Rounds:
     def tick(self, now: float) -> Optional[float]:
         """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
         gone = self._core.next_gone(now)
-        if self._due is not None and now >= self._due and not self.working:
+        if self._due is not None and now >= max(self._due, self._rest) and not self.working:
             self._due = None
             self._begin(self._core.wanted(now))
         elif self._touched and not self.working:
             self._step(now)
         if gone is not None:
             self.soon(gone)
-        return None if self.working else self._due
+        return None if self.working or self._due is None else max(self._due, self._rest)
 
     def withdraw(self, done: Callable[[str], None]) -> None:
         """Take everything back, once. `done(farewell)` is called in the loop."""
@@ -155,7 +157,9 @@ class Rounds:
     def _round_written(
         self, todo: Plan, reading: Reading, results: Optional[List[Any]], problem: Optional[Exception]
     ) -> None:
-        self.took = monotonic() - self._began
+        now = monotonic()
+        self.took = now - self._began
+        self._rest = now + min(self.took, LONGEST_REST)
         if results is not None:
             self._view = after(todo, reading.view)
         self._written(todo, reading.claims, results, problem)
