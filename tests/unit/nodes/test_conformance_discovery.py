@@ -17,6 +17,7 @@ from rosfleet_multimaster.core.discovery import Ask, Contact, Discovery, Event, 
 from rosfleet_multimaster.core.filters import NAMES, Filters, InvalidPattern, Rules
 from rosfleet_multimaster.core.graph import Policy, State, build, document, graph_of, own_types, stamp_text, stamped
 from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, decode, encode
+from rosfleet_multimaster.core.pace import SAMPLES, SLOWEST, PollPace
 from rosfleet_multimaster.core.parameters import DISCOVERY, ParameterError, overlay
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import PerCaller, Refused, RpcServer
@@ -365,8 +366,12 @@ def test_15_11_one_silent_master_does_not_postpone_the_others():
 
 def test_15_12_the_pace_of_the_looks_is_a_parameter_and_nothing_lowers_it_for_good():
     assert overlay(DISCOVERY, {})[0]["rosmaster_hz"] == 12.5
-    source = (NODES / "rosfleet_multimaster/parts/source.py").read_text(encoding="utf-8")
-    assert "max(self._period, min(took * SHARE, SLOWEST))" in source, "each pause follows from the last look alone"
+    polls = PollPace(0.08)
+    for number in range(2 * SAMPLES):
+        slow = polls.pause(100.0 + number, 1.0, False)
+    for number in range(2 * SAMPLES):
+        quick = polls.pause(200.0 + number, 0.001, False)
+    assert slow == SLOWEST - 1.0 and quick == pytest.approx(0.079), "each pause follows from the last few looks alone"
 
 
 def test_15_17_a_dead_roscore_is_offline_and_its_state_is_told_to_nobody():

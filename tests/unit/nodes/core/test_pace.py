@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
-from rosfleet_multimaster.core.pace import BURST, Pace
+from rosfleet_multimaster.core.pace import BURST, LIVELY, POLLS, QUICK, QUICK_POLLS, SAMPLES, SLOWEST, Pace, PollPace
 
 
 def test_whoever_streams_changes_has_so_many_a_second():
@@ -18,3 +18,30 @@ def test_whoever_costs_much_is_asked_less_and_who_has_no_room_too():
     assert Pace().next(100.0, 0.5, False, False) == 102.0
     assert Pace().next(100.0, 0.0, False, True) == 101.0
     assert Pace().next(100.0, 0.001, False, False) == pytest.approx(100.004)
+
+
+def test_a_roscore_is_polled_as_often_as_it_is_cheap():
+    polls = PollPace(0.08)
+    assert polls.pause(100.0, 0.002, False) == pytest.approx(0.078)
+    for number in range(SAMPLES):
+        pause = polls.pause(100.0 + number, 0.05, False)
+    assert pause == pytest.approx(0.05 * POLLS - 0.05)
+    for number in range(SAMPLES):
+        pause = polls.pause(110.0 + number, 2.0, False)
+    assert pause == SLOWEST - 2.0
+
+
+def test_one_poll_that_waited_for_a_processor_delays_nothing():
+    polls = PollPace(0.08)
+    polls.pause(100.0, 0.002, False)
+    assert polls.pause(100.1, 0.02, False) == pytest.approx(0.06)
+    assert 0.0 < polls.pause(100.2, 0.3, False) <= QUICK, "nor is the next one without any pause"
+
+
+def test_after_a_change_the_next_ones_are_awaited_for_a_while():
+    polls = PollPace(0.08)
+    assert polls.pause(100.0, 0.002, True) == pytest.approx(QUICK - 0.002)
+    assert polls.pause(100.0 + LIVELY / 2, 0.002, False) == pytest.approx(QUICK - 0.002)
+    assert polls.pause(100.0 + LIVELY, 0.002, False) == pytest.approx(0.078)
+    dear = PollPace(0.08)
+    assert dear.pause(100.0, 0.1, True) == pytest.approx(0.1 * QUICK_POLLS - 0.1)

@@ -9,8 +9,10 @@ from socketserver import ThreadingMixIn
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
+from rosfleet_multimaster.edge import rpc_client as module
 from rosfleet_multimaster.edge.clock import monotonic
-from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_client import SAME, Last, Rpc
+from rosfleet_multimaster.edge.xml_rpc import loads
 
 
 def test_a_server_that_drips_headers_is_not_waited_for():
@@ -78,4 +80,23 @@ def test_a_connection_that_the_other_side_keeps_is_used_again():
         assert [len(rpc.call("big", size)) for size in (1, 100_000, 0)] == [1, 100_000, 0]
         assert server.taken == 1
         rpc.close()
+        server.shutdown()
+
+
+def test_an_answer_that_is_the_last_one_again_is_not_read(monkeypatch):
+    reads, told = [], ["one"]
+    monkeypatch.setattr(module, "loads", lambda *answer: reads.append(1) or loads(*answer))
+    with SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
+        server.register_function(lambda *_about: told[0], "get")
+        server.register_function(lambda *_about: told[0], "other")
+        server.register_multicall_functions()
+        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+        rpc, last = Rpc(f"http://127.0.0.1:{server.server_address[1]}", 5.0), Last()
+        assert [rpc.call("get", last=last) for _time in range(2)] == ["one", SAME] and len(reads) == 1
+        assert rpc.call("other", last=last) == "one", "the answer to another question"
+        assert rpc.call("other", "more", last=last) == "one"
+        assert rpc.multicall([("get",), ("other",)], last) == ["one", "one"]
+        assert rpc.multicall([("get",), ("other",)], last) == []
+        told[0] = "two"
+        assert rpc.multicall([("get",), ("other",)], last) == ["two", "two"]
         server.shutdown()

@@ -17,7 +17,7 @@ class Roscore:
 
     rpc = types.SimpleNamespace(uri=URI)
 
-    def ask(self, *calls):
+    def ask(self, *calls, last=None):
         nodes = dict([SYNC, FAR])
         answers = {
             "getPid": 1,
@@ -45,3 +45,42 @@ def test_the_first_state_does_not_wait_for_ever(monkeypatch):
         poller.poll()
     clock[0] += module.POSTPONE + 0.1
     assert poller.poll().nodes["/far"].origin == URI
+
+
+class Quiet(Roscore):
+    """Its answers are the same bytes again, until something changes."""
+
+    def __init__(self):
+        self.topics, self.reads = ["/one"], 0
+
+    def ask(self, *calls, last=None):
+        if last is None:
+            return ["http://robot1:1/" if call[0] == "lookupNode" else None for call in calls]
+        if last.is_again(repr(calls).encode(), bytearray(repr(self.topics).encode())):
+            return []
+        self.reads += 1
+        return [1, None, [], [[[topic, ["/a"]] for topic in self.topics], [], []]]
+
+
+def test_an_answer_that_is_the_last_one_again_is_not_read():
+    roscore = Quiet()
+    poller = module.Poller(roscore, URI, "robot1", Identity(), lambda service: {})
+    first = poller.poll()
+    assert poller.poll() is first and roscore.reads == 1
+    roscore.topics = ["/one", "/two"]
+    second = poller.poll()
+    assert sorted(second.publishers) == ["/one", "/two"] and roscore.reads == 2 and poller.poll() is second
+    roscore.topics = ["/one"]
+    assert sorted(poller.poll().publishers) == ["/one"]
+
+
+def test_an_answer_that_could_not_be_made_a_state_is_read_again(monkeypatch):
+    roscore = Quiet()
+    poller = module.Poller(roscore, URI, "robot1", Identity(), lambda service: {})
+    poller.poll()
+    roscore.topics = ["/one", "/two"]
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "graph_of", lambda *answers: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            poller.poll()
+    assert sorted(poller.poll().publishers) == ["/one", "/two"]

@@ -16,7 +16,7 @@ from .core.members import Members, Networks
 from .core.mirror import Mirror
 from .core.outsiders import Outsider
 from .core.peer import Contact, Key, Master
-from .edge import ros
+from .edge import memory, ros
 from .edge.addresses import networks
 from .edge.clock import monotonic, wall_clock
 from .edge.loop import Ended, InLoop, Loop, Recurring, Workers
@@ -255,6 +255,7 @@ class MasterDiscovery:
         if self.node is None:
             self.node = ros.DiscoveryNode(lambda: self.masters, lambda: self.loop.post(self._refresh))
             self.identity.service = self.node.service_uri()
+            memory.settled()
             notify("READY=1")
             self.loop.post(self._say_status)
 

@@ -13,7 +13,7 @@ from .core.filters import Filters
 from .core.members import Members
 from .core.message_types import TypeGuard
 from .core.sync import Announced, Refusal, Registration, Sync
-from .edge import ros
+from .edge import memory, ros
 from .edge.clock import monotonic, wall_clock
 from .edge.loop import InLoop, Loop, Recurring, Workers
 from .edge.roscore import Roscore
@@ -189,6 +189,7 @@ class MasterSync:
     def _round_over(self, problem: Optional[Exception]) -> None:
         if problem is None and self.finder.listed_once and not self.ready:
             self.ready = True
+            memory.settled()
             notify("READY=1")
         self.status_stale = True
 

@@ -14,6 +14,7 @@ import hashlib
 import json
 from collections import deque
 from dataclasses import replace
+from itertools import chain
 from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from .graph import Malformed, State, parse, stamped
@@ -56,10 +57,7 @@ def changes(before: State, after: State) -> Dict[str, Dict[str, Any]]:
         old, new = getattr(before, part), getattr(after, part)
         if old is new:
             continue
-        changed = {
-            name: old.get(name) for name, now in new.items() if old.get(name) is not now and old.get(name) != now
-        }
-        changed.update((name, was) for name, was in old.items() if name not in new)
+        changed = {name: old.get(name) for name, _row in old.items() ^ new.items()}
         if changed:
             found[part] = changed
     return found
@@ -98,7 +96,7 @@ def excerpt(state: State, names: Names, undo: Undo) -> State:
 
 
 def _users(*tables: Mapping[str, Sequence[str]]) -> Set[str]:
-    return {node for table in tables for nodes in table.values() for node in nodes}
+    return set(chain.from_iterable(chain.from_iterable(table.values() for table in tables)))
 
 
 class Stamps:
@@ -230,9 +228,10 @@ def _merged(before: Mapping[str, Any], new: Mapping[str, Any], away: Set[str]) -
     others = {name: row for name, row in new.items() if before.get(name) != row}
     if not others and not away:
         return before
-    return (
-        {**{name: row for name, row in before.items() if name not in away}, **others} if away else {**before, **others}
-    )
+    merged = {**before, **others}
+    for name in away:
+        del merged[name]
+    return merged
 
 
 def _gone(value: Any) -> List[Set[str]]:

@@ -1,9 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How soon another master is asked again for its changes, however fast it answers.
+"""How soon something is asked again: another master for its changes, however fast it answers; a roscore that tells none.
 
 Free of sockets, threads and clocks: times are arguments, in seconds of a clock that never steps.
 """
+
+from collections import deque
+from typing import Deque
 
 BURST, RATE = 20, 20.0  # answers that are taken at once, and then a second
 WHOLE = 20  # answers that one with a whole state counts for
@@ -25,3 +28,31 @@ class Pace:
         self._left = min(BURST, self._left + (now - self._at) * RATE) - (WHOLE if whole else 1)
         self._at = now
         return now + max(-self._left / RATE, took * SHARE, EARLY if early else 0.0)
+
+
+POLLS, SLOWEST = 20, 5.0  # a poll takes at most one part in so many of the time, but there is one every so many seconds
+QUICK, QUICK_POLLS = 0.02, 4  # seconds between two polls, and the same part, in
+LIVELY = 1.0  # seconds after a change of own nodes: changes come together
+SAMPLES = 8  # polls, of which the quickest says what one costs: the others have waited for a processor
+
+
+class PollPace:
+    """The pace of the polls of a roscore."""
+
+    def __init__(self, period: float) -> None:
+        """`period`: seconds between two polls at least, unless something has just changed."""
+        self._period = period
+        self._took: Deque[float] = deque(maxlen=SAMPLES)
+        self._lively_until = float("-inf")
+
+    def pause(self, now: float, took: float, changed: bool) -> float:
+        """Seconds until the next poll, after one that took so long and ended now. `changed`: own nodes have."""
+        self._took.append(took)
+        if changed:
+            self._lively_until = now + LIVELY
+        cost = min(self._took)
+        if now < self._lively_until:
+            every = max(min(QUICK, self._period), cost * QUICK_POLLS)
+        else:
+            every = max(self._period, cost * POLLS)
+        return max(min(every, SLOWEST) - took, QUICK / 2)

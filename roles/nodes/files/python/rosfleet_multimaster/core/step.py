@@ -11,7 +11,7 @@ before anything is written (`names`). Free of sockets, threads and clocks.
 from dataclasses import replace
 from typing import Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Set, Tuple
 
-from .sync import Claims, NodeKey, Plan, Registration, View, Wanted
+from .sync import Claims, NodeKey, Plan, Registration, View, Wanted, nodes_of
 
 
 class Known(NamedTuple):
@@ -57,7 +57,7 @@ def _plan(
     for item in old:
         del held[item]
     held.update((item, wanted[item].master_uri) for item in new)
-    left = {item.of for item in held} if old else set()
+    left = nodes_of(held) if old else set()
     claims = {key: master for key, master in known.claims.items() if not old or key in left}
     claims.update((item.of, wanted[item].master_uri) for item in new)
     return Plan(claims, old, new, held, [], {item: wanted[item].type for item in new})

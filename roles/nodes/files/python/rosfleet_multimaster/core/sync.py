@@ -10,6 +10,7 @@ Free of sockets, threads and clocks: times are arguments, in seconds of a clock 
 """
 
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from .differences import changes, excerpt, names_of
@@ -47,6 +48,11 @@ class Registration(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.kind} {self.name} of {self.node}"
+
+
+def nodes_of(items: Iterable[Registration]) -> Set[NodeKey]:
+    """The nodes of registrations. Called after each change with all that are held."""
+    return set(map(itemgetter(2, 3), items))
 
 
 @dataclass

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The master API of a roscore (http://wiki.ros.org/ROS/Master_API)."""
 
-from typing import Any, List, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 from xmlrpc.client import Fault
 
 from ..core.feed import packed, unpacked
 from ..core.plain_text import plain
-from .rpc_client import Rpc
+from .rpc_client import Last, Rpc
 from .xml_rpc import STATE
 
 TOGETHER = "rosfleetTogether"
@@ -19,12 +19,13 @@ class Roscore:
     def __init__(self, uri: str, caller: str, timeout: float = 5.0) -> None:
         self.rpc, self.caller = Rpc(uri, timeout, STATE, own=True), caller
 
-    def ask(self, *calls: Tuple[Any, ...]) -> List[Any]:
+    def ask(self, *calls: Tuple[Any, ...], last: Optional[Last] = None) -> List[Any]:
         """The values of many calls (without the caller's name) in one request; None where one was refused.
 
-        Raises OSError, ValueError or xmlrpc.client.Fault where the roscore does not answer at all.
+        `last`: no values at all where the answer is that one. Raises OSError, ValueError or xmlrpc.client.Fault where the
+        roscore does not answer at all.
         """
-        results = self.rpc.multicall([(call[0], self.caller, *call[1:]) for call in calls])
+        results = self.rpc.multicall([(call[0], self.caller, *call[1:]) for call in calls], last)
         return [_value(result) for result in results]
 
     def together(self, calls: Sequence[Tuple[Any, ...]]) -> List[Any]:

@@ -8,6 +8,7 @@ from ..core.differences import Stamps
 from ..core.graph import Graph, State, build, graph_of
 from ..edge.clock import monotonic, wall_clock
 from ..edge.roscore import Roscore
+from ..edge.rpc_client import Last
 from . import imports, program
 from .own_roscore import Identity
 
@@ -36,6 +37,7 @@ class Poller:
         self._roscore, self._uri, self._name, self._identity = roscore, uri, name, identity
         self._sync_info, self._stamps = sync_info, stamps or Stamps()
         self._graph: Optional[Graph] = None
+        self._last = Last()  # the answer that this graph is of
         self._node_uris: Dict[str, str] = {}
         self._service_uris: Dict[str, str] = {}
         self._origins: Dict[Tuple[str, str], str] = {}
@@ -46,23 +48,32 @@ class Poller:
 
     def poll(self) -> State:
         """The state now. Raises OSError and the like where the roscore does not answer, program.Fatal where it is another."""
-        service = self._identity.service
-        pid, own, types, system = self._roscore.ask(*self._identity.calls(), ("getTopicTypes",), ("getSystemState",))
-        self._identity.check(service, pid, own)
-        if types is None or system is None:
-            raise OSError(f"{self._roscore.rpc.uri} does not tell its state")
-        graph = graph_of(system, types)
+        last, self._last = self._last, Last()  # it counts again when all of this is done
+        graph = self._read(last)
         changed = graph != self._graph
         self._look_up(graph, changed)
         if changed and self._foreign(graph):
             if self._stamps.last is None:
                 raise OSError("it is not known yet what is from other masters")
             return self._stamps.last
-        self._graph = graph
+        self._graph, self._last = graph, last
         nodes = set(self._node_uris.items())
         self._origins = {key: origin for key, origin in self._origins.items() if key in nodes}
         state = build(self._uri, self._name, graph, self._node_uris, self._service_uris, self._origins)
         return self._stamps.of(state, wall_clock())
+
+    def _read(self, last: Last) -> Graph:
+        """The graph now. An answer that is the last one again, as most are, is that graph again."""
+        service = self._identity.service
+        calls = (*self._identity.calls(), ("getTopicTypes",), ("getSystemState",))
+        answers = self._roscore.ask(*calls, last=last)
+        if not answers and self._graph is not None:
+            return self._graph
+        pid, own, types, system = answers
+        self._identity.check(service, pid, own)
+        if types is None or system is None:
+            raise OSError(f"{self._roscore.rpc.uri} does not tell its state")
+        return graph_of(system, types)
 
     def tells(self, method: str) -> bool:
         """True where the roscore has this method. Raises as `poll` where it does not answer."""

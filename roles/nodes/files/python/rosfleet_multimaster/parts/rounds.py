@@ -14,7 +14,7 @@ from xmlrpc.client import Fault
 from ..core import limits
 from ..core.message_types import TypeGuard
 from ..core.step import Known, Names, after, names, step
-from ..core.sync import Claims, Plan, Refusal, Registration, Sync, View, Wanted, calls, plan
+from ..core.sync import Claims, Plan, Refusal, Registration, Sync, View, Wanted, calls, nodes_of, plan
 from ..edge.clock import monotonic
 from ..edge.loop import Workers
 from ..edge.roscore import Roscore
@@ -26,7 +26,7 @@ from .type_questions import TypeQuestions
 
 ROUND = 30.0  # seconds between two rounds, if nothing happens
 LONGEST_REST = 0.5  # seconds after a round at most, and as long as it took, in which news wait for each other
-SHARE = 200  # times as long as a round took, there is none if nothing happens
+SHARE = 1000  # times as long as a round took, there is none if nothing happens
 AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
@@ -301,7 +301,7 @@ class Rounds:
         if self._failed:
             self.soon(now + AGAIN[min(self._failed, len(AGAIN)) - 1])
         else:
-            left = self.claims.keys() - {item.of for item in self.held}
+            left = self.claims.keys() - nodes_of(self.held)
             self.soon(now + (AGAIN[-1] if left else max(ROUND, self.took * SHARE)))
         self._over(problem)
 

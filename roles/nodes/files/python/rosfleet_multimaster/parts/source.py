@@ -13,6 +13,7 @@ from ..core.differences import Stamps
 from ..core.feed import unpacked
 from ..core.graph import Malformed, State
 from ..core.mirror import Mirror
+from ..core.pace import PollPace
 from ..edge.clock import monotonic, wall_clock
 from ..edge.loop import Ended, in_thread
 from ..edge.rpc_client import Rpc
@@ -25,7 +26,6 @@ CHANGES = "rosfleetChanges"
 WAIT, TIMEOUT = 50.0, 10.0  # seconds that an answer may take, and besides
 RETRY = 0.1  # seconds until a roscore that does not answer is asked again
 KNOWN = 60.0  # seconds until a roscore that did not tell its changes is asked again whether it does
-SHARE, SLOWEST = 20, 5.0  # a poll takes at most one part in so many of the time, but there is one every so many seconds
 
 
 class PollInstead(Exception):
@@ -76,7 +76,8 @@ class Source:
 
     def __init__(self, poller: Poller, follower: Callable[[], Follower], period: float) -> None:
         """`period`: seconds between two polls at least."""
-        self._poller, self._make, self._period = poller, follower, period
+        self._poller, self._make, self._pace = poller, follower, PollPace(period)
+        self._local_stamp = 0.0  # of the last state that was polled
         self._follower: Optional[Follower] = None
         self._known_until = 0.0  # until then it is known whether the roscore tells its changes
         self.pause = 0.0  # seconds until `next` is to be called again
@@ -102,15 +103,21 @@ class Source:
             self._drop()
             self._known_until = 0.0  # the next one may be another roscore
             raise
-        began = monotonic()
+        return self._poll()
+
+    def _poll(self) -> State:
+        began, changed = monotonic(), False
         try:
-            return self._poller.poll()
+            state = self._poller.poll()
+            before, self._local_stamp = self._local_stamp, state.local_stamp
+            changed = before != state.local_stamp
+            return state
         except Exception:
             self._known_until = 0.0
             raise
         finally:
-            took = monotonic() - began
-            self.pause = max(self._period, min(took * SHARE, SLOWEST)) - took
+            now = monotonic()
+            self.pause = self._pace.pause(now, now - began, changed)
 
     def _drop(self) -> None:
         if self._follower is not None:
