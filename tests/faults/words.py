@@ -47,11 +47,12 @@ class Words:
         name = f"{containers.CHECKOUT}-{self.lab.name}-{COMMON.replace('/', '-')}"
         return CLASS / json.loads(podman("network", "inspect", name))[0]["network_interface"] / "bridge"
 
-    def snooping(self) -> None:
-        """The switch snoops, and has heard a querier that is gone: what nobody reports any more is pruned."""
+    def snooping(self, membership: float = 5.0) -> None:
+        """The switch snoops, and has heard a querier that is gone: what nobody reports for some seconds is pruned."""
         bridge = self._bridge()
-        # Membership ends after 5 s, and the querier is missed after an hour (hundredths of seconds).
-        for name, value in (("membership_interval", 500), ("querier_interval", 360000), ("snooping", 1)):
+        # The querier is missed after an hour (hundredths of seconds).
+        settings = (("membership_interval", round(100 * membership)), ("querier_interval", 360000), ("snooping", 1))
+        for name, value in settings:
             (bridge / f"multicast_{name}").write_text(str(value))
         self.lab.run(STRANGER, "python3 -", stdin=QUERY % STRANGERS_ADDRESS)
 
