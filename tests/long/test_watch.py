@@ -10,14 +10,16 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests" / "lab"), str(ROOT / "tests" / "faults")]
 
+from layout import Extra  # noqa: E402
 from subject import lab_of  # noqa: E402
-from words import Words  # noqa: E402
+from words import STRANGER, STRANGERS_ADDRESS, Words  # noqa: E402
 
 FORGETS = 260.0  # seconds: RFC 2236, section 8.4, with the defaults of sections 8.1 to 8.3
 
 
 def test_the_watch_tells_when_a_switch_forgets_the_group():
-    with lab_of("long-watch", ROOT / "tests" / "faults" / "inventory") as lab:
+    inventory = ROOT / "tests" / "faults" / "inventory"
+    with lab_of("long-watch", inventory, {STRANGER: Extra((STRANGERS_ADDRESS,))}) as lab:
         status, output = lab.play("site.yml")
         assert status == 0, output
         words = Words(lab)
