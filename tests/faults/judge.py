@@ -59,5 +59,5 @@ def verdict(fault: Fault, found: Named) -> str:
 
 
 def is_at(place: str, places: tuple[str, ...]) -> bool:
-    """Whether one of these places is meant; a part may be of two computers."""
+    """Say if one of these places is meant; a part may be of two computers."""
     return any(one in places for one in (place, *place.split(" and ")))

@@ -76,7 +76,7 @@ class Computer:
         self.run(f"systemctl stop 'test-{unit}.service'")
 
     def active(self, unit: str) -> bool:
-        """Whether what `start` started still runs."""
+        """Say if what `start` started still runs."""
         return self.run(f"systemctl is-active test-{unit}", check=False).strip() == "active"
 
     def publish(self, topic: str, client: str = "rospy") -> None:
@@ -100,7 +100,7 @@ class Computer:
         return int(self.run("wc -l < /run/heard"))
 
     def hears(self, topic: str, seconds: float = PATIENCE) -> bool:
-        """Whether anything arrives on a topic."""
+        """Say if anything arrives on a topic."""
         return self.run(f"timeout {seconds:.0f} rostopic echo -n 1 {topic}", check=False).startswith("data:")
 
     def topics(self) -> list[str]:
@@ -136,7 +136,7 @@ class Robot(Computer):
         return str(getattr(self, node))
 
     def added(self, node: str) -> bool:
-        """Whether a node is not the one that the collection runs."""
+        """Say if a node is not the one that the collection runs."""
         return self.implementation(node) != self.provider
 
     def unit(self, node: str) -> str:

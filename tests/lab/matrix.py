@@ -36,7 +36,7 @@ class Matrix:
 
     @property
     def ok(self) -> bool:
-        """Whether everybody reached everybody."""
+        """Say if everybody reached everybody."""
         return len(self.topic) == len(self.service) == self.pairs
 
     def cell(self, here: str, there: str) -> str:

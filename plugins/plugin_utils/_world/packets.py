@@ -209,7 +209,7 @@ class _Journey:
 
 
 def _masquerades(machine: Machine, device: Interface, packet: Packet) -> bool:
-    """Whether what leaves by an interface gets its address. An answer is of a connection that began on the other side."""
+    """Say if what leaves by an interface gets its address. An answer is of a connection that began on the other side."""
     return not packet.answer and machine.verdict(NAT, packet, leaving=device.name) == MASQUERADE
 
 
@@ -358,7 +358,7 @@ def _hearers(world: World, sender: str, device: Interface, packet: Packet) -> It
 
 
 def _way_back(machine: Machine, interface: Interface, packet: Packet) -> bool:
-    """Whether the reverse-path filter lets a datagram in."""
+    """Say if the reverse-path filter lets a datagram in."""
     if not interface.rp_filter or packet.source is None:
         return True
     back = machine.route(packet.source)

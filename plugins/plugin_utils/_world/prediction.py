@@ -177,7 +177,7 @@ def _outcome(
 
 
 def _told(world: World, way: Trace) -> bool:
-    """Whether the sender of a large packet learns that it does not fit: a machine on the way says so."""
+    """Say if the sender of a large packet learns that it does not fit: a machine on the way says so."""
     return way.where == way.by and way.where in world.machines
 
 

@@ -243,7 +243,7 @@ class ROSMasterHandler:
 
 
 def installed():
-    """Whether rosmaster is there; where it is not, the model takes its place."""
+    """Say if rosmaster is there; where it is not, the model takes its place."""
     if importlib.util.find_spec("rosmaster"):
         return True
     names = {

@@ -509,12 +509,12 @@ def entries_of(robot):
 
 
 def names(patterns, name):
-    """Whether a list of patterns names this: another implementation than the nodes' and the collection's."""
+    """Say if a list of patterns names this: another implementation than the nodes' and the collection's."""
     return any(fnmatch.fnmatchcase(name.lower(), pattern.lower()) for pattern in patterns)
 
 
 def declared(robots, giver, taker, key, name):
-    """Whether the declarations say so; word by word."""
+    """Say if the declarations say so; word by word."""
 
     def mine(of, other):
         return [entry for entry in robots[of] if not entry.to or other in entry.to]
