@@ -87,6 +87,20 @@ def test_a_change_is_told_at_once_and_alone(there):
     here.found.follower.stop()
 
 
+def test_to_wait_for_a_processor_delays_nothing_else(there, monkeypatch):
+    """An answer that costs much makes a pause. One that only lay there does not: it would be one more delay."""
+    monkeypatch.setattr(followed, "size", lambda state: time.sleep(0.5) or 1)
+    here = Here(there)
+    there.has({"/a": "/one"})
+    assert here.topics() == ["/a"]
+    time.sleep(0.1)
+    began = time.monotonic()
+    there.has({"/a": "/one", "/b": "/two"})
+    assert here.topics() == ["/a", "/b"]
+    assert time.monotonic() - began < 1.5, "0.5 s, and not four times as long before"
+    here.found.follower.stop()
+
+
 def test_a_filter_hides_on_the_quick_way_too_and_stamps_move(there):
     there.has({"/a": "/one"})
     here = Here(there, Filters({"ignore_topics": ["/hidden*"]}).rules("robot2"))

@@ -10,7 +10,7 @@ from typing import Deque
 
 BURST, RATE = 20, 20.0  # answers that are taken at once, and then a second
 WHOLE = 20  # answers that one with a whole state counts for
-SHARE = 4  # times as long as an answer took to be read, nothing is read of this master
+SHARE = 4  # times as much as an answer took of a processor, nothing is read of this master
 EARLY = 1.0  # seconds until the next question where an answer without news came before its time
 
 
@@ -21,7 +21,7 @@ class Pace:
         self._left, self._at = float(BURST), 0.0
 
     def next(self, now: float, took: float, whole: bool, early: bool) -> float:
-        """The time of the next question, after an answer that took so many seconds to be read.
+        """The time of the next question, after an answer that took so many seconds of a processor.
 
         `whole`: it was a whole state. `early`: it had no news, though there was time to wait for some.
         """

@@ -13,7 +13,7 @@ from ..core.pace import Pace
 from ..core.places import Here, Places, names_to_resolve
 from ..core.sync import Fetch
 from ..edge.addresses import address_of, network, networks
-from ..edge.clock import monotonic
+from ..edge.clock import monotonic, processor_time
 from ..edge.loop import Ended, in_thread
 from ..edge.rpc_client import Rpc
 from .served import DIFFERENCES
@@ -136,7 +136,7 @@ class Follower:
     def _ask(self, told: Callable[["Follower", State, Misplaced], None]) -> None:
         """Ask once, and wait until the next question."""
         wait = random.uniform(*WAIT)
-        began = monotonic()
+        began, spent = monotonic(), processor_time()
         self._rpc.limit(wait + TIMEOUT)
         wanted = [] if self._epoch else self._view.wanted  # it is known as long as the epoch is
         answer = self._rpc.call(DIFFERENCES, wanted, self._epoch, self._revision, wait, read=Answer)
@@ -152,7 +152,7 @@ class Follower:
         self._epoch, self._revision = answer.epoch, answer.revision
         now = monotonic()
         early = not news and not answer.whole and answered - began < wait / 2
-        self._ended.wait(self._pace.next(now, now - answered, answer.whole, early) - now)
+        self._ended.wait(self._pace.next(now, processor_time() - spent, answer.whole, early) - now)
 
     def _tell(self, told: Callable[["Follower", State, Misplaced], None]) -> None:
         if size(self._state) > MOST:

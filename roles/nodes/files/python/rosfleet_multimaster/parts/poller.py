@@ -13,10 +13,11 @@ from . import imports, program
 from .own_roscore import Identity
 
 GET_SYNC_INFO = "get_sync_info"  # the end of the name of the service of master_sync, in each implementation
-LOOKUPS, REST = 100, 4  # known nodes (and services) looked up again, in every fourth poll
+REST = 0.5  # seconds between two looks at what is no registration, where nothing changed: parameters, types,
+LOOKUPS = 100  # and the URIs of so many known nodes (and services)
 POSTPONE = 5.0  # seconds that a state waits for get_sync_info of another implementation of master_sync,
 GIVE_UP = 60.0  # and after that it is asked again only now and then
-RECORD = (("getParam", imports.IMPORTS), ("getParam", "/do_not_sync"))
+REST_CALLS = (("getTopicTypes",), ("getParam", imports.IMPORTS), ("getParam", "/do_not_sync"))
 
 SyncInfo = Callable[[str], Dict[Tuple[str, str], str]]  # service -> (node, URI) -> URI of its master
 
@@ -36,22 +37,22 @@ class Poller:
         """`uri` and `name` are those of the master. `sync_info(service)` asks another implementation; it may raise anything."""
         self._roscore, self._uri, self._name, self._identity = roscore, uri, name, identity
         self._sync_info, self._stamps = sync_info, stamps or Stamps()
+        self._system: Any = None  # the registrations of the last poll, as the roscore told them,
+        self._last = Last()  # and the digest of that answer
         self._graph: Optional[Graph] = None
-        self._last = Last()  # the answer that this graph is of
         self._node_uris: Dict[str, str] = {}
         self._service_uris: Dict[str, str] = {}
         self._origins: Dict[Tuple[str, str], str] = {}
         self._record: Dict[str, Any] = {}
-        self._count = 0
+        self._turn, self._rest_due = 0, 0.0
         self._silent: Dict[Tuple[str, str], float] = {}  # providers of get_sync_info that do not answer, since when
         self.do_not_sync: Any = None
 
     def poll(self) -> State:
         """The state now. Raises OSError and the like where the roscore does not answer, program.Fatal where it is another."""
         last, self._last = self._last, Last()  # it counts again when all of this is done
-        graph = self._read(last)
-        changed = graph != self._graph
-        self._look_up(graph, changed)
+        changed = self._read(last)
+        graph = self._look_up(changed)
         if changed and self._foreign(graph):
             if self._stamps.last is None:
                 raise OSError("it is not known yet what is from other masters")
@@ -62,40 +63,42 @@ class Poller:
         state = build(self._uri, self._name, graph, self._node_uris, self._service_uris, self._origins)
         return self._stamps.of(state, wall_clock())
 
-    def _read(self, last: Last) -> Graph:
-        """The graph now. An answer that is the last one again, as most are, is that graph again."""
+    def _read(self, last: Last) -> bool:
+        """Read the registrations. False where the answer is the last one again, as most are: it is not even parsed."""
         service = self._identity.service
-        calls = (*self._identity.calls(), ("getTopicTypes",), ("getSystemState",))
-        answers = self._roscore.ask(*calls, last=last)
-        if not answers and self._graph is not None:
-            return self._graph
-        pid, own, types, system = answers
+        answers = self._roscore.ask(*self._identity.calls(), ("getSystemState",), last=last)
+        if not answers:
+            return False
+        pid, own, system = answers
         self._identity.check(service, pid, own)
-        if types is None or system is None:
+        if system is None:
             raise OSError(f"{self._roscore.rpc.uri} does not tell its state")
-        return graph_of(system, types)
+        self._system = system
+        return True
 
     def tells(self, method: str) -> bool:
         """True where the roscore has this method. Raises as `poll` where it does not answer."""
         return self._roscore.has(method)
 
-    def _look_up(self, graph: Graph, changed: bool) -> None:
-        """Learn the URIs of what is new, and some of the others again: a node may come back under its old name."""
-        nodes = _some(graph.nodes(), self._node_uris, self._count)
-        services = _some(graph.services, self._service_uris, self._count)
-        self._count += 1
+    def _look_up(self, changed: bool) -> Graph:
+        """The graph: types, and the URIs of what is new, and some of the others again: a node may come back under its old name."""
+        if self._graph is not None and not changed and monotonic() < self._rest_due:
+            return self._graph
+        self._rest_due = monotonic() + REST
+        graph = graph_of(self._system, [])
+        nodes = _some(graph.nodes(), self._node_uris, self._turn)
+        services = _some(graph.services, self._service_uris, self._turn)
+        self._turn += 1
         asked = [("lookupNode", node) for node in nodes] + [("lookupService", service) for service in services]
-        record = changed or self._count % 10 == 0
-        answers = self._roscore.ask(*asked, *(RECORD if record else ()))
-        moved = _learn(self._node_uris, nodes, answers) | _learn(self._service_uris, services, answers[len(nodes) :])
-        if record:
-            text, self.do_not_sync = answers[-2:]
-        elif moved:
-            (text,) = self._roscore.ask(("getParam", imports.IMPORTS))
-        if record or moved:
-            self._record = imports.read(text)
-            for master, imported in self._record.get("imports", {}).items():
-                self._origins.update(dict.fromkeys(imported.items(), master))
+        *uris, types, text, self.do_not_sync = self._roscore.ask(*asked, *REST_CALLS)
+        if types is None:
+            raise OSError(f"{self._roscore.rpc.uri} does not tell its types")
+        _learn(self._node_uris, nodes, uris)
+        _learn(self._service_uris, services, uris[len(nodes) :])
+        self._record = imports.read(text)
+        for master, imported in self._record.get("imports", {}).items():
+            self._origins.update(dict.fromkeys(imported.items(), master))
+        return graph_of(self._system, types)
 
     def _foreign(self, graph: Graph) -> bool:
         """Ask other implementations of master_sync what they registered. True while one should answer, but does not yet."""
@@ -126,20 +129,14 @@ class Poller:
         return False
 
 
-def _some(names: Any, known: Dict[str, str], count: int) -> List[str]:
+def _some(names: Any, known: Dict[str, str], turn: int) -> List[str]:
     """The names that are not known, and in turn some that are; forgets what is not there any more."""
     for name in known.keys() - set(names):
         del known[name]
     new, ordered = sorted(set(names) - known.keys()), sorted(known)
-    if count % REST:
-        return new
-    at = count // REST * LOOKUPS % max(len(ordered), 1)
+    at = turn * LOOKUPS % max(len(ordered), 1)
     return new + ordered[at : at + LOOKUPS]
 
 
-def _learn(table: Dict[str, str], names: List[str], uris: List[Any]) -> bool:
-    changed = False
-    for name, uri in zip(names, uris):
-        if isinstance(uri, str) and table.get(name) != uri:
-            table[name], changed = uri, True
-    return changed
+def _learn(table: Dict[str, str], names: List[str], uris: List[Any]) -> None:
+    table.update((name, uri) for name, uri in zip(names, uris) if isinstance(uri, str))
