@@ -33,7 +33,7 @@ def test_leftovers_wait_from_the_end_of_the_wiring(monkeypatch, after, kept):
     assert bool(todo.held) is kept
 
 
-def test_after_a_round_the_next_one_waits_as_long_as_it_took(monkeypatch):
+def test_after_a_round_the_next_one_waits_so_that_news_come_together(monkeypatch):
     now, began = [100.0], []
     monkeypatch.setattr(module, "monotonic", lambda: now[0])
     made = rounds_of(lambda: began.append(now[0]), lambda seconds: now.__setitem__(0, now[0] + seconds))
@@ -41,8 +41,8 @@ def test_after_a_round_the_next_one_waits_as_long_as_it_took(monkeypatch):
     made.tick(now[0])
     assert began == [100.0] and now[0] == pytest.approx(100.2) and not made.working
     made.soon(now[0])  # news that came meanwhile
-    assert made.tick(now[0]) == pytest.approx(100.4) and len(began) == 1
-    made.tick(100.41)
+    assert made.tick(now[0]) == pytest.approx(100.2 + min(0.2 * module.REST, module.LONGEST_REST)) and len(began) == 1
+    made.tick(100.2 + module.LONGEST_REST + 0.01)
     assert len(began) == 2
 
 

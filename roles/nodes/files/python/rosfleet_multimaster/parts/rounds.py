@@ -25,7 +25,7 @@ from .own_graph import OwnGraph
 from .type_questions import TypeQuestions
 
 ROUND = 30.0  # seconds between two rounds, if nothing happens
-LONGEST_REST = 0.5  # seconds after a round at most, and as long as it took, in which news wait for each other
+REST, LONGEST_REST = 4, 0.5  # times as long as a round took, and seconds at most, after it: news wait for each other
 SHARE = 1000  # times as long as a round took, there is none if nothing happens
 AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
@@ -159,7 +159,7 @@ class Rounds:
     ) -> None:
         now = monotonic()
         self.took = now - self._began
-        self._rest = now + min(self.took, LONGEST_REST)
+        self._rest = now + min(self.took * REST, LONGEST_REST)
         if results is not None:
             self._view = after(todo, reading.view)
         self._written(todo, reading.claims, results, problem)
