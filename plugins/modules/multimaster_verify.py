@@ -411,6 +411,12 @@ members:
       returned: for every other computer
       type: str
       sample: 02:42:c0:a8:01:ef
+name_sources:
+  description: Who is asked for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf) says it. Empty where it says nothing.
+  returned: when O(state=collected), but not for the router
+  type: list
+  elements: str
+  sample: [files, dns]
 default_routes:
   description: The default routes of this computer.
   returned: when O(state=collected)
@@ -1153,6 +1159,7 @@ def look_multicast(params: Params, ros: Ros, deadline: float) -> typing.Optional
 PARTS = (
     Part("multicast", look_multicast, None, commands=True),  # first: it waits most
     Part("members", look_members, [], router=True),
+    Part("name_sources", lambda params, ros, deadline: network.name_sources(), []),
     Part("default_routes", lambda params, ros, deadline: network.default_routes(), [], router=True),
     Part(
         "forwarding",

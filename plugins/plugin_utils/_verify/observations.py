@@ -257,6 +257,7 @@ class Probe:
 
     members: tuple[SeenMember, ...] = ()
     default_routes: tuple[DefaultRoute, ...] = ()
+    name_sources: tuple[str, ...] = ()  # who is asked for a name, in this order; empty where nobody knows
     forwarding: Forwarding = Forwarding()
     masters: tuple[SeenMaster, ...] = ()
     roscore: Roscore = Roscore()

@@ -68,7 +68,7 @@ SITE = "run site.yml"
 RULES = "on {place}: nft list ruleset; iptables -S"
 FORWARDED = "on {place}: nft list ruleset; iptables -S FORWARD"
 ADDRESSES = "on {place}: ip -br address; ip -s link"
-ROUTES = "on {place}: ip route"
+ROUTES = "on {place}: ip rule; ip route"
 DISCOVERY = "on {place}: systemctl status multimaster-discovery; journalctl -b -u multimaster-discovery"
 SYNC = "on {place}: systemctl status multimaster-sync; journalctl -b -u multimaster-sync"
 ROSCORE = "on {place}: systemctl status multimaster-roscore (or the unit of your own roscore)"
@@ -157,7 +157,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("names", "order"): Fault(
         "{place} asks a name server before /etc/hosts, or not /etc/hosts at all",
-        "on {place}: put files first in the line hosts of /etc/nsswitch.conf",
+        "on {place}, in the line hosts of /etc/nsswitch.conf, put files before dns; then /etc/hosts counts, which site.yml has written",
         "on {place}: grep ^hosts /etc/nsswitch.conf",
         read=True,
     ),
@@ -286,7 +286,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("filter", "pair"): Fault(
         "something drops packets between {place}, and between nobody else: a packet filter or a route with the other's address",
-        "on both: nft list ruleset; ip route",
+        "on both, and on the gateways between them: nft list ruleset; ip route",
         cost=6.0,
     ),
     ("reverse_path", "strict"): Fault(
@@ -512,6 +512,9 @@ FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("discovery", "dead"): (("roscore", "dead"),),
     ("sync", "dead"): (("roscore", "dead"),),
+    ("names", "unknown"): (("names", "order"),),
+    ("names", "old"): (("names", "order"),),
+    ("names", "several"): (("names", "order"),),
     ("roscore", "name"): (("environment", "service"),),
     ("route", "missing"): (("link", "down"), ("interface", "address")),
     ("route", "other"): (("route", "defaults"), ("interface", "address"), ("interface", "prefix")),

@@ -424,6 +424,35 @@ MASTER_URI = Check(
 )
 
 
+# Names
+
+ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources that ask somebody in the network
+
+
+def _name_order(case: Case) -> Judgement | None:
+    sources = case.probe.name_sources if case.probe else ()
+    if not sources:
+        return None
+    before = sources[: sources.index("files")] if "files" in sources else sources
+    first = not any(source.startswith(ASK_OTHERS) for source in before) and {"files", "resolve"} & set(sources)
+    return Judgement(OK if first else WARNING, "files before dns", " ".join(sources))
+
+
+NAME_ORDER = Check(
+    id="name_order",
+    title="/etc/hosts is asked for names first",
+    scope=COMPUTER,
+    judge=_name_order,
+    documented=Documented(
+        "computer",
+        "the line `hosts` of `/etc/nsswitch.conf` has `files` before what asks a name server (warning)",
+        "3.1",
+    ),
+    needs=lambda case: of("names", case.observer.name, "order"),
+    evidence=lambda case: of("names", case.observer.name, "order"),
+)
+
+
 # Default routes
 
 
@@ -484,6 +513,7 @@ CHECKS = (
     REVERSE_PATH,
     REDIRECTS,
     MASTER_URI,
+    NAME_ORDER,
     DEFAULT_ROUTES,
     PACKET_FILTER,
 )

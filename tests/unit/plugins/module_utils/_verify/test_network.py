@@ -127,3 +127,21 @@ def test_calls_arrive_empty():
         assert network.call(["127.0.0.1"], helper.getsockname()[1]) == ""
         assert [helper.recv(10) for number in range(network.TRIES)] == [b""] * network.TRIES
     assert network.call(["255.255.255.255"], 9)  # refused by the kernel: not allowed without asking for it
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            "passwd: files\nhosts:\t\tfiles mdns4_minimal [NOTFOUND=return] dns # as Debian has it\n",
+            ["files", "mdns4_minimal", "dns"],
+        ),
+        ("# hosts: dns\n", []),
+        ("hosts:\n", []),
+    ],
+)
+def test_the_sources_of_names_are_read_in_their_order(tmp_path, text, expected):
+    path = tmp_path / "nsswitch.conf"
+    path.write_text(text)
+    assert network.name_sources(str(path)) == expected
+    assert network.name_sources(str(tmp_path / "none")) == []

@@ -69,8 +69,21 @@ def _small(seen):
     update(of(seen[TWO].probe.members, ONE), ping_large=no_answer())
 
 
+def _sources(*names):
+    return lambda seen: update(seen[ONE].probe, name_sources=names)
+
+
+def _no_files(seen):
+    """Nobody looks into /etc/hosts, and no name server answers."""
+    _sources("dns")(seen)
+    for member in seen[ONE].probe.members:
+        update(member, addresses=(), resolve_error="Temporary failure in name resolution")
+
+
 # The change, a check that tells it, its verdict, and the part that is named.
 FAULTS = [
+    (_sources("mdns4_minimal", "files", "dns"), "name_order", WARNING, "names", ONE, "order"),
+    (_no_files, "name_order", WARNING, "names", ONE, "order"),
     (_interface(prefixes=(24,)), "addresses", WARNING, "interface", ONE, "prefix"),
     (_interface(state="down"), "addresses", WARNING, "link", ONE, "down"),
     (_filter, "packet_filter", FAILED, "filter", ONE, "changed"),
@@ -125,6 +138,11 @@ BETWEEN_NETWORKS = [
 @pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), BETWEEN_NETWORKS)
 def test_each_fault_between_networks_is_named(change, check, verdict, kind, place, mode):
     assert_told(change, check, verdict, kind, place, mode, fleet=fig12())
+
+
+@pytest.mark.parametrize("names", [(), ("files", "dns"), ("files", "mdns4_minimal", "dns"), ("resolve", "files")])
+def test_usual_orders_of_names_are_right(names):
+    assert not diagnosed(_sources(*names), plan()).findings
 
 
 def test_a_small_mtu_is_told_with_the_large_packets_that_it_costs():
