@@ -8,7 +8,7 @@ short_description: Watch a computer of a fleet for a while, and tell what is los
 version_added: "0.1.0"
 description:
   - Watches on this computer what costs little. These are the heartbeats of the discovery nodes of all masters (on the
-    group, and those sent to this computer), the membership of the group, addresses and links, routes, kernel settings,
+    group, and by any way), the membership of the group, addresses and links, routes, kernel settings,
     services, the TCP ports of the discovery nodes, C(/etc/hosts) and steps of the clock.
   - The values of the first look are those to keep, so verify the fleet before. What differs from them is lost, and what is
     as before has returned.
@@ -139,7 +139,7 @@ events:
   contains:
     kind:
       description:
-        - V(group) for heartbeats on the group and V(direct) for those sent to this computer, then V(membership), V(address),
+        - V(group) for heartbeats on the group and V(master) for those by any way, then V(membership), V(address),
           V(link), V(route), V(setting), V(service), V(port), V(hosts) and V(clock).
       returned: always
       type: str

@@ -137,8 +137,10 @@ def serve(raw: socket.socket, door: socket.socket, path: str, wanted: Wanted, po
 
 def _hear(watch: Watch, beats: typing.Iterable[Beat], sources: Sources, group: str) -> None:
     for beat in beats:
-        if beat.source in sources:
-            kind = "group" if beat.destination == group else "direct"
+        if beat.source not in sources:
+            continue
+        # A node that sends to the group also answers who asks it directly, now and then: so no way but the group has a rhythm.
+        for kind in ("group", "master") if beat.destination == group else ("master",):
             watch.heard(time.monotonic(), kind, sources[beat.source], beat.rate)
 
 

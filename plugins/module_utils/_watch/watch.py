@@ -16,9 +16,6 @@ QUIET = 5.0
 # The same where the sender promises no rate, as a master of upstream's nodes with their default of 0.02 Hz.
 UNPROMISED = 180.0
 
-# Heartbeats in a row from which on they are expected. A node that sends to the group also answers who asks it directly.
-STEADY = {"direct": 10}
-
 EVENTS = 500  # kept; a link that comes and goes for hours is counted beyond
 SENDERS = 4096  # of heartbeats that are kept in mind; more would be somebody else's flood
 
@@ -34,17 +31,12 @@ Plain = typing.Dict[str, typing.Any]
 
 
 class Beat:
-    """When a sender was heard last, how long it may be silent, and how often it was heard in a row."""
+    """When a sender was heard last, and how long it may be silent."""
 
-    __slots__ = ("last", "limit", "times")
+    __slots__ = ("last", "limit")
 
-    def __init__(self) -> None:
-        self.last, self.limit, self.times = 0.0, 0.0, 0
-
-    def heard(self, now: float, limit: float) -> None:
-        """Note a heartbeat."""
-        self.times = self.times + 1 if now - self.last <= self.limit else 1
-        self.last, self.limit = now, limit
+    def __init__(self, last: float, limit: float) -> None:
+        self.last, self.limit = last, limit
 
 
 def silence(rate: float) -> float:
@@ -66,19 +58,14 @@ class Watch:
     def heard(self, now: float, kind: str, name: str, rate: float) -> None:
         """Note a heartbeat; `rate` is what it promises, in heartbeats a second."""
         key = kind, name
-        if key not in self.beats and len(self.beats) >= SENDERS:
-            return
-        beat = self.beats.setdefault(key, Beat())
-        beat.heard(now, silence(rate))
-        if beat.times >= STEADY.get(kind, 1):
+        if key in self.beats or len(self.beats) < SENDERS:
+            self.beats[key] = Beat(now, silence(rate))
             self.first.setdefault(key, HEARD)
 
     def beat(self, now: float, wall: float) -> bool:
         """Look who is silent; True where somebody was lost just now. A loss began with the last heartbeat."""
         losses = 0
         for key, beat in self.beats.items():
-            if key not in self.first:
-                continue
             value = SILENT if now - beat.last > beat.limit else HEARD
             losses += self._look(key, value, wall - (now - beat.last) if value == SILENT else wall)
         return bool(losses)

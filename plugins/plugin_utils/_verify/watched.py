@@ -23,7 +23,7 @@ SHORTEST, LONGEST, ROUNDS = 15, 300, 60  # seconds, seconds, number of them
 TOGETHER = 10.0  # seconds: losses that have one reason are seen so close to each other
 LINES = 6  # events that are told in one round; the result has all
 
-GROUP, DIRECT = "group", "direct"
+GROUP, MASTER = "group", "master"
 # Kind -> what is said of a loss. In the order in which one is nearer to the reason than another.
 SENTENCES = {
     "computer": "{observer} does not answer: {found}",
@@ -36,13 +36,13 @@ SENTENCES = {
     "clock": "the clock of {observer} was {found}",
     "membership": "no program on {observer} is a member of the group on {name}",
     "port": "{observer} cannot connect to the discovery node of {name}: {found}",
-    DIRECT: "{observer} hears no heartbeat that {name} sends to it",
+    MASTER: "{observer} hears no heartbeat of {name}",
     GROUP: "{observer} hears no heartbeat of {name} on the group",
 }
 RANKS = {kind: rank for rank, kind in enumerate(SENTENCES)}
 SNOOPING = (
-    "{observers} computers hear no heartbeat on the group any more, and the other ways to them work: the network does not pass "
-    "the group on. A switch with IGMP snooping and without a querier forgets a group after about 260 s."
+    "{observers} computers hear no heartbeat on the group any more, and the rest still works: the network does not pass the "
+    "group on. A switch with IGMP snooping and without a querier forgets a group after about 260 s."
 )
 
 
@@ -141,7 +141,8 @@ def first_loss(events: Sequence[tuple[str, Event]]) -> str:
     together = [entry for entry in losses if entry[1].time <= begin.time + TOGETHER]
     when = f"First loss at {_time(begin.time)}, {clock(begin.after)} after the start"
     observers = {observer for observer, event in together}
-    if {event.kind for _observer, event in together} == {GROUP} and len(observers) > 1 and len(_masters(together)) > 1:
+    kinds = {event.kind for _observer, event in together}
+    if GROUP in kinds and kinds <= {GROUP, MASTER} and len(observers) > 1 and len(_masters(together)) > 1:
         return f"{when}: {SNOOPING.format(observers=len(observers))}"
     observer, event = min(together, key=lambda entry: RANKS.get(entry[1].kind, len(RANKS)))
     return f"{when}: {_place(observer, event, together)}."
@@ -157,11 +158,11 @@ def _place(observer: str, event: Event, together: Sequence[tuple[str, Event]]) -
     same = [entry for entry in together if entry[1].kind == event.kind]
     others = len(together) - 1
     text = said.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
-    if event.kind in (GROUP, DIRECT, "port") and len(same) > 1:
-        masters, observers = _masters(same), {name for name, _event in same}
-        if len(masters) == 1:
+    masters, observers = _masters(same), {name for name, _event in same}
+    if event.kind in (GROUP, MASTER, "port"):
+        if len(masters) == 1 < len(observers):
             return f"{len(observers)} computers hear nothing of {event.name}"
-        if len(observers) == 1:
+        if len(observers) == 1 < len(masters):
             return f"{observer} hears nothing of {len(masters)} masters"
     return text + (f"; {others} more losses within {TOGETHER:g} s" if others else "")
 

@@ -63,7 +63,7 @@ def test_a_master_that_falls_silent_and_a_route_that_goes_are_told_with_their_mo
     stopped = time.time()
     one.run("ip", "route", "del", "10.9.0.0/16")
     deadline = time.monotonic() + 30
-    while not {("group", other.name), ("direct", other.name), ("route", "10.9.0.0/16")} <= lost(quiet):
+    while not {("group", other.name), ("master", other.name), ("route", "10.9.0.0/16")} <= lost(quiet):
         assert time.monotonic() < deadline, quiet
         quiet = watch(two, state="collected", until=int(quiet["seconds"]) + 2)
     silent = next(event for event in quiet["events"] if event["kind"] == "group")

@@ -69,15 +69,3 @@ def test_a_flood_of_senders_is_bounded():
     for number in range(module.SENDERS + 100):
         watch.heard(0.0, "group", f"pc{number}", 1.0)
     assert watch.report(0.0)["watched"] == module.SENDERS
-
-
-def test_an_answer_now_and_then_is_no_heartbeat_that_is_expected():
-    watch = Watch(0.0, WALL)
-    for second in (0.0, 1.0, 2.0, 40.0, 41.0, 80.0):
-        watch.heard(second, "direct", "pc", 1.0)
-        assert not watch.beat(second + 30, WALL + second + 30)
-    assert watch.report(110.0)["watched"] == 0
-    for second in range(module.STEADY["direct"]):
-        watch.heard(200.0 + second, "direct", "pc", 1.0)
-    assert watch.report(210.0)["watched"] == 1
-    assert watch.beat(230.0, WALL + 230)

@@ -77,14 +77,14 @@ def test_a_network_that_forgets_the_group_is_told_from_masters_that_are_silent()
 
 
 def test_one_who_hears_nobody_is_named():
-    text = loss(("a", event("group", "b", 20.0)), ("a", event("group", "c", 20.5)), ("a", event("direct", "c", 20.5)))
+    text = loss(("a", event("group", "b", 20.0)), ("a", event("group", "c", 20.5)), ("a", event("master", "c", 20.5)))
     assert text.endswith("a hears nothing of 2 masters.") or "a hears no heartbeat" in text
 
 
 def test_the_part_that_is_nearest_to_the_reason_is_named():
     text = loss(
         ("b", event("group", "a", 30.0)),
-        ("c", event("direct", "a", 30.2)),
+        ("c", event("master", "a", 30.2)),
         ("a", event("link", "eth0", 31.0, expected="up", found="down")),
     )
     assert "0:30 after the start: the link eth0 of a is down, and was up; 2 more losses within 10 s." in text
