@@ -190,7 +190,7 @@ def talks(case: Case, one: str, other: str, *whats: str) -> Parts:
 def roscore(case: Case, computer: str, master: str) -> Parts:
     """List what a computer needs to ask its roscore."""
     asked = of("roscore", master, "dead", "hung", "name") | of("environment", computer, "shell")
-    return asked | (talks(case, computer, master, "roscore") if computer != master else NONE)
+    return asked | (talks(case, computer, master, "roscore") if computer != master else names(computer, master))
 
 
 def discovery(computer: str) -> Parts:
