@@ -224,6 +224,20 @@ options:
         listener. With O(state=collected), what it measures is measured here at the same time, so a computer has one module run
         and not two; see RV(multicast). Nothing is measured on the group, if not given.
     type: dict
+  parameters:
+    description:
+      - The planned parameters of the nodes on this computer, by the name of the node, for example C(mcast_port) with V(11511)
+        in O(parameters.master_discovery). They are compared with those on the roscore; see RV(parameters).
+    type: dict
+    suboptions:
+      master_discovery:
+        description: Those of C(/master_discovery), as in RV(rosfleet.multimaster.fleet_plan#module:computers).
+        type: dict
+        default: {}
+      master_sync:
+        description: Those of C(/master_sync).
+        type: dict
+        default: {}
   environment:
     description:
       - The variables of ROS on this computer where O(environment_file) is not there, since the collection did not set it up, for
@@ -292,6 +306,11 @@ members:
       route: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
       ping_address: {ok: true, rtt_ms: 0.4, error: ""}
       ping_name: {ok: true, rtt_ms: 0.4, error: ""}
+      ping_large: {ok: true, rtt_ms: 0.5, error: ""}
+      loss: 0.0
+      tcp: ""
+      neighbour: 02:42:c0:a8:01:ef
+      user_addresses: [192.168.1.239]
   contains:
     name:
       description: The name of the computer.
@@ -406,6 +425,26 @@ members:
           returned: always
           type: str
           sample: ""
+    loss:
+      description:
+        - The share of 20 further small echo requests to the planned address that have no answer, from 0 to 1; null where
+          none were sent. In a large fleet they are sent to some of the computers, 32 at most.
+      returned: for every other computer
+      type: float
+      sample: 0.0
+    tcp:
+      description:
+        - Where no ping is answered, what TCP port 9 (discard) of the planned address says, V(refused) where the computer is
+          there all the same, or why nothing came back. Empty where a ping is answered.
+      returned: for every other computer
+      type: str
+      sample: ""
+    user_addresses:
+      description: The IPv4 addresses that its name has for the user C(nobody), or null where that was not looked up.
+      returned: always
+      type: list
+      elements: str
+      sample: [192.168.1.239]
     neighbour:
       description: The hardware address that this computer knows for the planned address; empty for a computer in another network.
       returned: for every other computer
@@ -541,6 +580,7 @@ masters:
       open: true
       connect_ms: 0.3
       error: ""
+      route: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
       clock_offset_s: 0.0004
       clock_uncertainty_s: 0.0007
       clock_error: ""
@@ -575,6 +615,11 @@ masters:
       returned: always
       type: str
       sample: ""
+    route:
+      description: The route that the kernel takes to that address, as RV(members[].route).
+      returned: always
+      type: dict
+      sample: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
     clock_offset_s:
       description: How many seconds its clock is ahead of this computer's by C(getCurrentTime), or null without an
         answer.
@@ -702,6 +747,7 @@ topics:
       topic: /multimaster_verify/kobuki2computer
       publishers:
         - {node: /multimaster_verify_talker_kobuki2computer_verify_1730000000, uri: "http://kobuki2computer:41233/"}
+      reached: ""
       heard: true
       text: verify-1730000000 kobuki2computer
       seconds: 0.3
@@ -736,6 +782,13 @@ topics:
           returned: always
           type: str
           sample: http://kobuki2computer:41233/
+    reached:
+      description:
+        - Where a publisher is registered and nothing was heard, V(open) if a TCP connection to its URI opens, else why not;
+          empty otherwise.
+      returned: always
+      type: str
+      sample: ""
     heard:
       description: Whether a subscriber on this computer hears what this run's talker says.
       returned: always
@@ -773,6 +826,7 @@ exchange:
         topics: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}]
         services: []
     silent: []
+    silences: []
     connections:
       - {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}
   contains:
@@ -873,6 +927,28 @@ exchange:
       type: list
       elements: str
       sample: []
+    silences:
+      description: The same, with the reason of each.
+      returned: always
+      type: list
+      elements: dict
+      sample: []
+      contains:
+        node:
+          description: The node.
+          returned: always
+          type: str
+          sample: /camera
+        host:
+          description: The host in its URI.
+          returned: always
+          type: str
+          sample: kobuki1computer
+        error:
+          description: Why it does not answer.
+          returned: always
+          type: str
+          sample: Connection refused
     connections:
       description: The connections of the robot's own nodes with nodes of other robots, by C(getBusInfo).
       returned: always
@@ -911,6 +987,86 @@ exchange:
           returned: always
           type: str
           sample: kobuki2
+parameters:
+  description: The parameters of the nodes on the roscore, compared with O(parameters).
+  returned: when O(state=collected)
+  type: dict
+  sample:
+    nodes: [master_discovery, master_sync]
+    differing: [{node: master_discovery, name: mcast_port, expected: "11511", found: "11512"}]
+    error: ""
+  contains:
+    nodes:
+      description: The nodes whose parameters were compared.
+      returned: always
+      type: list
+      elements: str
+      sample: [master_discovery, master_sync]
+    differing:
+      description: The parameters with another value than planned.
+      returned: always
+      type: list
+      elements: dict
+      sample: [{node: master_discovery, name: mcast_port, expected: "11511", found: "11512"}]
+      contains:
+        node:
+          description: The node.
+          returned: always
+          type: str
+          sample: master_discovery
+        name:
+          description: The parameter.
+          returned: always
+          type: str
+          sample: mcast_port
+        expected:
+          description: The planned value as JSON, 200 characters at most.
+          returned: always
+          type: str
+          sample: "11511"
+        found:
+          description: The value as JSON, 200 characters at most, or C(not set).
+          returned: always
+          type: str
+          sample: "11512"
+    error:
+      description: Why they could not be read, or empty.
+      returned: always
+      type: str
+      sample: ""
+clock:
+  description: The clock of this computer.
+  returned: when O(state=collected)
+  type: dict
+  sample: {synchronised: true}
+  contains:
+    synchronised:
+      description: Whether something keeps it right, such as chrony, as the kernel knows it; null where it does not tell.
+      returned: always
+      type: bool
+      sample: true
+disks:
+  description: The room that is left for others than root where services write, each file system once.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample: [{path: /var/lib, free_bytes: 5368709120, free_files: 300000}]
+  contains:
+    path:
+      description: The first of the folders on it.
+      returned: always
+      type: str
+      sample: /var/lib
+    free_bytes:
+      description: Bytes.
+      returned: always
+      type: int
+      sample: 5368709120
+    free_files:
+      description: Files, or null where the file system does not count them.
+      returned: always
+      type: int
+      sample: 300000
 next_boot:
   description: What works now, or not, and will not be as O(boot) and O(services) say after the next boot.
   returned: when O(state=collected)
@@ -961,6 +1117,7 @@ services:
       sub_state: running
       restarts: 0
       differing: []
+      since: Sun 2026-11-22 09:12:44 UTC
   contains:
     name:
       description: The service.
@@ -1000,6 +1157,11 @@ services:
       type: list
       elements: str
       sample: []
+    since:
+      description: C(StateChangeTimestamp) of systemd, when it became what it is, empty where it never ran.
+      returned: always
+      type: str
+      sample: Sun 2026-11-22 09:12:44 UTC
 talker:
   description: The talker of this computer.
   returned: unless O(state=stopped) or O(is_router=true)
@@ -1060,6 +1222,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify impor
     masters,
     multicast,
     network,
+    parameters,
+    resources,
     services,
     talker,
     topics,
@@ -1183,6 +1347,14 @@ PARTS = (
         commands=True,
         settled=True,
     ),
+    Part(
+        "parameters",
+        lambda params, ros, deadline: parameters.parameters(ros, params["parameters"] or {}),
+        parameters.NOTHING,
+        settled=True,
+    ),
+    Part("clock", lambda params, ros, deadline: resources.clock(), {"synchronised": None}),
+    Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], router=True),
     Part("ros_missing", lambda params, ros, deadline: ros.missing(), "not looked at"),
     Part("next_boot", look_next_boot, [], router=True),
     Part("services", lambda params, ros, deadline: services.services(params["services"], environment(params, ros)), []),
@@ -1243,15 +1415,12 @@ def start(module: AnsibleModule) -> Result:
 
 
 def call(params: Params) -> None:
-    """Send to the helpers in other networks: in the own one nobody could translate an address."""
-    members = params["members"] or []
-    own = [member for member in members if member["name"] == params["name"]]
-    own_network = own[0]["network"] if own else None
+    """Send to the helpers: in other networks they see who translates addresses, in the own one that nobody drops these."""
     network.call(
         [
             member["discovery_address"] or member["address"]
-            for member in members
-            if member["discovery"] and member["network"] != own_network
+            for member in params["members"] or []
+            if member["discovery"] and member["name"] != params["name"]
         ],
         params["port"],
     )
@@ -1366,6 +1535,10 @@ ARGUMENTS = {
     "services": {"type": "list", "elements": "str", "default": []},
     "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
     "variables": {"type": "dict", "default": {}},
+    "parameters": {
+        "type": "dict",
+        "options": {name: {"type": "dict", "default": {}} for name in ("master_discovery", "master_sync")},
+    },
     "environment": {"type": "dict", "default": {}},
     "multicast": {"type": "dict"},
     "boot": {

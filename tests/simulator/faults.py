@@ -14,6 +14,7 @@ from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import NamedTuple
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Flows, Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     DROP,
     FORWARD,
@@ -160,8 +161,16 @@ def mtu(state, random, one):
     return state.with_machine(one.with_interface(replace(_one_interface(random, one), mtu=random.choice((600, 1400)))))
 
 
+def lossy(state, random, one):
+    return state.with_machine(one.with_interface(replace(_one_interface(random, one), loss=0.3)))
+
+
 def down(state, random, one):
     return state.with_machine(one.with_interface(replace(_one_interface(random, one), up=False)))
+
+
+def cable_out(state, random, one):
+    return state.with_machine(one.with_interface(replace(_one_interface(random, one), link="")))
 
 
 def duplicate(state, random, one):
@@ -238,7 +247,7 @@ def rule(chain, protocol="", **fields):
 
     def change(state, random, one):
         ports = _ports(state, one, fields.get("ports"))
-        if ports is None:
+        if ports is None or (fields.get("group") and state.fleet.transport == "unicast"):
             return None
         group = (IPv4Network(state.fleet.multicast_group),) if fields.get("group") else ()
         made = Rule(
@@ -310,6 +319,24 @@ def without_login(state, random, one):
     return replace(state, shut=state.shut | {one.name})
 
 
+def hidden(state, random, one):
+    return replace(state, hidden=state.hidden | {one.name})
+
+
+def full(state, random, one):
+    return replace(state, full=state.full | {one.name})
+
+
+def clock(state, random, one):
+    """Its time server is gone, and it runs away."""
+    return replace(state.with_machine(replace(one, clock=2.0)), undisciplined=state.undisciplined | {one.name})
+
+
+def switched_off(state, random):
+    found = link(up=False)(state, random)
+    return found and (replace(found[0], unplugged=found[0].unplugged | {found[1]}), found[1])
+
+
 def ghost(state, random, one):
     return state.with_robot(state.fleet.computers[one.name].robot, ghosts=("/killed",))
 
@@ -317,16 +344,29 @@ def ghost(state, random, one):
 def twin(state, random):
     """A node name that two robots have."""
     first, second = random.sample(sorted(state.robots), 2)
+    if not _crosses(state, first, second, "/chatter", "/twin"):
+        return None
     return state.with_robot(first, node="/twin").with_robot(second, node="/twin"), f"{first}|{second}"
+
+
+def _crosses(state, one, other, topic, node):
+    """Whether a publisher is exchanged between two robots; else it concerns nobody what it is."""
+    flows, item = Flows(state.fleet), Item("publisher", topic, node)
+    return any(flows.rules(*way).passes(item, "std_msgs/String") for way in ((one, other), (other, one)))
 
 
 def definitions(state, random):
     """Another definition of a message on one robot."""
     robot = random.choice(sorted(state.robots))
+    others = [other for other in state.robots if other != robot]
+    if not any(_crosses(state, robot, other, "/chatter", f"/{robot}/talker") for other in others):
+        return None
     return state.with_robot(robot, sums={"std_msgs/String": "0" * 32}), robot
 
 
 def stranger(state, random):
+    if state.fleet.belonging.strangers == "allow":
+        return None
     return replace(state, strangers=("192.168.1.240",)), ANYWHERE
 
 
@@ -341,6 +381,8 @@ def other_port(state, random, one):
 
 
 def pruned(state, random):
+    if state.fleet.transport == "unicast":
+        return None
     return link(lambda state: [COMMON], pruned=frozenset({state.fleet.multicast_group}))(state, random)
 
 
@@ -351,6 +393,7 @@ FAULTS = (
     Fault("another prefix length", on(computers, prefix), (("interface", "prefix"),)),
     Fault("small MTU", on(computers, mtu), (("interface", "mtu"),)),
     Fault("interface down", on(computers, down), (("link", "down"),)),
+    Fault("cable out", on(computers, cable_out), (("link", "down"),)),
     Fault("duplicate address", on(computers, duplicate), (("interface", "duplicate"),)),
     Fault("name on loopback", on(computers, name("127.0.1.1")), (("names", "loopback"),)),
     Fault("name with an old address", on(computers, name("192.168.1.77")), (("names", "old"),)),
@@ -395,11 +438,13 @@ FAULTS = (
         (("filter", "nodes out"), ("filter", "nodes")),
     ),
     Fault("network dead", link(up=False), (("network", "dead"),)),
+    Fault("switch off", switched_off, (("network", "dead"),)),
     Fault("clients kept apart", link(apart=True), (("network", "dead"),)),
     Fault("group pruned", pruned, (("network", "multicast"),)),
     Fault("large packets lost", link(largest=1000), (("network", "large"),)),
     Fault("a third lost", link(loss=0.3), (("network", "loss"),)),
-    Fault("clock off", on(masters, machine(clock=2.0)), (("clock", "off"),)),
+    Fault("a third lost at a computer", on(computers, lossy), (("link", "loss"),)),
+    Fault("clock off", on(masters, clock), (("clock", "off"),)),
     Fault("environment not the file's", on(masters, differing), (("environment", "service"),)),
     Fault("ROS_HOSTNAME localhost", on(with_ros, variable("ROS_HOSTNAME", "localhost")), (("environment", "shell"),)),
     Fault("ROS_IP wrong", on(with_ros, variable("ROS_IP", "192.168.1.77", "127.0.0.1")), (("environment", "shell"),)),
@@ -424,6 +469,9 @@ FAULTS = (
         on(masters, program(takes=False)),
         (("sync", "configuration"),),
     ),
+    Fault("discovery with another declaration", on(masters, program(gives=False)), (("discovery", "configuration"),)),
+    Fault("names for root alone", on(computers, hidden), (("names", "rights"),)),
+    Fault("disk full", on(computers, full), (("computer", "disk"),)),
     Fault("a service down", on(computers, service_down), (("service", "down"),)),
     Fault("ghosts", on(masters, ghost), (("registration", "ghost"),)),
     Fault("node names twice", twin, (("registration", "twin"),)),

@@ -19,7 +19,9 @@ from tests.simulator.observe import observe
 from tests.simulator.state import healthy
 
 LIMITED, SHUT = 0.1, 0.1  # the shares of trials with `--limit`, and with a computer without a login
-FIRST, RIVAL, MISSED = "first", "one of these", "missed"
+# EQUAL: "one of these", and another one of them leaves the very same observations, so nothing can tell them apart.
+FIRST, EQUAL, RIVAL, MISSED = "first", "equal", "one of these", "missed"
+AIMS = 8  # ways of injecting a fault at one place that are tried
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class Trial:
     faults: tuple  # (Fault, place)
     observations: object
     noise: tuple = ()  # computers that nobody could look at
+    before: object = None  # the state without the faults
 
 
 @dataclass
@@ -88,14 +91,20 @@ def _injected(random, number, state, run, rows):
                 return None  # it hides the one before
         seen = now
         found.append((row, place))
-    return Trial(number, state, run, tuple(found), seen)
+    return Trial(number, state, run, tuple(found), seen, before=healthy_state)
 
 
 def named(trial):
     """The findings in their order, each as the parts that it names: the first one, and its rivals."""
     diagnosis = diagnose(trial.state.fleet, trial.observations)
     found = [(finding.part, *finding.rivals) for finding in diagnosis.findings]
-    return [parts for parts in found if not (parts[0].kind == "computer" and parts[0].place in trial.noise)]
+    return [parts for parts in found if not _is_noise(trial, parts)]
+
+
+def _is_noise(trial, parts):
+    """Whether a finding tells only that nobody could log in where nobody could."""
+    right = any(is_right(part, row, place) for part in parts for row, place in trial.faults)
+    return parts[0].kind == "computer" and parts[0].place in trial.noise and not right
 
 
 def is_right(part, row, place):
@@ -110,6 +119,35 @@ def is_at(said, place):
     return said == place or said in place.split("|") or any(one in said.split(" and ") for one in place.split("|"))
 
 
+class Aimed(Random):
+    """Chance that takes one place wherever it can."""
+
+    def __init__(self, number, place, machines):
+        super().__init__(number)
+        self.place, self.machines = place, machines
+
+    def choice(self, seq):
+        """Also a device without an account may be it: no fault is injected there otherwise."""
+        aimed = self.place in seq or (self.place in self.machines and all(one in self.machines for one in seq))
+        return self.place if aimed else super().choice(seq)
+
+
+def is_equal(trial, part):
+    """Whether another part at its place, instead of the fault that was injected, leaves the very same observations."""
+    rows = [row for row in faults.FAULTS if (part.kind, part.mode) in row.parts]
+    made = (_aimed(trial, row, part.place, number) for row in rows for number in range(AIMS))
+    return any(state and observe(state, trial.run, trial.number) == trial.observations for state in made)
+
+
+def _aimed(trial, row, place, number):
+    """The state with a fault at a place; None where it cannot be there, as on a device that has no plan."""
+    try:
+        made = row.inject(trial.before, Aimed(number, place, trial.before.world.machines))
+    except KeyError:
+        return None
+    return made[0] if made and is_at(place, made[1]) else None
+
+
 def judged(trial, most):
     """For each fault of a trial whether it is among the first findings, or a rival there."""
     found = named(trial)
@@ -120,7 +158,8 @@ def judged(trial, most):
             if is_right(parts[0], row, place):
                 verdict = FIRST
             elif verdict == MISSED and any(is_right(part, row, place) for part in parts[1:]):
-                verdict = RIVAL
+                equal = len(trial.faults) == 1 and is_equal(trial, parts[0])
+                verdict = EQUAL if equal else RIVAL
         answers.append((row, place, verdict))
     return answers, found
 
@@ -150,7 +189,7 @@ def scores(trials):
         for row, place, verdict in answers:
             score = table[row.name]
             score.verdicts[verdict] += 1
-            if verdict != FIRST:
+            if verdict not in (FIRST, EQUAL):
                 score.misses.append((trial.number, place + _unseen(trial, place), _said(found)))
     return table
 
@@ -178,18 +217,23 @@ def false_alarms(numbers):
 def render(table):
     """A table of scores."""
     width = max(len(name) for name in table)
-    lines = [f"{'fault':<{width}} {FIRST:>7} {RIVAL:>13} {MISSED:>7}"]
+    lines = [f"{'fault':<{width}} {FIRST:>7} {EQUAL:>7} {RIVAL:>13} {MISSED:>7}"]
     total = Counter()
     for name, score in sorted(
         table.items(), key=lambda item: (item[1].verdicts[FIRST] / item[1].verdicts.total(), item[0])
     ):
         total.update(score.verdicts)
         counts = score.verdicts
-        lines.append(f"{name:<{width}} {counts[FIRST]:>7} {counts[RIVAL]:>13} {counts[MISSED]:>7}")
+        lines.append(_line(name, width, counts))
+    right = (total[FIRST] + total[EQUAL]) / total.total()
     lines.append(
-        f"{'all':<{width}} {total[FIRST]:>7} {total[RIVAL]:>13} {total[MISSED]:>7}  first in {total[FIRST] / total.total():.1%}"
+        _line("all", width, total) + f"  first in {total[FIRST] / total.total():.1%}, with the equal ones {right:.1%}"
     )
     return "\n".join(lines)
+
+
+def _line(name, width, counts):
+    return f"{name:<{width}} {counts[FIRST]:>7} {counts[EQUAL]:>7} {counts[RIVAL]:>13} {counts[MISSED]:>7}"
 
 
 def render_misses(table, most=3):

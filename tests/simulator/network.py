@@ -26,6 +26,7 @@ from tests.simulator.state import DEAD
 NODES = 45000  # stands for the ports of nodes, which the kernel chooses
 CONTROL = 40000  # and this for the socket of a helper
 SSH = 22
+UNUSED = 9  # discard (RFC 863)
 TRIES = 3
 ATTEMPTS = 8  # of a connection, until the patience of the verification ends
 PROBES = 20
@@ -42,7 +43,8 @@ def _known(kind, **values):
 class Network:
     """The network of a state, as its computers see it. `seed` decides which packets are lost."""
 
-    def __init__(self, state, seed):
+    def __init__(self, state, seed, there):
+        self.there = there  # the computers where modules run
         self.state, self.fleet, self.world, self.seed = state, state.fleet, state.world, seed
         self.echo = lru_cache(None)(lambda start, packet: echo(self.world, start, packet))
         self.trace = lru_cache(None)(lambda start, packet: trace(self.world, start, packet))
@@ -56,15 +58,15 @@ class Network:
 
     # Names
 
-    def resolve(self, computer, name):
-        """The addresses that a name, or an address as text, has on a computer."""
+    def resolve(self, computer, name, user=False):
+        """The addresses that a name, or an address as text, has on a computer; for a `user` without rights."""
         try:
             return (IPv4Address(name),)
         except AddressValueError:
             pass
         if name.lower() == "localhost":
             return (IPv4Address("127.0.0.1"),)
-        names = self.world.machines[computer].names
+        names = {} if user and computer in self.state.hidden else self.world.machines[computer].names
         return next((addresses for known, addresses in names.items() if known.lower() == name.lower()), ())
 
     # Echo requests
@@ -82,7 +84,7 @@ class Network:
                 return seen.Ping(error="Network is unreachable")
             if machine.verdict(OUT, way.there.packet, leaving=chosen.device) != "accept":
                 return seen.Ping(error="Operation not permitted")
-        elif way.back is not None and way.back.ok:  # somebody else's
+        elif way.back is not None and way.back.ok and way.back.packet.source != address:  # somebody else's
             return seen.Ping(error=f"the answer comes from {way.back.packet.source}")
         return seen.Ping(error=report(self.world, computer, way.there) or f"no answer to {TRIES} requests")
 
@@ -102,6 +104,9 @@ class Network:
             addresses = self.resolve(computer, member.name) if by_name else ()
             error = "" if addresses else "Name or service not known" if by_name else "not looked up"
             entry = seen.SeenMember(member.name, str(member.address), tuple(map(str, addresses)), error)
+            if by_name:
+                known = self.resolve(computer, member.name, user=True)
+                entry = replace(entry, user_addresses=tuple(map(str, known)))
             if member.name != computer:
                 unknown = seen.Ping(error="the name has no address")
                 entry = replace(
@@ -120,7 +125,13 @@ class Network:
         near = entry.route.gateway is None and there.by != computer
         found = {"neighbour": self.mac(there.by, there.device) if near else ""}
         if entry.ping_address.ok:
+            lost = self.echo(computer, Packet("icmp", address, size=28)).loss(self.world)
+            missed = sum(self.chance("more", computer, address, n) < lost for n in range(PROBES))
+            found["loss"] = round(missed / PROBES, 3)
             found["ping_large"] = self.large(computer, address, entry.route.device)
+        else:
+            error, _machine = self.connect(computer, address, UNUSED)
+            found["tcp"] = "refused" if error == "Connection refused" else error
         return found
 
     def large(self, computer, address, device):
@@ -163,6 +174,7 @@ class Network:
                     prefixes=tuple(entry.network.prefixlen for entry in one.addresses),
                     mtu=one.mtu,
                     mac=self.mac(computer, one.name),
+                    state="up" if one.up and one.link and one.link not in self.state.unplugged else "down",
                 ),
             )
             for one in machine.interfaces
@@ -231,7 +243,7 @@ class Network:
         packet = Packet("udp", self.fleet.multicast_group, port=port, size=size)
         found = {}
         for entry in group(self.world, sender, member.discovery_address, packet):
-            lost = 1.0
+            lost = entry.kept
             for link in entry.links:
                 lost *= 1 - self.world.links[link].loss
             found.setdefault(entry.machine, (entry.device, entry.source, 1 - lost))
@@ -315,11 +327,9 @@ class Network:
         for name, plan in self.fleet.computers.items():
             member = self.members.get(name)
             listens = member is not None and member.discovery
-            if name == own.name or not self.world.machines[name].on:
+            if name == own.name or name not in self.there:
                 continue
-            packets = []
-            if member is None or member.network != own.network:
-                packets.append(Packet("udp", own.discovery_address, port=self.fleet.multicast_port, size=28))
+            packets = [Packet("udp", own.discovery_address, port=self.fleet.multicast_port, size=28)]
             if listens:
                 packets.append(
                     Packet("udp", own.discovery_address, member.discovery_address, self.fleet.multicast_port, size=28)

@@ -18,7 +18,7 @@ def observe(state, run=None, seed=0):
     """The observations of the computers of a run (default: all), by name."""
     run = [name for name in state.fleet.computers if run is None or name in run]
     there = [name for name in run if state.world.machines[name].on and name not in state.shut]
-    network = Network(state, seed)
+    network = Network(state, seed, there)
     ros = Ros(network, there)
     started = [name for name in there if _talks(state, ros, name)]
     listeners = {name for name in there if state.fleet.computers[name].listens}
@@ -80,6 +80,9 @@ def _probe(state, network, ros, name, started):
         topics=ros.topics(name, started),
         outsiders=ros.outsiders(name),
         exchange=ros.exchange(name) if plan.is_master else seen.Exchange(error="not looked at"),
+        parameters=ros.parameters(name) if plan.is_master else seen.NodeParameters(),
+        clock=seen.Clock(name not in state.undisciplined),
+        disks=(seen.Disk("/var/log", 0 if name in state.full else 10**9, 10**6),),
         services=tuple(_service(state, name, service) for service in plan.services),
         talker=seen.Talker(talks, "" if talks else missing or "ERROR: Unable to communicate with master!"),
         ros_missing=missing,

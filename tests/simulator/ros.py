@@ -59,7 +59,7 @@ class Ros:
 
     def reach(self, computer, host, port):
         """Open a connection to a host of a URI: an error or "", the machine, and the address."""
-        addresses = self.network.resolve(computer, host)
+        addresses = self.network.resolve(computer, host, user=True)
         if not addresses:
             return "Name or service not known", "", None
         error, machine = self.network.connect(computer, addresses[0], port)
@@ -195,6 +195,8 @@ class Ros:
     def _master_seen(self, computer, master):
         error, machine = self.network.connect(computer, master.address, master.rpc_port)
         entry = {"computer": master.computer, "address": str(master.address), "port": master.rpc_port}
+        if computer != master.computer:
+            entry["route"] = self.network.route(computer, master.address)
         if error:
             return seen.SeenMaster(**entry, error=error)
         if machine != master.computer or self.state.robots[master.robot].discovery != RUNS:
@@ -228,7 +230,7 @@ class Ros:
 
     def passes(self, source, target, item, kind):
         """Whether a registration is to pass, and does with the parameters of the sync node."""
-        if not self.state.robots[target].takes and item.name.endswith("/odom"):
+        if not (self.state.robots[target].takes and self.state.robots[source].gives) and item.name.endswith("/odom"):
             return False
         return self.flows.rules(source, target).passes(item, kind)
 
@@ -273,9 +275,10 @@ class Ros:
         publisher = seen.Publisher(talker_of(name), f"http://{host}:{NODES}/")
         publishers = (publisher,) if large or heard else ()
         if heard:
-            return seen.HeardTopic(name, topic, publishers, True, f"run {name}", 0.2)
+            return seen.HeardTopic(name, topic, publishers, "", True, f"run {name}", 0.2)
+        reached = ("open" if not problem else problem) if publishers else ""
         return seen.HeardTopic(
-            name, topic, publishers, error="nothing" if large else f"{uri}: no whole answer within 5 s"
+            name, topic, publishers, reached, error="nothing" if large else f"{uri}: no whole answer within 5 s"
         )
 
     # What roscores hold
@@ -326,6 +329,10 @@ class Ros:
             services=tuple(self.own_services(robot)),
             imports=tuple(imports),
             silent=(*its.ghosts, *self._hung(its)),
+            silences=(
+                *(seen.Silent(node, computer, "Connection refused") for node in its.ghosts),
+                *(seen.Silent(node, computer, "timed out") for node in self._hung(its)),
+            ),
             connections=tuple(connections),
         )
 
@@ -334,6 +341,23 @@ class Ros:
         """The nodes of the collection that are registered and do not answer."""
         nodes = {"/master_discovery": its.discovery, "/master_sync": its.sync}
         return tuple(node for node, state in nodes.items() if state == HUNG)
+
+    def parameters(self, computer):
+        """The parameters on the roscore of a master's computer that are not as planned."""
+        error, robot, _large = self.asks(computer)
+        if error:
+            return seen.NodeParameters(error=error)
+        its, planned = self.state.robots[robot], self.fleet
+        entries = [
+            ("master_discovery", "mcast_group", planned.multicast_group, its.group),
+            ("master_discovery", "mcast_port", planned.multicast_port, its.port),
+            ("master_discovery", "exports", True, its.gives),
+            ("master_sync", "ignore_topics", [], [] if its.takes else ["*/odom"]),
+        ]
+        nodes = ("master_discovery", "master_sync")
+        return seen.NodeParameters(
+            nodes, tuple(seen.Differing(*map(str, entry)) for entry in entries if str(entry[2]) != str(entry[3]))
+        )
 
     def _connected(self, computer, other):
         error, machine, _address = self.reach(computer, self.started_as(self.state.master(other)), NODES)

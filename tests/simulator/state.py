@@ -27,6 +27,7 @@ class RobotState:
     sync: str = RUNS
     stale: bool = False  # its sync node has not followed since the talkers started
     takes: bool = True  # its sync node has the planned filters; else it leaves odometry out
+    gives: bool = True  # its discovery node serves what is planned; else it keeps odometry to itself
     ghosts: tuple[str, ...] = ()  # registered nodes that were killed
     node: str = ""  # the name of a node of its own that another robot has too
     sums: Mapping[str, str] = field(default_factory=dict)  # type -> md5 sum, where it is another one
@@ -43,6 +44,10 @@ class State:
     shut: frozenset[str] = frozenset()  # the controller cannot log in
     differing: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # variables of services that differ
     down: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # further services that do not run
+    unplugged: frozenset[str] = frozenset()  # links without power: nobody's interface has a carrier
+    hidden: frozenset[str] = frozenset()  # computers where root alone may read /etc/hosts
+    undisciplined: frozenset[str] = frozenset()  # computers whose clocks nothing keeps right
+    full: frozenset[str] = frozenset()  # computers without room where services write
     strangers: tuple[str, ...] = ()  # addresses on the common network from which others send to the group
 
     def with_machine(self, changed: Machine) -> State:
@@ -73,4 +78,5 @@ def healthy(random, fleet: FleetPlan) -> State:
     }
     seconds = [name for name, plan in fleet.computers.items() if plan.robot and not plan.is_master]
     without = frozenset(name for name in seconds if random.random() < 0.1)
-    return State(fleet, world, robots, without_ros=without)
+    free = frozenset(fleet.computers) if random.random() < 0.5 else frozenset()  # many fleets have no chrony at all
+    return State(fleet, world, robots, without_ros=without, undisciplined=free)

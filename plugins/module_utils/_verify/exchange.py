@@ -11,6 +11,7 @@ import typing
 import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types, tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import NODE, STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
@@ -31,6 +32,7 @@ NOTHING: typing.Dict[str, typing.Any] = {
     "services": [],
     "imports": [],
     "silent": [],
+    "silences": [],
     "connections": [],
 }
 
@@ -56,7 +58,9 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
         topic["md5sum"] = sums.get(topic["type"], "")
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
-    found["connections"], found["silent"] = _connections(ros, nodes, named, Places(members), own)
+    found["connections"], silent = _connections(ros, nodes, named, Places(members), own)
+    found["silent"] = _still_registered(ros, sorted(silent), nodes)
+    found["silences"] = [{"node": node, "host": host(nodes[node]), "error": silent[node]} for node in found["silent"]]
     return found
 
 
@@ -169,32 +173,34 @@ def _parts(
 
 def _connections(
     ros: Ros, nodes: typing.Dict[str, str], named: typing.Dict[str, str], places: "Places", own: str
-) -> typing.Tuple[typing.List[typing.Dict[str, str]], typing.List[str]]:
-    """Ask own nodes ({node: URI}) for connections with nodes of other robots; return those, and the silent nodes.
+) -> typing.Tuple[typing.List[typing.Dict[str, str]], typing.Dict[str, str]]:
+    """Ask own nodes ({node: URI}) for connections with nodes of other robots; return those, and {silent node: why}.
 
     A node of this roscore that runs on another robot's computer, as an operator's tool does, is an own one.
     """
     robot = places.robot(own.lower())
-    found, silent = [], []
-    answers = concurrently(_bus_info, sorted(nodes.items()), NODES, lambda node: [])
-    for node, answer in zip(sorted(nodes), answers):
-        if answer is None:
-            silent.append(node)
-        for link in links(answer or []):
+    found, silent = [], {}
+    answers = concurrently(_bus_info, sorted(nodes.items()), NODES, lambda node: ([], ""))
+    for node, (answer, error) in zip(sorted(nodes), answers):
+        if error:
+            silent[node] = error
+        for link in links(answer):
             link = link._replace(peer=named.get(link.peer, link.peer))
             other = places.robot(link.host)
             if other in ("", robot) or (link.peer in nodes and places.robot(host(nodes[link.peer])) == other):
                 continue
             found.append(dict(link._asdict(), node=node, robot=other))
-    return found, _still_registered(ros, silent, nodes)
+    return found, silent
 
 
-def _bus_info(item: typing.Tuple[str, str]) -> typing.Optional[typing.List]:
-    """Ask a node for its connections; None where it does not answer."""
+def _bus_info(item: typing.Tuple[str, str]) -> typing.Tuple[typing.Any, str]:
+    """Ask a node for its connections; return them, and why it does not answer."""
     try:
-        return server(item[1], NODE).getBusInfo(CALLER)[2]
-    except Exception:  # whatever a dead or strange node makes of it
-        return None
+        return server(item[1], NODE).getBusInfo(CALLER)[2], ""
+    except OSError as problem:
+        return [], problem.strerror or str(problem) or type(problem).__name__
+    except Exception as problem:  # whatever a strange node makes of it
+        return [], plain(str(problem)) or type(problem).__name__
 
 
 def _still_registered(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]) -> typing.List[str]:

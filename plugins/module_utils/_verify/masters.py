@@ -8,6 +8,8 @@ import time
 import typing
 import xmlrpc.client
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
@@ -23,6 +25,7 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
     """Try the TCP port of a master's discovery node until the deadline, and compare its clock with the one here."""
     found = {"computer": master["computer"], "address": master["address"], "port": master["rpc_port"]}
     found.update(awaited(lambda: _connect(master["address"], master["rpc_port"]), lambda seen: seen["open"], deadline))
+    found["route"] = network.route_to_plain(machine.route_to(master["address"]))
     found.update(clock_offset_s=None, clock_uncertainty_s=None, clock_error="")
     if found["open"]:
         try:

@@ -7,20 +7,26 @@ Everything is bounded in time, and many computers are asked at once.
 """
 
 import ipaddress
+import json
 import os
 import re
 import select
 import socket
+import sys
 import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import TOO_LARGE, echo, echo_request
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
 ANSWER = 1.0  # seconds that an echo reply may take
+COUNTED, PACE = 20, 0.025  # echo requests in a row, and the seconds between two of them
+MOST_COUNTED = 32  # computers to which they are sent
+UNUSED = 9  # a TCP port that nobody uses: discard (RFC 863)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
 # From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
 IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
@@ -55,12 +61,14 @@ def members(
         resolved = concurrently(
             lambda member: resolve(member["name"]), others, 15.0, lambda member: ([], "no answer within 15 s")
         )
+        usual = user_addresses([member["name"] for member in others])
     else:
-        resolved = [([], "not looked up")] * len(others)
+        resolved, usual = [([], "not looked up")] * len(others), {}
     found = []
     asked = []
     for member, (addresses, error) in zip(others, resolved):
         entry = {"name": member["name"], "address": member["address"], "addresses": addresses, "resolve_error": error}
+        entry["user_addresses"] = usual.get(member["name"])
         found.append(entry)
         if member["name"] != own:
             asked += [member["address"]] + addresses[:1]
@@ -93,8 +101,88 @@ def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
     }
     large = ping(sizes, sizes=sizes)
     known = neighbours()
+    lost = losses(some(list(sizes)))
+    silent = [entry["address"] for entry in answered if entry["address"] not in sizes]
+    tcp = dict(zip(silent, concurrently(unused_port, silent, 10.0, lambda address: "no answer")))
     for entry in answered:
-        entry.update(ping_large=large.get(entry["address"]), neighbour=known.get(entry["address"], ""))
+        address = entry["address"]
+        entry.update(ping_large=large.get(address), neighbour=known.get(address, ""))
+        entry.update(loss=lost.get(address), tcp=tcp.get(address, ""))
+
+
+def some(addresses: typing.List[str]) -> typing.List[str]:
+    """Take every so many of the addresses, so that a large fleet is not flooded."""
+    return addresses[:: -(-len(addresses) // MOST_COUNTED) or 1]
+
+
+def losses(addresses: typing.Sequence[str]) -> typing.Dict[str, float]:
+    """Send ICMP echo requests in a row to addresses that answer, and return the share of each that has no answer."""
+    got: typing.Dict[str, typing.Set[int]] = {address: set() for address in addresses}
+    if not addresses:
+        return {}
+    try:
+        link = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP)
+    except OSError:
+        return {}
+    identifier = int.from_bytes(os.urandom(2), "big")
+    with link:
+        link.setblocking(False)
+        for number in range(COUNTED):
+            for address in addresses:
+                try:
+                    link.sendto(echo_request(identifier, number), (address, 0))
+                except OSError:
+                    pass  # it counts as lost
+            last = number == COUNTED - 1
+            _count(link, identifier, got, time.monotonic() + (ANSWER if last else PACE))
+    return {address: round(1 - len(numbers) / COUNTED, 3) for address, numbers in got.items()}
+
+
+def _count(link: socket.socket, identifier: int, got: typing.Dict[str, typing.Set[int]], deadline: float) -> None:
+    """Note answers until the deadline, or until nothing is missing."""
+    while any(len(numbers) < COUNTED for numbers in got.values()):
+        if not select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]:
+            return
+        try:
+            heard = echo(link.recv(2048), identifier)
+        except OSError:
+            continue
+        if heard is not None and not heard.error and heard.source in got:
+            got[heard.source].add(heard.sequence)
+
+
+def unused_port(address: str) -> str:
+    """Say what a TCP port that nobody uses answers: "refused" where the computer is there, or why nothing came."""
+    try:
+        socket.create_connection((address, UNUSED), timeout=ANSWER).close()
+    except ConnectionRefusedError:
+        return "refused"
+    except OSError as problem:
+        return "no answer" if isinstance(problem, socket.timeout) else problem.strerror or str(problem)
+    return "refused"  # somebody listens: the computer is there as well
+
+
+# What a user without rights finds: a file of name services may be closed to all but root.
+_LOOK_UP = """
+import json, socket, sys
+found = {}
+for name in json.load(sys.stdin):
+    try:
+        answers = socket.getaddrinfo(name, None, socket.AF_INET, socket.SOCK_STREAM)
+    except (OSError, UnicodeError):
+        answers = []
+    found[name] = sorted({answer[4][0] for answer in answers})
+print(json.dumps(found))
+"""
+
+
+def user_addresses(names: typing.List[str]) -> typing.Dict[str, typing.List[str]]:
+    """Look up the IPv4 addresses of names as a user without rights; empty where no Python runs for him."""
+    answer = run(
+        [sys.executable, "-I", "-c", _LOOK_UP], limit=15.0, unprivileged=True, given=json.dumps(names).encode()
+    )
+    found = last_line(answer.output) if answer.status == 0 else None
+    return found if isinstance(found, dict) else {}
 
 
 def neighbours(path: str = "/proc/net/arp") -> typing.Dict[str, str]:

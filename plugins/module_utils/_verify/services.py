@@ -7,7 +7,16 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import processes, systemd
 
-_PROPERTIES = ("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "MainPID", "EnvironmentFiles")
+_PROPERTIES = (
+    "LoadState",
+    "ActiveState",
+    "SubState",
+    "Result",
+    "NRestarts",
+    "MainPID",
+    "EnvironmentFiles",
+    "StateChangeTimestamp",
+)
 
 
 def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
@@ -24,6 +33,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "sub_state": seen.get("SubState", ""),
             "restarts": int(seen.get("NRestarts") or 0),
             "differing": [],
+            "since": seen.get("StateChangeTimestamp", ""),
         }
         pid = seen.get("MainPID", "0")
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS

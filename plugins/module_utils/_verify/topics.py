@@ -4,17 +4,20 @@
 """The topics of all talkers, heard by one node of this computer."""
 
 import re
+import socket
 import time
 import typing
+from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import Listener, Said
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import sentence_of, topic_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import PAUSE, awaited
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import PAUSE, awaited, concurrently
 
 LEAST = 5.0  # seconds that are listened at least, also where the roscore was waited for
+CONNECT, REACHING = 2.0, 10.0  # seconds that a connection to a publisher may take, and all of them
 
 
 def topics(
@@ -39,7 +42,26 @@ def topics(
             unknown = published and name not in published
             entry["error"] = f"the topic is not registered at {ros.uri}" if unknown else errors.get(name) or "nothing"
         found.append(entry)
+    _reach_unheard(found)
     return found
+
+
+def _reach_unheard(found: typing.List[typing.Dict[str, typing.Any]]) -> None:
+    unheard = [entry for entry in found if entry["publishers"] and not entry["heard"]]
+    for entry, answer in zip(unheard, concurrently(_reach, unheard, REACHING, lambda entry: "no answer")):
+        entry["reached"] = answer
+
+
+def _reach(entry: typing.Dict[str, typing.Any]) -> str:
+    """Connect to the publisher of a topic that was not heard: a message that is late is told from a way that is closed."""
+    try:
+        uri = urlsplit(entry["publishers"][0]["uri"])
+        socket.create_connection((uri.hostname or "", uri.port or 0), timeout=CONNECT).close()
+    except OSError as problem:
+        return "no answer" if isinstance(problem, socket.timeout) else problem.strerror or str(problem)
+    except ValueError:
+        return "its URI is none"
+    return "open"
 
 
 def _topic(talker: str, name: str, said: typing.Dict[str, typing.Any], wanted: str) -> typing.Dict[str, typing.Any]:
@@ -49,6 +71,7 @@ def _topic(talker: str, name: str, said: typing.Dict[str, typing.Any], wanted: s
         "computer": talker,
         "topic": name,
         "publishers": [],
+        "reached": "",
         "heard": heard,
         "text": plain(said.get("text", "")),
         "seconds": said.get("seconds"),

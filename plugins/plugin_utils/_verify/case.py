@@ -94,6 +94,14 @@ def _runs(computer: Participant) -> bool:
     return computer.seen.found is not None and bool(computer.seen.found.runs)
 
 
+def wrong_prefixes(computer: Participant) -> list[str]:
+    """List the planned addresses of a computer whose interface has a network of another size."""
+    sizes = {str(entry.address): entry.network.prefixlen for entry in computer.plan.networks}
+    seen = computer.seen.probe.forwarding.interfaces if computer.seen.probe else ()
+    pairs = (pair for entry in seen for pair in zip(entry.addresses, entry.prefixes, strict=False))
+    return [f"{address}/{size}" for address, size in pairs if sizes.get(address, size) != size]
+
+
 def own_networks(computer: Participant, ways: Ways) -> dict[str, ForwardingInterface]:
     """Return the interface of a computer on each of its networks, as far as it was looked at."""
     probe, plan = computer.seen.probe, computer.plan

@@ -19,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts
 
 GAIN = 4.0  # of a failure that a part explains, in the measure of Fault.cost
 KNOWN = 2.0  # what a part gains that was read to be broken
+MOST = 5  # of these, with the part itself: a longer list helps nobody
 MARGIN = 1.0  # parts that are as good as the best one, but for this: it is one of these
 
 
@@ -39,28 +40,40 @@ class Chosen:
 
 
 def explain(
-    failures: Sequence[Failure], known: Set[Part], passed: Callable[[Part], int]
+    failures: Sequence[Failure],
+    known: Set[Part],
+    passed: Callable[[Part], int],
+    unread: Callable[[Part], bool] = lambda part: False,
 ) -> tuple[list[Chosen], list[int]]:
     """Choose parts until nothing is left that any part explains; return them, and the numbers of the rest.
 
     `known` are broken for sure. `passed` counts the successes that need a part; it is asked only about the best ones.
+    What a value would show is concluded only where it is `unread`, since nobody could look.
     """
-    cover = _Cover(failures, known, passed)
+    cover = _Cover(failures, known, passed, unread)
     chosen = []
     while (best := cover.best()) is not None:
-        taken = cover.take(best)
-        chosen.append(Chosen(best, taken, cover.rivals(best, taken)))
-    return _without_redundant(chosen, cover.covers, known), sorted(cover.open)
+        chosen.append(Chosen(best, cover.take(best)))
+    kept = _without_redundant(chosen, cover.covers, known)
+    for entry in kept:
+        _weigh_again(entry, kept, cover)
+    return kept, sorted(cover.open)
 
 
 class _Cover:
-    def __init__(self, failures: Sequence[Failure], known: Set[Part], passed: Callable[[Part], int]) -> None:
+    def __init__(
+        self,
+        failures: Sequence[Failure],
+        known: Set[Part],
+        passed: Callable[[Part], int],
+        unread: Callable[[Part], bool],
+    ) -> None:
         self.failures, self.known, self.passed = failures, known, passed
         self.open = set(range(len(failures)))
         self.covers: dict[Part, list[int]] = defaultdict(list)
         for number, failure in enumerate(failures):
             for part in failure.suspects:
-                if part in known or not part.fault.read:
+                if part in known or not part.fault.read or unread(part):
                     self.covers[part].append(number)
         self.counted: dict[Part, int] = {}
         # (smaller is better, the part); a score is never better than when it was put here
@@ -112,28 +125,38 @@ class _Cover:
     def _cost(self, part: Part) -> float:
         return part.fault.cost - (KNOWN + part.fault.cost if part in self.known else 0.0)
 
-    def rivals(self, best: Part, taken: Sequence[int]) -> tuple[Part, ...]:
-        """List the parts that explain the same failures as well; what was read needs no rival."""
-        if best in self.known or not taken:
-            return ()
-        numbers = set(taken)
-        shared = frozenset.intersection(*(frozenset(self.failures[number].suspects) for number in taken))
-        limit = self.score(best, numbers) - MARGIN
-        others = [
-            part
-            for part in shared & self.covers.keys() - {best}
-            if not _alike(part, best) and self.score(part, numbers) >= limit
-        ]
+    def equals(self, best: Part, numbers: Set[int]) -> list[Part]:
+        """List the parts that explain the same failures nearly as well as the best one, and better ones before."""
+        shared = frozenset.intersection(*(frozenset(self.failures[number].suspects) for number in numbers))
+        scores = {part: self.score(part, numbers) for part in shared & self.covers.keys()}
+        limit = max(scores.values()) - MARGIN
         found: list[Part] = []
-        for part in sorted(others, key=lambda part: (part.fault.cost, part)):
+        for part in sorted(
+            (part for part in scores if scores[part] >= limit), key=lambda part: (-scores[part], part != best, part)
+        ):
             if not any(_alike(part, other) for other in found):
                 found.append(part)
-        return tuple(found)
+        return found[:MOST]
 
 
 def _alike(one: Part, other: Part) -> bool:
     """Say if two parts are one for a person: the same kind at the same place, broken in the same way or in one direction."""
     return one[:2] == other[:2] and one.mode.partition(" ")[0] == other.mode.partition(" ")[0]
+
+
+def _weigh_again(entry: Chosen, kept: Sequence[Chosen], cover: _Cover) -> None:
+    """Weigh a part by what no other chosen one explains: another one may explain that better, or as well.
+
+    What was read needs no rival.
+    """
+    if entry.part in cover.known or not entry.failures:
+        return
+    others = {number for other in kept if other is not entry for number in cover.covers[other.part]}
+    alone = {number for number in cover.covers[entry.part] if number not in others}
+    best, *rivals = cover.equals(entry.part, alone or set(entry.failures))
+    if cover.score(best, alone) > cover.score(entry.part, alone):
+        entry.part = best
+    entry.rivals = tuple(part for part in (best, *rivals) if not _alike(part, entry.part))
 
 
 def _without_redundant(chosen: list[Chosen], covers: Mapping[Part, Sequence[int]], known: Set[Part]) -> list[Chosen]:

@@ -146,7 +146,7 @@ class _Diagnosis:
         failures = [Failure(suspects, WEIGHTS[row.verdict]) for row, suspects in self.open]
         # what was read may have a text that says more; a row suspects the part without it
         told = {part._replace(what=""): part for part in self.broken}
-        chosen, rest = explain(failures, {*self.broken, *told}, self.successes)
+        chosen, rest = explain(failures, {*self.broken, *told}, self.successes, self._unread)
         for entry in chosen:
             known = entry.part if entry.part in self.broken else told.get(entry.part, entry.part)
             broken = self.broken[known]
@@ -169,6 +169,13 @@ class _Diagnosis:
     def _losing(self, row: Row) -> Parts:
         case = self.verification.case(self.checks[row.check], row.observer, row.target)
         return losing(case, row.observer, row.target) | losing(case, *case.masters) if case else NONE
+
+    def _unread(self, part: Part) -> bool:
+        """Nobody could look at the place of a part."""
+        if not part.fault.unseen:
+            return False
+        computer = self.verification.run.get(part.place)
+        return computer is None or computer.seen.probe is None
 
     def _drop_consequences(self) -> None:
         """Leave out what is broken only because another part of the same place is."""

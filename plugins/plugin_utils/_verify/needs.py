@@ -44,7 +44,10 @@ def way(case: Case, one: str, other: str) -> Parts:
 def _way(case: Case, one: str, other: str) -> Parts:
     parts = set(of("filter", both(one, other), "pair"))
     for computer in (one, other):
-        parts |= of("computer", computer, "off") | of("interface", computer, "address", "duplicate")
+        parts |= of("computer", computer, "off") | of("interface", computer, "address", "prefix")
+    for asks, answers in pairwise(dict.fromkeys(place for place, _network in links(case, one, other))):
+        # of two that have an address, chance says which one a neighbour gets
+        parts |= of("interface", answers, "duplicate", what=asks) | of("interface", asks, "duplicate", what=answers)
     for place, network in links(case, one, other):
         parts |= of("link", place, "down", what=network) | of("network", network, "dead")
     for gateway in gateways(case, one, other):
@@ -55,12 +58,17 @@ def _way(case: Case, one: str, other: str) -> Parts:
 
 def _routes(case: Case, one: str, other: str) -> Parts:
     """List the routes that the packet and its answer need: those of the two ends, and those of the gateways between them."""
-    if _robot(case, one) == _robot(case, other) or not (between := gateways(case, one, other)):
+    if _robot(case, one) == _robot(case, other):
         return NONE
-    parts = set(of("route", one, "defaults") | of("route", other, "defaults"))
     member = case.ways.members.get(other)
-    there = case.ways.network(member.robot) if member else COMMON
+    there = (
+        case.ways.network(member.robot) if member else COMMON
+    )  # of the address of the other, which may be a gateway's
     back = _network(case, one) if _gateway(case, one) else COMMON
+    if is_in(case, one, there) and is_in(case, other, back):
+        return NONE
+    between = gateways(case, one, other)
+    parts = set(of("route", one, "defaults") | of("route", other, "defaults"))
     for destination, computers in ((there, [one, *between]), (back, [*between, other])):
         for computer in computers:
             parts |= of("route", computer, "circle", what=destination)
@@ -143,8 +151,11 @@ def losing(case: Case, one: str, other: str) -> Parts:
 
 
 def translated(case: Case, one: str, other: str) -> Parts:
-    """List the gateways that may translate addresses on the way."""
-    return frozenset(part for gateway in gateways(case, one, other) for part in of("translation", gateway, "on"))
+    """List the gateways that may translate addresses on the way: a gateway translates what leaves by one of its interfaces."""
+    crossed = pairwise(links(case, one, other))
+    return joined(
+        of("translation", place, "on", what=network) for (before, _came), (place, network) in crossed if before == place
+    )
 
 
 def passes(one: str, other: str, *whats: str) -> Parts:
@@ -213,21 +224,25 @@ def between_masters(case: Case, own: str, its: str) -> Parts:
 def heartbeats(case: Case, own: str, its: str) -> Parts:
     """List what may keep heartbeats back, of either transport, in both directions.
 
-    Where the probes' datagrams arrive, it is only that a node sends by another interface.
+    Where the probes' datagrams arrive, it is only that a node sends by another interface, or that somebody translates their
+    source address: they are nobody's then.
     """
     if own == its:
         return NONE
+    translating = translated(case, own, its) | translated(case, its, own)
     if _arrive(case, own, its) and _arrive(case, its, own):
-        return of("interface", own, "multicast") | of("interface", its, "multicast")
+        return translating | of("interface", own, "multicast") | of("interface", its, "multicast")
     both_ways = passes(own, its, "udp", "group") | passes(its, own, "udp", "group")
-    return both_ways | translated(case, own, its) | multicast(case, own, its) | multicast(case, its, own)
+    return both_ways | translating | multicast(case, own, its) | multicast(case, its, own)
 
 
 def _arrive(case: Case, sender: str, hearer: str) -> bool:
-    """Say if datagrams are known to arrive, on the group or to the computer itself."""
+    """Say if datagrams are known to arrive, on the group or to the computer itself, as the transport has it."""
     here, there = case.run.get(hearer), case.run.get(sender)
-    on_group, to_it = here and here.udp.get(sender), there and there.udp.get(hearer)
-    return bool((on_group and on_group.heard_from) or (to_it and to_it.unicast))
+    on_group = here.udp.get(sender) if here else None
+    to_it = there.udp.get(hearer) if there else None
+    heard = case.fleet.transport != "unicast" and on_group is not None and on_group.heard_from
+    return heard or (case.fleet.transport != "multicast" and to_it is not None and to_it.unicast is True)
 
 
 def registered(case: Case, observer: str, target: str) -> Parts:

@@ -61,6 +61,10 @@ class SeenMember:
     ping_name: Ping | None = None
     ping_large: Ping | None = None  # as large as the observer's interface allows; None where no small one was answered
     neighbour: str = ""  # its hardware address, as the observer's kernel knows it; empty in another network
+    # what a user without rights finds as the addresses of its name; None where that was not looked up
+    user_addresses: tuple[str, ...] | None = None
+    loss: float | None = None  # the share of further small ones without an answer, 0 to 1; None where none were sent
+    tcp: str = ""  # where no ping was answered: what a port that nobody uses says, "refused" or why not
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,7 @@ class SeenMaster:
     open: bool = False
     connect_ms: float | None = None
     error: str = ""
+    route: Route | None = None  # to that address
     clock_offset_s: float | None = None
     clock_uncertainty_s: float | None = None
     clock_error: str = ""
@@ -147,6 +152,7 @@ class HeardTopic:
     computer: str
     topic: str
     publishers: tuple[Publisher, ...] = ()
+    reached: str = ""  # where nothing was heard of a publisher: "open", or why no connection to it opens
     heard: bool = False
     text: str = ""
     seconds: float | None = None
@@ -164,6 +170,7 @@ class Service:
     sub_state: str = ""
     restarts: int = 0
     differing: tuple[str, ...] | None = ()
+    since: str = ""  # when it became what it is, as systemd writes it
 
 
 @dataclass(frozen=True)
@@ -229,6 +236,50 @@ class Connection:
 
 
 @dataclass(frozen=True)
+class Differing:
+    """A parameter of a node that is not as planned."""
+
+    node: str  # master_discovery or master_sync
+    name: str
+    expected: str = ""
+    found: str = ""
+
+
+@dataclass(frozen=True)
+class NodeParameters:
+    """The parameters of the nodes on the roscore, compared with the plan; `nodes` are those that could be compared."""
+
+    nodes: tuple[str, ...] = ()
+    differing: tuple[Differing, ...] = ()
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The clock of the computer; None where nobody tells."""
+
+    synchronised: bool | None = None  # by the kernel: something disciplines it
+
+
+@dataclass(frozen=True)
+class Disk:
+    """The room for an ordinary user where services write; None where it is not counted."""
+
+    path: str
+    free_bytes: int | None = None
+    free_files: int | None = None
+
+
+@dataclass(frozen=True)
+class Silent:
+    """An own node that is registered and does not answer."""
+
+    node: str
+    host: str = ""  # in its URI
+    error: str = ""  # why not, such as "Connection refused"
+
+
+@dataclass(frozen=True)
 class Exchange:
     """The content of a roscore: own registrations, those for other masters, and connections with other robots."""
 
@@ -238,6 +289,7 @@ class Exchange:
     services: tuple[RegisteredService, ...] = ()
     imports: tuple[Import, ...] = ()
     silent: tuple[str, ...] = ()
+    silences: tuple[Silent, ...] = ()  # the same with the reasons
     connections: tuple[Connection, ...] = ()
 
 
@@ -265,6 +317,9 @@ class Probe:
     topics: tuple[HeardTopic, ...] = ()
     outsiders: tuple[Outsider, ...] = ()
     exchange: Exchange = Exchange()
+    parameters: NodeParameters = NodeParameters()
+    clock: Clock = Clock()
+    disks: tuple[Disk, ...] = ()
     services: tuple[Service, ...] = ()
     next_boot: tuple[AfterBoot, ...] = ()
     talker: Talker | None = None

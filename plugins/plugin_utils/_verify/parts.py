@@ -27,6 +27,7 @@ class Fault(NamedTuple):
     cost: float = 3.0
     hard: bool = True
     read: bool = False  # a value on the machine shows it; without that value it is not concluded
+    unseen: bool = True  # but for places where nobody could look: there it may be
     what: str = ""  # stands for a part's `what` where it has none
 
 
@@ -180,8 +181,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("interface", "duplicate"): Fault(
         "another computer has the address of {place}, too",
-        "give one of the two another address; on another computer: arping -D -I <interface> {what}",
-        what="<its address>",
+        "give one of the two another address; on another computer there: arping -D -I <interface> <its address>",
         cost=4.5,
     ),
     ("interface", "multicast"): Fault(
@@ -283,6 +283,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         RULES,
         hard=False,
         read=True,
+        unseen=False,
     ),
     ("filter", "pair"): Fault(
         "something drops packets between {place}, and between nobody else: a packet filter or a route with the other's address",
@@ -516,6 +517,6 @@ FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("names", "old"): (("names", "order"),),
     ("names", "several"): (("names", "order"),),
     ("roscore", "name"): (("environment", "service"),),
-    ("route", "missing"): (("link", "down"), ("interface", "address")),
+    ("route", "missing"): (("link", "down"), ("interface", "address"), ("interface", "prefix")),
     ("route", "other"): (("route", "defaults"), ("interface", "address"), ("interface", "prefix")),
 }

@@ -49,6 +49,7 @@ class Interface:
     up: bool = True
     forwarding: bool = False  # of what comes in here
     rp_filter: int = 0  # the larger value of `all` and the interface
+    loss: float = 0.0  # the share of packets that is lost here, coming in and going out, 0 to 1
 
 
 @dataclass(frozen=True)

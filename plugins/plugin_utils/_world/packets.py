@@ -80,6 +80,7 @@ class Trace:
     links: tuple[str, ...] = ()  # that it has crossed
     translations: tuple[tuple[str, IPv4Address, IPv4Address], ...] = ()  # machine, new source, the one before
     device: str = ""  # by which it came in at its end
+    kept: float = 1.0  # the share of such packets that no interface on the way loses
 
     @property
     def ok(self) -> bool:
@@ -87,8 +88,8 @@ class Trace:
         return self.outcome == DELIVERED
 
     def loss(self, world: World) -> float:
-        """The share of such packets that is lost on the links of the way."""
-        kept = 1.0
+        """The share of such packets that is lost on the way."""
+        kept = self.kept
         for link in self.links:
             kept *= 1 - world.links[link].loss
         return 1 - kept
@@ -111,6 +112,7 @@ class _Journey:
         self.links: list[str] = []
         self.translations: list[tuple[str, IPv4Address, IPv4Address]] = []
         self.by = self.device = ""
+        self.kept = 1.0
 
     def run(self, machine: Machine) -> Trace:
         self.by = machine.name
@@ -126,9 +128,8 @@ class _Journey:
             raise End(CIRCLE, self.by)
         except End as end:
             hops, links = tuple(self.hops), tuple(self.links)
-            return Trace(
-                end.outcome, end.where, self.by, hops, self.packet, links, tuple(self.translations), self.device
-            )
+            changed = tuple(self.translations)
+            return Trace(end.outcome, end.where, self.by, hops, self.packet, links, changed, self.device, self.kept)
 
     def _local(self, machine: Machine) -> bool:
         destination = self.packet.destination
@@ -165,6 +166,7 @@ class _Journey:
             raise End(LINK_DOWN, device.link or machine.name)
         self.links.append(link.name)
         following, interface = _neighbour(self.world, machine, device, hop)
+        self.kept *= (1 - device.loss) * (1 - interface.loss)
         if link.apart:
             raise End(APART, link.name)
         size = min(self.packet.size, device.mtu)
@@ -305,6 +307,7 @@ class Heard(NamedTuple):
     device: str
     source: IPv4Address
     links: tuple[str, ...]
+    kept: float = 1.0  # the share of such datagrams that no interface on the way loses
 
 
 class _Copy(NamedTuple):
@@ -314,6 +317,7 @@ class _Copy(NamedTuple):
     device: Interface
     packet: Packet
     links: tuple[str, ...]  # that it has crossed
+    kept: float = 1.0
 
 
 def group(world: World, start: str, source: IPv4Address, packet: Packet) -> list[Heard]:
@@ -331,16 +335,16 @@ def group(world: World, start: str, source: IPv4Address, packet: Packet) -> list
     waiting += [_Copy(machine.name, other, packet, ()) for other in _passes_on(machine, device, packet)]
     crossed = set()
     while waiting:
-        sender, leaves, sent, before = waiting.pop(0)
+        sender, leaves, sent, before, share = waiting.pop(0)
         if leaves.link in crossed:
             continue
         crossed.add(leaves.link)
         for other, interface in _hearers(world, sender, leaves, sent):
-            links = (*before, leaves.link)
+            links, kept = (*before, leaves.link), share * (1 - leaves.loss) * (1 - interface.loss)
             if other.verdict(IN, sent, interface.name) == ACCEPT and sent.source is not None:
-                found.append(Heard(other.name, interface.name, sent.source, links))
+                found.append(Heard(other.name, interface.name, sent.source, links, kept))
             for next_interface in _passes_on(other, interface, sent):
-                waiting.append(_Copy(other.name, next_interface, _translated(other, next_interface, sent), links))
+                waiting.append(_Copy(other.name, next_interface, _translated(other, next_interface, sent), links, kept))
     return found
 
 

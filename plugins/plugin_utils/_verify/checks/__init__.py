@@ -15,6 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     exchange,
     network,
     next_boot,
+    programs,
     ros,
     strangers,
 )
@@ -23,6 +24,7 @@ CHECKS = (
     *computer.CHECKS,
     *by_hand.CHECKS,
     *next_boot.CHECKS,
+    *programs.CHECKS,
     *network.CHECKS,
     *discovery.CHECKS,
     *ros.CHECKS,

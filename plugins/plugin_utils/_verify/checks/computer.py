@@ -6,7 +6,12 @@
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case, own_mtus, own_networks
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import (
+    Case,
+    own_mtus,
+    own_networks,
+    wrong_prefixes,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.by_hand import (
     of_site_yml,
     unless_by_hand,
@@ -243,13 +248,7 @@ MEASURED = Check(
 
 # Addresses
 
-
-def _prefixes(case: Case) -> list[str]:
-    """List the planned addresses whose interface has a network of another size."""
-    sizes = {str(entry.address): entry.network.prefixlen for entry in case.observer.plan.networks}
-    seen = case.probe.forwarding.interfaces if case.probe else ()
-    pairs = (pair for entry in seen for pair in zip(entry.addresses, entry.prefixes, strict=False))
-    return [f"{address}/{size}" for address, size in pairs if sizes.get(address, size) != size]
+DOWN = ("down", "lowerlayerdown")  # operational states of an interface without a link
 
 
 def _missing_addresses(case: Case) -> list[str]:
@@ -263,21 +262,42 @@ def _addresses(case: Case) -> Judgement | None:
         return None
     expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
     found = [f"no interface has {address}" for address in _missing_addresses(case)]
-    found += [f"the link to {network} is down" for network in _down_links(case)] + _prefixes(case)
+    found += [f"the link to {network} is down" for network in _down_links(case)] + wrong_prefixes(case.observer)
     # Where it does harm, other checks fail; a robot alone, without any network, is well without them.
     return Judgement(WARNING if found else OK, expected, ", ".join(found) or "all of them")
 
 
 def _down_links(case: Case) -> list[str]:
     networks = own_networks(case.observer, case.ways).items()
-    return [network for network, interface in networks if interface.state in ("down", "lowerlayerdown")]
+    return [network for network, interface in networks if interface.state in DOWN]
 
 
 def _addresses_evidence(case: Case) -> Parts:
     name = case.observer.name
     found = of("interface", name, "address") if _missing_addresses(case) else NONE
-    found |= of("interface", name, "prefix") if _prefixes(case) else NONE
-    return found | joined(of("link", name, "down", what=network) for network in _down_links(case))
+    found |= of("interface", name, "prefix") if wrong_prefixes(case.observer) else NONE
+    return found | joined(_without_link(case, network) for network in _down_links(case))
+
+
+def _without_link(case: Case, network: str) -> Parts:
+    """Where nobody on a network has a link, the network has no power. Of one that was looked at alone, nobody knows."""
+    states = _states(case, network)
+    if len(states) < 2:
+        return NONE
+    dead = all(state in DOWN for state in states)
+    return of("network", network, "dead") if dead else of("link", case.observer.name, "down", what=network)
+
+
+def _states(case: Case, network: str) -> list[str]:
+    """The states of the interfaces on a network, of all who could be looked at."""
+    there = [own_networks(computer, case.ways).get(network) for computer in case.run.values()]
+    return [interface.state for interface in there if interface is not None]
+
+
+def _addresses_suspects(case: Case) -> Parts:
+    down = _down_links(case)
+    links = joined(of("link", case.observer.name, "down", what=network) for network in down)
+    return links | joined(of("network", network, "dead") for network in down)
 
 
 def _addresses_needs(case: Case) -> Parts:
@@ -299,6 +319,7 @@ ADDRESSES = Check(
         "an interface has each of its addresses with the prefix length of its network, and its link is up (warning)",
     ),
     needs=_addresses_needs,
+    suspects=_addresses_suspects,
     evidence=_addresses_evidence,
 )
 

@@ -24,6 +24,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs
     discovery,
     gateways,
     heartbeats,
+    joined,
     large,
     losing,
     multicast,
@@ -99,8 +100,11 @@ def _group_evidence(case: Case) -> Parts:
 
 def _translator(case: Case, computer: str) -> Parts:
     """Whoever translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
-    between = gateways(case, computer, case.observer.name if computer == case.target else case.target)
-    return of("translation", between[0] if between else computer, "on")
+    between = translated(case, computer, case.observer.name if computer == case.target else case.target)
+    first = gateways(case, computer, case.observer.name if computer == case.target else case.target)
+    return (
+        frozenset(part for part in between if part.place == first[0]) if between else of("translation", computer, "on")
+    )
 
 
 UDP_MULTICAST = Check(
@@ -130,11 +134,13 @@ def _translated_here(case: Case) -> bool:
 
 
 def _udp_unicast(case: Case) -> Judgement | None:
-    if case.udp is None or case.fleet.transport == "multicast":
+    if case.udp is None:
         return None
     expected = f"datagrams to port {case.fleet.multicast_port} arrive there"
     if case.udp.unicast:
         return Judgement(OK, expected, "they arrive")
+    if case.fleet.transport == "multicast":
+        return None  # nobody needs them
     found = "no answer" if case.udp.unicast is None else "none arrives"
     return Judgement(_other_leg(case, case.udp.heard_from), expected, found)
 
@@ -155,6 +161,7 @@ UDP_UNICAST = Check(
     suspects=lambda case: (
         _unicast_needs(case)
         | translated(case, case.observer.name, case.target)
+        | translated(case, case.target, case.observer.name)
         | passes(case.target, case.observer.name, "udp")  # the counts come back by the same port
     ),
     evidence=lambda case: _translator(case, case.observer.name) if _translated_here(case) else NONE,
@@ -167,10 +174,12 @@ UDP_UNICAST = Check(
 def _source(case: Case) -> Judgement | None:
     """Judge if a gateway between networks translates addresses: the helper on the target counts who called."""
     multicast = case.peer.seen.multicast if case.peer else None
-    if case.probe is None or case.peer is None or multicast is None or not case.way.crosses or not multicast.udp:
+    if case.probe is None or case.peer is None or multicast is None or not multicast.udp:
         return None
     source = case.way.source
     arrived = source in case.peer.callers
+    if not case.way.crosses and not arrived:
+        return None  # in one network nobody translates; what arrives clears the packet filters there
     expected = f"datagrams from {source} arrive there"
     return Judgement(OK if arrived else WARNING, expected, "they arrive" if arrived else "none arrives")
 
@@ -294,6 +303,56 @@ RPC_PORT = Check(
 )
 
 
+# The route to a discovery node
+
+
+def _hops(case: Case) -> frozenset[str]:
+    """The next hops that packets to a master's address may have; an empty text is none."""
+    plan, address = case.observer.plan, case.master.address
+    if any(address in entry.network for entry in plan.networks):
+        return frozenset([""])
+    gateway = None if plan.common_address else case.ways.gateways.get(plan.robot)
+    return frozenset([str(gateway.address)]) if gateway else case.way.hops
+
+
+def _master_route(case: Case) -> Judgement | None:
+    entry = case.observer.masters.get(case.target)
+    if entry is None or entry.route is None or case.target == case.observer.name:
+        return None
+    hops = _hops(case)
+    expected = " or ".join(f"a route by {hop}" if hop else "a route without a gateway" for hop in sorted(hops))
+    if entry.route.error:
+        return Judgement(FAILED, expected, entry.route.error)
+    by = entry.route.gateway or ""
+    return Judgement(OK if by in hops else FAILED, expected, f"by {by}" if by else "without a gateway")
+
+
+def _master_route_evidence(case: Case) -> Parts:
+    entry, name = case.observer.masters.get(case.target), case.observer.name
+    if entry is None or entry.route is None or _hops(case) == {""}:
+        return NONE  # on one network: the checks of addresses and routes tell it
+    return of("route", name, "missing" if entry.route.error else "other", what=_beyond(case))
+
+
+def _beyond(case: Case) -> str:
+    """The network of a master's address, as seen from the observer."""
+    return COMMON if case.master.address in case.fleet.common_network else case.ways.network(case.master.robot)
+
+
+MASTER_ROUTE = Check(
+    id="master_route",
+    title="route to the discovery node",
+    scope=MASTER,
+    judge=_master_route,
+    documented=Documented(
+        "to masters", "packets to the address of its discovery node leave by the planned gateway", "4.2"
+    ),
+    needs=lambda case: of("route", case.observer.name, "missing", "other", what=_beyond(case)),
+    suspects=lambda case: of("interface", case.observer.name, "prefix", "address"),
+    evidence=_master_route_evidence,
+)
+
+
 # Clocks
 
 
@@ -315,10 +374,17 @@ def _clock_needs(case: Case) -> Parts:
     return _port_needs(case) | of("discovery", other, "hung") | of("clock", one, "off") | of("clock", other, "off")
 
 
+def _disciplined(case: Case, computer: str) -> bool:
+    """Something keeps the clock of a computer right, as chrony does."""
+    seen = case.run[computer].seen.probe if computer in case.run else None
+    return seen is not None and seen.clock.synchronised is True
+
+
 def _clock_suspects(case: Case) -> Parts:
     entry = case.observer.masters.get(case.target)
     if entry is not None and entry.clock_offset_s is not None:
-        return of("clock", case.observer.name, "off") | of("clock", case.target, "off")
+        free = [name for name in (case.observer.name, case.target) if not _disciplined(case, name)]
+        return joined(of("clock", name, "off") for name in free or (case.observer.name, case.target))
     if entry is not None and entry.open:
         return of("discovery", case.target, "hung") | large(case, case.observer.name, case.target)
     return _port_suspects(case)
@@ -414,6 +480,7 @@ CHECKS = (
     SOURCE,
     ICMP_ROUNDS,
     RPC_PORT,
+    MASTER_ROUTE,
     CLOCK,
     LIST_MASTERS,
 )

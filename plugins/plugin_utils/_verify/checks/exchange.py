@@ -31,6 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs
     large,
     of,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Silent
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import both
 
 NAMED = 4  # registrations, names or connections that a finding names
@@ -61,11 +62,18 @@ def _silent(case: Case) -> Parts:
     return of("registration", one, "ghost") | joined(connected(case, one, other) for other in computers if other != one)
 
 
-def _hung(case: Case) -> Parts:
+def _not_answering(case: Case) -> Parts:
     """The collection's own nodes: their services run, or another check tells that they do not."""
     silent = case.exchange.silent if case.exchange else ()
     hung = {"/master_discovery": "discovery", "/master_sync": "sync"}
-    return joined(of(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
+    nodes = joined(of(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
+    refused = [entry.node for entry in (case.exchange.silences if case.exchange else ()) if _ended(entry)]
+    return nodes | (of("registration", case.observer.name, "ghost", what=_some(refused)) if refused else NONE)
+
+
+def _ended(entry: Silent) -> bool:
+    """Nobody listens at its port, and the computer is there to say so."""
+    return "refused" in entry.error.lower()
 
 
 NODES_ANSWER = Check(
@@ -76,7 +84,7 @@ NODES_ANSWER = Check(
     documented=Documented("roscore", "each of the robot's nodes that is registered answers (warning)"),
     needs=lambda case: of("sync", case.observer.name, "hung") | of("discovery", case.observer.name, "hung"),
     suspects=_silent,
-    evidence=_hung,
+    evidence=_not_answering,
 )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ipaddress
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case, wrong_prefixes
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     FAILED,
     ITSELF_TOO,
@@ -23,6 +23,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs
     Parts,
     is_in,
     large,
+    links,
+    losing,
     names,
     of,
     passes,
@@ -71,6 +73,30 @@ NAME = Check(
 )
 
 
+# The name, as others than root look it up
+
+
+def _user_name(case: Case) -> Judgement | None:
+    found = case.member.user_addresses if case.member else None
+    if found is None or _addresses(case) != (case.address,) or case.observer.plan.is_router:
+        return None  # what root finds is another check
+    expected = f"{case.address}, as for root"
+    return Judgement(OK if found == (case.address,) else FAILED, expected, ", ".join(found) or "no address")
+
+
+USER_NAME = Check(
+    id="user_name",
+    title="name means the same without rights",
+    scope=ITSELF_TOO,
+    judge=_user_name,
+    documented=Documented(
+        "pair, itself too", "a user without rights, as nodes are, gets the same addresses for the name"
+    ),
+    needs=lambda case: of("names", case.observer.name, "rights"),
+    evidence=lambda case: of("names", case.observer.name, "rights", what=case.target),
+)
+
+
 # The route
 
 
@@ -101,7 +127,8 @@ def _route_evidence(case: Case) -> Parts:
     network, by = case.ways.network(case.planned.robot), route.gateway or ""
     if route.error:
         if not case.way.crosses:
-            return of("link", name, "down", what=network)
+            small = bool(wrong_prefixes(case.observer))  # the target is beyond what it takes for its network
+            return of("interface", name, "prefix") if small else of("link", name, "down", what=network)
         return of("route", name, "missing", what="" if _nowhere(case) else network)
     if by not in case.way.hops:
         if not (by and case.way.crosses):  # it is sent to a gateway, and is in this network, or the other way round
@@ -148,11 +175,12 @@ def _pinged(case: Case) -> Parts:
 
 
 def _ping_evidence(case: Case) -> Parts:
-    """Whoever says that a packet has been passed on too often sends it back to where it came from."""
+    """Whoever says that a packet has been passed on too often sends it back to where it came from; or he has no route."""
     reporter, said, error = _ping_error(case).partition(" reports")
-    if not said or "time to live" not in error:
-        return NONE
-    return of("route", case.ways.at(reporter), "circle", what=case.ways.network(case.robots[1]))
+    network = case.ways.network(case.robots[1])
+    if said and "network unreachable" in error:
+        return of("route", case.ways.at(reporter), "missing", what=network)
+    return of("route", case.ways.at(reporter), "circle", what=network) if said and "time to live" in error else NONE
 
 
 def _ping_suspects(case: Case) -> Parts:
@@ -162,15 +190,22 @@ def _ping_suspects(case: Case) -> Parts:
     if "prohibited" in error:
         return of("filter", reporter or case.target, "forward") | passes(case.observer.name, case.target, "icmp")
     if "host unreachable" in error and reporter:
-        network = case.ways.network(case.robots[1])
-        down = of("link", case.target, "down", what=network)
-        if is_in(case, reporter, network):
-            down |= of("link", reporter, "down", what=network)
-        else:  # it was to pass the packets on, and has looked for the target in a network of its own
-            down |= of("route", reporter, "missing", "other", what=network) | of("route", reporter, "missing")
-        down |= of("network", network, "dead") | of("computer", case.target, "off")
-        return down | of("interface", case.target, "address", "prefix")
+        return _unreachable(case, reporter)
     return _pinged(case)
+
+
+def _unreachable(case: Case, reporter: str) -> Parts:
+    """The reporter has looked in vain for the next one on the way: the target, or whoever passes the packets on."""
+    crossed = links(case, reporter, case.target)
+    network = crossed[0][1]
+    following = next((place for place, _network in crossed if place != reporter), case.target)
+    found = of("network", network, "dead") | of("computer", following, "off")
+    for place in (reporter, following):
+        found |= of("link", place, "down", what=network) | of("interface", place, "address", "prefix")
+    beyond = case.ways.network(case.robots[1])
+    if not is_in(case, reporter, beyond):  # or it has looked for the target in a network of its own
+        found |= of("route", reporter, "missing", "other", what=beyond) | of("route", reporter, "missing")
+    return found
 
 
 def _ping_address(case: Case) -> Judgement | None:
@@ -194,6 +229,32 @@ PING_ADDRESS = Check(
     needs=_pinged,
     suspects=_ping_suspects,
     evidence=_ping_evidence,
+)
+
+
+# TCP, where no ping is answered: a packet filter that drops pings alone is told from a computer that is off
+
+
+def _answers_tcp(case: Case) -> Judgement | None:
+    if case.member is None or not case.member.tcp:
+        return None
+    expected = "a TCP port that nobody uses refuses"
+    refused = (
+        case.member.tcp == "refused"
+    )  # nothing comes back where a packet filter drops what is not let in: no fault
+    return Judgement(OK, expected, "refused") if refused else None
+
+
+TCP_ANSWER = Check(
+    id="tcp_answer",
+    title="TCP is refused, so the computer is there",
+    scope=MEMBER,
+    judge=_answers_tcp,
+    documented=Documented(
+        "pair without an answered ping",
+        "a TCP port that nobody uses refuses; tells a lost ping from a computer that is off",
+    ),
+    needs=lambda case: way(case, case.observer.name, case.target),
 )
 
 
@@ -238,6 +299,28 @@ PING_LARGE = Check(
 )
 
 
+# Lost packets
+
+LOST = 0.2  # of those to one computer: in a wireless network some are always lost, and few are sent
+
+
+def _ping_loss(case: Case) -> Judgement | None:
+    loss = case.member.loss if case.member else None
+    if loss is None:
+        return None
+    return Judgement(WARNING if loss > LOST else OK, f"less than {LOST:.0%} of the pings are lost", f"{loss:.0%}")
+
+
+PING_LOSS = Check(
+    id="ping_loss",
+    title="few pings are lost",
+    scope=MEMBER,
+    judge=_ping_loss,
+    documented=Documented("pair", "of further ICMP echo requests at most every fifth has no answer (warning)"),
+    needs=lambda case: losing(case, case.observer.name, case.target),
+)
+
+
 # The neighbour
 
 
@@ -258,16 +341,19 @@ NEIGHBOUR = Check(
     documented=Documented(
         "pair on one network", "the hardware address of its address is one of that computer's own (warning)"
     ),
-    needs=lambda case: of("interface", case.target, "duplicate"),
-    evidence=lambda case: of("interface", case.target, "duplicate", what=case.address),
+    needs=lambda case: of("interface", case.target, "duplicate", what=case.observer.name),
+    evidence=lambda case: of("interface", case.target, "duplicate", what=case.observer.name),
 )
 
 
 CHECKS = (
     NAME,
+    USER_NAME,
     ROUTE,
     PING_ADDRESS,
+    TCP_ANSWER,
     PING_NAME,
     PING_LARGE,
+    PING_LOSS,
     NEIGHBOUR,
 )

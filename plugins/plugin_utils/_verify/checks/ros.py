@@ -86,6 +86,9 @@ def _heard_suspects(case: Case) -> Parts:
     if topic.error.startswith("the listener"):
         failed = of("registration", one, "listener") | of("computer", one, "overloaded")
         return failed | roscore(case, one, case.masters[0])
+    if topic.reached == "open":  # its message is late, or too large
+        late = of("computer", one, "overloaded") | of("computer", other, "overloaded") | large(case, one, other)
+        return late | passes(case.masters[0], one, "nodes") | of("registration", one, "listener")
     if topic.publishers:
         told = passes(case.masters[0], one, "nodes")  # its roscore tells it of a new publisher
         listens = of("registration", one, "listener")

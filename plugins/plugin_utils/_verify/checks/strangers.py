@@ -20,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import Parts, joined, of
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Outsider
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import same_uri
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON
 
 
 def _strangers(case: Case) -> Judgement | None:
@@ -91,7 +92,8 @@ def _known(case: Case, entry: Outsider) -> Parts:
     master = case.ways.master_at.get(computer)
     if master is not None and not same_uri(entry.uri, master.uri):
         return of("roscore", computer, "name", what=entry.uri)
-    return of("translation", computer, "on")
+    beyond = COMMON if computer in {gateway.title for gateway in case.ways.gateways.values()} else ""
+    return of("translation", computer, "on", what=beyond)
 
 
 STRANGERS = Check(

@@ -153,7 +153,10 @@ def test_a_registered_node_that_does_not_answer_is_silent(ros, served):
     made, master = ros
     master.uris["/base"] = served(Node())
     began = time.monotonic()
-    assert looked_at(made)["silent"] == ["/dead"]
+    found = looked_at(made)
+    assert found["silent"] == ["/dead"]
+    (silence,) = found["silences"]
+    assert silence["node"] == "/dead" and silence["error"]
     assert time.monotonic() - began < 20
 
 

@@ -86,8 +86,49 @@ def test_large_packets_and_the_neighbour_between_two_hosts(hosts, theirs, arrive
     assert there["ping_address"]["ok"] and there["ping_large"]["ok"] == arrives
     assert there["neighbour"] == shown.stdout.decode().strip()
     assert nobody["ping_large"] is None and nobody["neighbour"] == ""
+    assert (there["loss"], there["tcp"]) == (0.0, "")
+    assert nobody["loss"] is None and nobody["tcp"] not in ("", "refused")
     (own,) = forwarding["interfaces"]
     assert (own["addresses"], own["prefixes"], own["mtu"], len(own["mac"])) == (["10.99.0.1"], [24], 1500, 17)
+
+
+def test_no_answer_is_a_loss_and_a_large_fleet_is_not_flooded():
+    assert network.losses([]) == {}
+    assert len(network.some([str(number) for number in range(1000)])) <= network.MOST_COUNTED
+    assert network.some(["one", "two"]) == ["one", "two"] and network.some([]) == []
+
+
+@root
+def test_lost_pings_are_counted():
+    assert network.losses(["127.0.0.1"]) == {"127.0.0.1": 0.0}
+
+
+def test_a_port_that_nobody_uses():
+    assert network.unused_port("127.0.0.1") == "refused"
+
+
+HIDDEN = """
+import json, socket
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
+print(json.dumps([network.resolve("robot.test")[0], network.user_addresses(["robot.test", "localhost"])]))
+"""
+
+
+@root
+@pytest.mark.parametrize(("mode", "theirs"), [(0o644, ["10.99.0.7"]), (0o600, [])])
+def test_a_hosts_file_for_root_alone_has_no_names_for_others(tmp_path, mode, theirs):
+    hosts = tmp_path / "hosts"
+    hosts.write_text("127.0.0.1 localhost\n10.99.0.7 robot.test\n")
+    hosts.chmod(mode)
+    command = f"mount --bind {hosts} /etc/hosts && exec /usr/bin/python3 -c '{HIDDEN}'"
+    output = subprocess.run(
+        ["unshare", "--mount", "--propagation", "private", "sh", "-c", command],
+        check=True,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[6])},
+    ).stdout
+    mine, others = json.loads(output)
+    assert (mine, others.get("robot.test")) == (["10.99.0.7"], theirs)
 
 
 @root

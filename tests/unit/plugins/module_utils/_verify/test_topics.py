@@ -3,6 +3,8 @@
 
 """The topics of talkers, heard by one node."""
 
+import socket
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
 from talking import Roscore, served, talking, until
@@ -42,3 +44,21 @@ def test_a_listener_that_fails_says_why(made):
     made.uri = "http://127.0.0.1:9"
     (entry,) = topics.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)
     assert not entry["heard"] and "http://127.0.0.1:9" in entry["error"]
+
+
+def _published(uri):
+    return {"publishers": [{"node": "/talker", "uri": uri}]}
+
+
+def test_a_publisher_that_was_not_heard_is_reached_or_not():
+    with socket.socket() as there:
+        there.bind(("127.0.0.1", 0))
+        uri = f"http://127.0.0.1:{there.getsockname()[1]}/"
+        assert topics._reach(_published(uri)) == "Connection refused"
+        there.listen()
+        assert topics._reach(_published(uri)) == "open"
+
+
+@pytest.mark.parametrize("uri", ["", "http://127.0.0.1:99999999/", "http://[::1/", "http://x.invalid:1/"])
+def test_a_uri_that_is_none_is_not_reached(uri):
+    assert topics._reach(_published(uri)) not in ("", "open")

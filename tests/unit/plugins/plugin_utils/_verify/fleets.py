@@ -18,9 +18,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import OK
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     Caller,
+    Clock,
     Connection,
     Datagrams,
     DefaultRoute,
+    Disk,
     Exchange,
     Forwarding,
     ForwardingInterface,
@@ -31,6 +33,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     ListedMaster,
     ListMasters,
     Multicast,
+    NodeParameters,
     Observation,
     PacketFilter,
     Ping,
@@ -149,6 +152,8 @@ def network_part(fleet, own):
                 ping_address=Ping(True, 0.4),
                 ping_name=Ping(True, 0.4),
                 ping_large=Ping(True, 0.5),
+                loss=0.0,
+                user_addresses=(str(other.address),),
                 neighbour="" if way.next_hop else mac(other.name),
             )
         )
@@ -181,6 +186,17 @@ def router_probe(fleet, own):
     )
 
 
+def _route_to(fleet, own, master):
+    """The route to a discovery node, whose address may be in another network than the robot's."""
+    layout = ways_module.Ways(fleet)
+    if own.computer == master.computer or any(master.address in entry.network for entry in own.networks):
+        return Route("eth0", source=str(own.address))
+    behind = (
+        layout.gateways[own.robot].address if own.common_address is None else layout.way(own, master.computer).next_hop
+    )
+    return Route("eth0", source=str(own.address), gateway=str(behind))
+
+
 def good_probe(fleet, me, own):
     flows = exchange_module.Flows(fleet)
     uri = own.environment["ROS_MASTER_URI"]
@@ -195,9 +211,13 @@ def good_probe(fleet, me, own):
                 connect_ms=0.3,
                 clock_offset_s=0.001,
                 clock_uncertainty_s=0.001,
+                route=_route_to(fleet, own, master),
             )
             for master in fleet.masters
         ),
+        parameters=NodeParameters(("master_discovery", "master_sync")) if own.is_master else NodeParameters(),
+        clock=Clock(True),
+        disks=(Disk("/var/lib", 10**9, 10**6),),
         roscore=Roscore(uri, uri + "/"),
         list_masters=ListMasters(
             tuple(ListedMaster(master.name, master.uri, True, master.monitor_uri) for master in fleet.masters), 0.7

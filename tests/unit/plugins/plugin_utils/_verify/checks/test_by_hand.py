@@ -10,7 +10,7 @@ from fleets import ONE, ROBOTS, diagnosed, evaluate, fig12, notable, parts, upda
 HELD = (
     f"{ONE}: TCP port 11311 is held by rosmaster (pid 812, user robot), where the plan has multimaster-roscore.service."
 )
-OURS = ("services", "environment", "packet_filter", "next_boot_unit")
+OURS = ("services", "environment", "packet_filter", "next_boot_unit", "parameters")
 
 
 def _found(**values):

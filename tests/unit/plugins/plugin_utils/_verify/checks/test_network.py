@@ -26,6 +26,7 @@ from fleets import (
     silent,
     update,
     wall,
+    without,
 )
 
 
@@ -35,6 +36,47 @@ def _name(addresses, error=""):
 
 def _member(part, **values):
     return lambda seen: update(getattr(of(seen[ONE].probe.members, TWO), part), **values)
+
+
+def _closed(seen):
+    """/etc/hosts is for root alone."""
+    for entry in seen[ONE].probe.members:
+        update(entry, user_addresses=())
+
+
+def _loses(seen):
+    """Every ping between the two is answered, and a third of those that follow is not."""
+    for one, other in ((ONE, TWO), (TWO, ONE)):
+        update(of(seen[one].probe.members, other), loss=0.35)
+        update(of(seen[one].multicast.udp, other), loss=0.3)
+
+
+def test_a_file_for_root_alone_is_named_once_for_all_names():
+    (found,) = diagnosed(_closed).findings
+    assert found.part[:3] == ("names", ONE, "rights") and "root alone" in found.sentence()
+
+
+def test_lost_pings_are_a_loss():
+    (found,) = diagnosed(_loses).findings
+    assert found.verdict == WARNING and {part.mode for part in found.candidates} == {"loss"}
+
+
+@pytest.mark.parametrize(("tcp", "expected"), [("refused", ("filter", "icmp")), ("no answer", ("computer", "off"))])
+def test_a_refused_connection_tells_that_a_computer_without_pings_is_there(tcp, expected):
+    """tibi-monitor is no master, so no port of it is asked otherwise; nobody of the run could look at it."""
+
+    def change(seen):
+        for name, one in seen.items():
+            for entry in one.probe.members if one.probe else ():
+                if entry.name == INNER_TIBI[-1] != name:
+                    update(entry, ping_address=no_answer(), ping_name=no_answer(), ping_large=None, loss=None, tcp=tcp)
+            topics = one.probe.topics if one.probe else ()
+            update(one.probe or one, **({"topics": without(topics, INNER_TIBI[-1], "computer")} if topics else {}))
+        update(seen[INNER_TIBI[-1]], unreachable=True, probe=None, multicast=None)
+
+    found = diagnosed(change, fig12())
+    kinds = {(part.kind, part.mode.split()[0]) for entry in found.findings for part in entry.candidates}
+    assert expected in kinds and (("computer", "off") in kinds) == (tcp != "refused"), found.findings
 
 
 def _small(seen):

@@ -1,0 +1,60 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The parameters of discovery and sync on the roscore, compared with those of the plan."""
+
+import json
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
+
+FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
+MOST = 50  # parameters that are told
+LONGEST = 200  # characters of a value: they are for people
+NOTHING: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "error": ""}
+
+
+def parameters(ros: Ros, planned: typing.Dict[str, typing.Dict[str, typing.Any]]) -> typing.Dict[str, typing.Any]:
+    """Compare the namespace of each node with what is planned; its units write all of it there when the node starts."""
+    found: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "error": ""}
+    for node, wanted in sorted(planned.items()):
+        if not wanted:
+            continue
+        try:
+            there = ros.ask("getParam", "/" + node)
+        except OSError as problem:
+            found["error"] = str(problem)
+            continue
+        if isinstance(there, dict):
+            found["nodes"].append(node)
+            found["differing"] += differing(node, wanted, there)
+    return found
+
+
+def differing(
+    node: str, wanted: typing.Dict[str, typing.Any], there: typing.Dict[str, typing.Any]
+) -> typing.List[typing.Dict[str, str]]:
+    """List the parameters with another value; None is one that is not set.
+
+    Of what the plan does not have only filters count: nodes read more than the collection sets, and write their defaults.
+    """
+    both = dict({name: None for name, value in there.items() if _filters(name, value)}, **wanted)
+    return [
+        {"node": node, "name": plain(name)[:LONGEST], "expected": _text(value), "found": _text(there.get(name))}
+        for name, value in sorted(both.items())
+        if there.get(name) != value
+    ][:MOST]
+
+
+def _filters(name: str, value: typing.Any) -> bool:
+    """Return True for a parameter, or the section of a master, by which a node keeps something back."""
+    return name == "exports" or isinstance(value, dict) or (name.startswith(FILTERS) and bool(value))
+
+
+def _text(value: typing.Any) -> str:
+    """A value for people: a roscore takes anything from anybody."""
+    try:
+        return "not set" if value is None else plain(json.dumps(value, sort_keys=True, default=str))[:LONGEST]
+    except (ValueError, RecursionError):
+        return "a value that cannot be written"
