@@ -18,6 +18,7 @@ from typing import NamedTuple
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import Part
 
 GAIN = 4.0  # of a failure that a part explains, in the measure of Fault.cost
+UNREAD = 1.0  # what a part costs more that a value would show, if somebody had looked
 KNOWN = 2.0  # what a part gains that was read to be broken
 MOST = 5  # of these, with the part itself: a longer list helps nobody
 MARGIN = 1.0  # parts that are as good as the best one, but for this: it is one of these
@@ -123,7 +124,9 @@ class _Cover:
         return sum(self.failures[number].weight for number in self.covers.get(part, ()) if number in wanted)
 
     def _cost(self, part: Part) -> float:
-        return part.fault.cost - (KNOWN + part.fault.cost if part in self.known else 0.0)
+        if part in self.known:
+            return -KNOWN
+        return part.fault.cost + (UNREAD if part.fault.read else 0.0)
 
     def equals(self, best: Part, numbers: Set[int]) -> list[Part]:
         """List the parts that explain the same failures nearly as well as the best one, and better ones before."""

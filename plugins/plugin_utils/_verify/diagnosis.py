@@ -232,7 +232,7 @@ class _Diagnosis:
         members = self.verification.fleet.members
         own = {part.place}
         robots = {member.robot for member in members if member.name in own}
-        near = sorted(own & self.verification.run.keys()) + [
+        near = [member.name for member in members if member.name in own] + [
             member.name for member in members if member.robot in robots and member.name not in own
         ]
         far = [member.name for member in members]

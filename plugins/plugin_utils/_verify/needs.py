@@ -222,18 +222,19 @@ def between_masters(case: Case, own: str, its: str) -> Parts:
 
 
 def heartbeats(case: Case, own: str, its: str) -> Parts:
-    """List what may keep heartbeats back, of either transport, in both directions.
+    """List what may keep the heartbeats of another master from the own one, of either transport.
 
-    Where the probes' datagrams arrive, it is only that a node sends by another interface, or that somebody translates their
+    Where the probes' datagrams arrive, it is only that its node sends by another interface, or that somebody translates their
     source address: they are nobody's then.
     """
     if own == its:
         return NONE
-    translating = translated(case, own, its) | translated(case, its, own)
-    if _arrive(case, own, its) and _arrive(case, its, own):
+    translating = translated(case, its, own)
+    if _arrive(case, its, own):
         return translating | of("interface", own, "multicast") | of("interface", its, "multicast")
-    both_ways = passes(own, its, "udp", "group") | passes(its, own, "udp", "group")
-    return both_ways | translating | multicast(case, own, its) | multicast(case, its, own)
+    members = [case.ways.members.get(name) for name in (own, its)]
+    together = all(member is not None and member.multicast for member in members)
+    return passes(its, own, "udp", "group") | translating | (multicast(case, own, its) if together else NONE)
 
 
 def _arrive(case: Case, sender: str, hearer: str) -> bool:

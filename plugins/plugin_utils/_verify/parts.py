@@ -517,6 +517,7 @@ FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("names", "old"): (("names", "order"),),
     ("names", "several"): (("names", "order"),),
     ("roscore", "name"): (("environment", "service"),),
+    ("interface", "multicast"): (("interface", "address"),),
     ("route", "missing"): (("link", "down"), ("interface", "address"), ("interface", "prefix")),
     ("route", "other"): (("route", "defaults"), ("interface", "address"), ("interface", "prefix")),
 }
