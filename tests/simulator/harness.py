@@ -34,7 +34,7 @@ class Trial:
     faults: tuple  # (Fault, place)
     observations: object
     noise: tuple = ()  # computers that nobody could look at
-    before: object = None  # the state without the faults
+    bases: tuple = ()  # for each fault the state with the others alone
 
 
 @dataclass
@@ -72,7 +72,7 @@ def _run(random, fleet, faulty):
 
 def _injected(random, number, state, run, rows):
     """The trial with these faults, or None where one of them cannot be injected, or cannot be seen beside the other."""
-    healthy_state, found = state, []
+    healthy_state, found, bases = state, [], (state,)
     seen = observe(state, run, number)
     for of in rows:
         row = random.choice(of)
@@ -80,7 +80,7 @@ def _injected(random, number, state, run, rows):
         made = row.inject(state, random)
         if made is None or any(place == made[1] for _row, place in found):
             return None
-        state, place = made
+        before, (state, place) = state, made
         now = observe(state, run, number)
         if now == seen:
             return None
@@ -89,9 +89,10 @@ def _injected(random, number, state, run, rows):
             alone = row.inject(healthy_state, random)
             if alone is None or alone[1] != place or now == observe(alone[0], run, number):
                 return None  # it hides the one before
+            bases = (alone[0], before)
         seen = now
         found.append((row, place))
-    return Trial(number, state, run, tuple(found), seen, before=healthy_state)
+    return Trial(number, state, run, tuple(found), seen, bases=bases)
 
 
 def named(trial):
@@ -132,17 +133,17 @@ class Aimed(Random):
         return self.place if aimed else super().choice(seq)
 
 
-def is_equal(trial, part):
+def is_equal(trial, base, part):
     """Whether another part at its place, instead of the fault that was injected, leaves the very same observations."""
     rows = [row for row in faults.FAULTS if (part.kind, part.mode) in row.parts]
-    made = (_aimed(trial, row, part.place, number) for row in rows for number in range(AIMS))
+    made = (_aimed(base, row, part.place, number) for row in rows for number in range(AIMS))
     return any(state and observe(state, trial.run, trial.number) == trial.observations for state in made)
 
 
-def _aimed(trial, row, place, number):
+def _aimed(base, row, place, number):
     """The state with a fault at a place; None where it cannot be there, as on a device that has no plan."""
     try:
-        made = row.inject(trial.before, Aimed(number, place, trial.before.world.machines))
+        made = row.inject(base, Aimed(number, place, base.world.machines))
     except KeyError:
         return None
     return made[0] if made and is_at(place, made[1]) else None
@@ -152,14 +153,13 @@ def judged(trial, most):
     """For each fault of a trial whether it is among the first findings, or a rival there."""
     found = named(trial)
     answers = []
-    for row, place in trial.faults:
+    for (row, place), base in zip(trial.faults, trial.bases, strict=True):
         verdict = MISSED
         for parts in found[:most]:
             if is_right(parts[0], row, place):
                 verdict = FIRST
             elif verdict == MISSED and any(is_right(part, row, place) for part in parts[1:]):
-                equal = len(trial.faults) == 1 and is_equal(trial, parts[0])
-                verdict = EQUAL if equal else RIVAL
+                verdict = EQUAL if is_equal(trial, base, parts[0]) else RIVAL
         answers.append((row, place, verdict))
     return answers, found
 

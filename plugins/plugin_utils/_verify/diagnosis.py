@@ -31,6 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts
 
 WEIGHTS = {FAILED: 1.0, WARNING: 0.9, UNKNOWN: 0.5}
 SERIOUS = (FAILED, WARNING, UNKNOWN)
+CHANCE = 0.3  # what a failure counts where packets are known to get lost
 ASKED = 60  # pairs that are looked at for a success that clears a part
 MOST = 20_000  # rows that are explained
 ENOUGH = 3  # successes that clear it
@@ -142,8 +143,12 @@ class _Diagnosis:
     def result(self) -> Diagnosis:
         """Explain what no value explains."""
         self._drop_consequences()
-        self._note_loss()
-        failures = [Failure(suspects, WEIGHTS[row.verdict]) for row, suspects in self.open]
+        lost = self._lost()
+        by_chance = [lost & self._losing(row) if lost else NONE for row, _suspects in self.open]
+        failures = [
+            Failure(suspects, WEIGHTS[row.verdict] * (CHANCE if maybe - suspects else 1.0))
+            for (row, suspects), maybe in zip(self.open, by_chance, strict=True)
+        ]
         # what was read may have a text that says more; a row suspects the part without it
         told = {part._replace(what=""): part for part in self.broken}
         chosen, rest = explain(failures, {*self.broken, *told}, self.successes, self._unread)
@@ -153,18 +158,24 @@ class _Diagnosis:
             broken.rows += [self.open[number][0] for number in entry.failures]
             broken.rivals = broken.rivals or entry.rivals
             broken.passed = self._passed(broken.rows)
-        return Diagnosis(tuple(_findings(self.broken)), tuple(self.open[number][0] for number in rest))
+        for number in rest:
+            if by_chance[number]:
+                self.broken[min(by_chance[number])].rows.append(self.open[number][0])
+        unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
+        return Diagnosis(tuple(_findings(self.broken)), unexplained)
 
-    def _note_loss(self) -> None:
-        """Explain the measured loss first: where packets are known to get lost, it also explains what fails now and then."""
+    def _lost(self) -> Parts:
+        """Explain the measured loss first. Where packets are known to get lost, something else may fail by chance.
+
+        So it counts less there, and what nothing else explains is the loss.
+        """
         measured = [entry for entry in self.open if entry[1] and all(part.mode == "loss" for part in entry[1])]
         if not measured:
-            return
+            return NONE
         chosen, _rest = explain([Failure(suspects) for _row, suspects in measured], set(self.broken), self.successes)
         for entry in chosen:
             self.broken[entry.part].rivals = entry.rivals
-        known = {entry.part for entry in chosen}
-        self.open = [(row, suspects | (known & self._losing(row))) for row, suspects in self.open]
+        return frozenset(entry.part for entry in chosen)
 
     def _losing(self, row: Row) -> Parts:
         case = self.verification.case(self.checks[row.check], row.observer, row.target)
@@ -230,20 +241,15 @@ class _Diagnosis:
     def _others(self, part: Part) -> Iterable[tuple[str, str]]:
         """List other pairs that may need a part: those of the computers at its place, and those of their robot."""
         members = self.verification.fleet.members
-        own = {part.place}
-        robots = {member.robot for member in members if member.name in own}
-        near = [member.name for member in members if member.name in own] + [
-            member.name for member in members if member.robot in robots and member.name not in own
-        ]
+        robots = {member.robot for member in members if member.name == part.place}
+        near = sorted(
+            (member.name for member in members if member.robot in robots), key=lambda name: name != part.place
+        )
         far = [member.name for member in members]
         step = max(1, len(near or far) * len(far) // ASKED)
         pairs = ((one, other) for one in near or far for other in far)
         some = islice(pairs, 0, None, step)
-        return (
-            pair
-            for one, other in chain(((place, place) for place in own), some)
-            for pair in ((one, other), (other, one))
-        )
+        return (pair for one, other in chain([(part.place, part.place)], some) for pair in ((one, other), (other, one)))
 
 
 def _findings(broken: Mapping[Part, _Broken]) -> list[Found]:

@@ -241,6 +241,15 @@ class Exchanges:
         passing = {item.name for item in self.wanted(source, target) if item.kind != "service"}
         return [Conflict(name, (source, *theirs[name]), (target, *mine[name])) for name in topics if name in passing]
 
+    def odd(self, conflict: Conflict) -> str:
+        """Name the robot that alone has another type or md5 sum of a topic than all others; empty where nobody can tell."""
+        topic = conflict.topic
+        kinds = {robot: has.sums[topic] for robot, has in self.robots.items() if topic in has.sums}
+        alone = [
+            one for one in kinds if all(_differ(kinds[one], kind) for robot, kind in kinds.items() if robot != one)
+        ]
+        return alone[0] if len(alone) == 1 else ""
+
     def crossing(self, links: Iterable[Connection], own: str, other: str) -> list[Connection]:
         """List the connections between nodes of two robots that neither the publisher nor the subscriber explains.
 

@@ -297,6 +297,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=3.5,
         hard=False,
         read=True,
+        unseen=False,
     ),
     ("redirects", "sent"): Fault(
         "{place} sends ICMP redirects, because packets turn round on the common network",

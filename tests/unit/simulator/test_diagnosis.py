@@ -7,7 +7,7 @@ from tests.simulator import faults, harness
 
 HEALTHY, ROUNDS, PAIRS = 40, 1, 20
 # What is reached; raise them with the diagnosis.
-FIRST, NAMED, FIRST_OF_PAIRS = 0.90, 0.95, 0.75
+FIRST, NAMED, FIRST_OF_PAIRS = 0.93, 0.96, 0.85
 
 
 def share(table, *verdicts):
@@ -22,9 +22,9 @@ def test_a_healthy_fleet_has_no_finding():
 def test_one_fault_is_named_first():
     table = harness.scores(harness.single_faults(range(ROUNDS * len(faults.FAULTS))))
     assert share(table, harness.FIRST) >= FIRST, harness.render_misses(table)
-    assert share(table, harness.FIRST, harness.RIVAL) >= NAMED, harness.render_misses(table)
+    assert share(table, harness.FIRST, harness.EQUAL) >= NAMED, harness.render_misses(table)
 
 
 def test_two_faults_are_among_the_first_three():
     table = harness.scores(harness.pairs_of_faults(range(PAIRS)))
-    assert share(table, harness.FIRST) >= FIRST_OF_PAIRS, harness.render_misses(table)
+    assert share(table, harness.FIRST, harness.EQUAL) >= FIRST_OF_PAIRS, harness.render_misses(table)

@@ -149,7 +149,10 @@ def _told(conflict: Conflict) -> str:
 def _differing(case: Case) -> Parts:
     own, its = case.robots
     if conflicts := case.exchanges.conflicts(its, own):
-        return joined(of("messages", both(own, its), "differ", what=conflict.topic) for conflict in conflicts)
+        return joined(
+            of("messages", case.exchanges.odd(conflict) or both(own, its), "differ", what=conflict.topic)
+            for conflict in conflicts
+        )
     return of("messages", case.observer.name, "unknown", what=case.exchange.types_error if case.exchange else "")
 
 
