@@ -35,6 +35,7 @@ ROOMS = {
         "_changes": {"_fleet"},
         "_world": {"_plan", "_fleet"},
         "_verify": {"_plan", "_fleet"},
+        "_report": {"_verify", "_plan", "_fleet"},
     },
     NODES: {
         "core": set(),

@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the robots of a fleet declare, what is registered there, and what differs from an earlier run. Pure: plain data out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import TEST_NODES
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Exchange, Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import plain
+
+OWN_TOPICS = "/multimaster_verify/"  # of the verification itself
+MOST = 2000  # names of a robot that are kept
+NAMED = 6  # names in a sentence
+PRIVATE = ("/get_loggers", "/set_logger_level")  # services that every node has
+
+
+def robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
+    """List the robots with their computers, what they provide, and what they hold of others."""
+    by_uri = {plain(master.uri): master.robot for master in fleet.masters}
+    found = []
+    for robot, master in fleet.master_of.items():
+        seen = observations.get(master.computer)
+        exchange = seen.probe.exchange if seen and seen.probe and not seen.probe.exchange.error else None
+        found.append(
+            {
+                "robot": robot,
+                "master": master.computer,
+                "computers": [name for name, plan in fleet.computers.items() if plan.robot == robot],
+                "declares": master.declared,
+                "gives": [
+                    {"to": list(flow.to), "topics": list(flow.topics), "services": list(flow.services)}
+                    for flow in fleet.flows
+                    if robot in flow.givers
+                ],
+                "read": exchange is not None,
+                **_registered(exchange, by_uri),
+            }
+        )
+    return found
+
+
+def _registered(exchange: Exchange | None, by_uri: Mapping[str, str]) -> dict[str, Any]:
+    if exchange is None:
+        return {"topics": [], "services": [], "takes": []}
+    takes = [
+        {
+            "robot": by_uri.get(plain(entry.master), entry.master),
+            "topics": _names(topic.name for topic in entry.topics if _others(topic.publishers)),
+            "services": _names(service.name for service in entry.services),
+        }
+        for entry in exchange.imports
+    ]
+    return {
+        "topics": _names(topic.name for topic in exchange.topics if _others(topic.publishers)),
+        "services": _names(service.name for service in exchange.services),
+        "takes": takes,
+    }
+
+
+def _others(nodes: Iterable[str]) -> bool:
+    """True where a node has it that is none of the verification."""
+    return any(not node.startswith(TEST_NODES) for node in nodes)
+
+
+def _names(names: Iterable[str]) -> list[str]:
+    mine = {name for name in names if not name.startswith(OWN_TOPICS) and TEST_NODES not in name}
+    return sorted(name for name in mine if not name.endswith(PRIVATE))[:MOST]
+
+
+# What differs from an earlier run
+
+
+def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Compare two documents: sentences about what is new, what is gone, and what is well again."""
+    try:
+        return list(_differences(before, now))
+    except (AttributeError, KeyError, TypeError) as _other_shape:  # written by another version, or by hand
+        return []
+
+
+def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    yield from _compared("", before["computers"], now["computers"])
+    old = {entry["robot"]: entry for entry in before["robots"]}
+    for entry in now["robots"]:
+        other = old.get(entry["robot"])
+        if other and other["read"] and entry["read"]:
+            for kind in ("topics", "services"):
+                yield from _compared(f"{kind} of {entry['robot']}: ", other[kind], entry[kind])
+    was, found = _sentences(before), _sentences(now)
+    yield from (f"new: {sentence}" for sentence in found if sentence not in was)
+    yield from (f"no longer: {sentence}" for sentence in was if sentence not in found)
+
+
+def _compared(of: str, before: Sequence[str], now: Sequence[str]) -> Iterator[str]:
+    for names, word in ((set(now) - set(before), "new"), (set(before) - set(now), "gone")):
+        if names:
+            yield f"{of}{_listed(sorted(names))} {'is' if len(names) == 1 else 'are'} {word}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more
+
+
+def _sentences(document: Mapping[str, Any]) -> list[str]:
+    return [entry["sentence"] for entry in document["findings"]]
+
+
+# What ran there
+
+
+def machines(
+    fleet: FleetPlan, observations: Mapping[str, Observation], infos: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, str]]:
+    """Name system, ROS and nodes of each computer of the run, and how long it took; `infos` is of multimaster_info."""
+    found = {}
+    for name, seen in observations.items():
+        probe, info = seen.probe, infos.get(name, {})
+        topics = [topic.seconds for topic in probe.topics if topic.seconds is not None] if probe else []
+        asked = probe.list_masters.seconds if probe and not probe.list_masters.error else 0.0
+        found[name] = {
+            "system": _text(info, "os", "name"),
+            "ros": _text(info, "ros", "chosen", "distro"),
+            "provider": "" if fleet.computers[name].is_router else fleet.computers[name].provider,
+            "list_masters": f"{asked:.2f} s" if asked else "",
+            "topics": f"{max(topics):.2f} s" if topics else "",
+        }
+    return found
+
+
+def _text(info: Any, *keys: str) -> str:
+    for key in keys:
+        info = info.get(key) if isinstance(info, Mapping) else None
+    return info if isinstance(info, str) else ""

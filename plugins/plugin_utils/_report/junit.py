@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The result as JUnit XML, which CI systems read: a test case for each check, with all that failed in it. Pure."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from typing import Any
+from xml.etree import ElementTree
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, UNKNOWN, WARNING
+
+LISTED = 100  # results that are listed in a test case
+
+
+def junit(document: Mapping[str, Any]) -> str:
+    """Write a suite with a test case for each check; a warning passes, and is told in its output."""
+    checks = document["checks"]
+    rows = defaultdict(list)
+    for row in document["rows"]:
+        if row["verdict"] != OK:
+            rows[row["check"], row["verdict"]].append(row)
+    suite = ElementTree.Element(
+        "testsuite",
+        name="rosfleet.multimaster.verify",
+        timestamp=str(document.get("time", "")),
+        tests=str(len(checks)),
+        failures=str(sum(1 for check in checks if check[FAILED])),
+        errors="0",
+        skipped=str(sum(1 for check in checks if _left_out(check))),
+    )
+    for check in checks:
+        _case(suite, check, rows)
+    told = ElementTree.SubElement(suite, "system-out")
+    told.text = _text(document["findings"])
+    root = ElementTree.Element("testsuites")
+    root.append(suite)
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _case(suite: ElementTree.Element, check: Mapping[str, Any], rows: Mapping[tuple[str, str], Sequence[Any]]) -> None:
+    case = ElementTree.SubElement(suite, "testcase", classname="verify", name=f"{check['check']}: {check['title']}")
+    name = check["check"]
+    if check[FAILED]:
+        message = f"{check[FAILED]} of {sum(check[verdict] for verdict in (OK, WARNING, FAILED, UNKNOWN))} failed"
+        ElementTree.SubElement(case, "failure", message=message, type=name).text = _listed(rows[name, FAILED])
+    elif _left_out(check):
+        ElementTree.SubElement(case, "skipped", message=f"{check[UNKNOWN]} not judged")
+    more = [*rows.get((name, WARNING), ()), *rows.get((name, UNKNOWN), ())]
+    if more:
+        ElementTree.SubElement(case, "system-out").text = _listed(more)
+
+
+def _left_out(check: Mapping[str, Any]) -> bool:
+    """True where nothing of it was judged."""
+    return bool(check[UNKNOWN]) and not check[OK] and not check[WARNING] and not check[FAILED]
+
+
+def _listed(rows: Sequence[Mapping[str, Any]]) -> str:
+    lines = [
+        plain(
+            f"{row['verdict']}: {row['observer']}"
+            + ("" if row["observer"] == row["target"] else f" to {row['target']}")
+            + f": expected {row['expected']}, found {row['found']}",
+            500,
+        )
+        for row in rows[:LISTED]
+    ]
+    return "\n".join([*lines, f"and {len(rows) - LISTED} more"] if len(rows) > LISTED else lines)
+
+
+def _text(findings: Sequence[Mapping[str, Any]]) -> str:
+    return "\n".join(plain(f"{entry['verdict']}: {entry['sentence']}; {entry['remedy']}", 500) for entry in findings)

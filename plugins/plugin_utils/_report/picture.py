@@ -1,0 +1,289 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The fleet as a picture: the plan in, SVG text out. Pure.
+
+The common network is a bar. Robots hang from it, as many in a row as fit, and the bar is drawn again over each row. The own
+network of a robot is a bar below its gateway. What is wrong has a mark at its place: a sign, a number, and a link.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import TypeVar
+from xml.sax.saxutils import escape, quoteattr
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, RobotNetwork
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, UNKNOWN, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON
+
+_T = TypeVar("_T")
+
+SIGNS = {OK: "\u2713", FAILED: "\u2716", WARNING: "\u25b2", UNKNOWN: "?"}  # never by colour alone
+WIDTH = 1160  # of the picture; a single robot may need more
+COLUMNS = 2  # computers of a robot side by side
+BOX, GAP, BAR, EDGE = 46, 14, 10, 12  # heights and distances
+HEAD = 62  # the title of a robot and whom it discovers
+LETTER = 7.3  # width of a letter
+LONGEST, SHORTEST = 26, 14  # letters of a name that are shown
+NAMED = 3  # robots that are named in a line
+MARKS = 4  # marks that are drawn at one place
+
+STYLE = """
+text { font: 12px system-ui, sans-serif; fill: var(--ink, #1b1f24) }
+.title { font-weight: 700; font-size: 14px }
+.small { font-size: 11px; fill: var(--soft, #57606a) }
+.box { fill: var(--paper, #fff); stroke: var(--ink, #1b1f24); stroke-width: 1.2 }
+.robot { fill: var(--pale, #f6f8fa); stroke: var(--soft, #57606a); stroke-dasharray: 2 3 }
+.device { stroke-dasharray: 6 3 }
+.bar { fill: var(--bar, #0969da) }
+.wire { stroke: var(--bar, #0969da); stroke-width: 2 }
+.is-failed { stroke: var(--failed, #b42318); stroke-width: 3.5 }
+.is-warning { stroke: var(--warning, #8a5a00); stroke-width: 3.5; stroke-dasharray: 9 4 }
+.is-unknown { stroke: var(--soft, #57606a); stroke-width: 3; stroke-dasharray: 2 4 }
+.mark rect { fill: var(--failed, #b42318); stroke: var(--paper, #fff) }
+.mark.warning rect { fill: var(--warning, #8a5a00) }
+.mark.unknown rect { fill: var(--soft, #57606a) }
+.mark text { fill: var(--paper, #fff); font-weight: 700; text-anchor: middle }
+a:focus .mark rect, a:focus rect { stroke: var(--ink, #1b1f24); stroke-width: 3 }
+""".strip()
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Something that is wrong: the number of the finding, its place, the verdict, and the sentence."""
+
+    number: int
+    place: str
+    verdict: str
+    text: str
+
+
+@dataclass(frozen=True)
+class _Device:
+    """A box: a computer, or a gateway that is none."""
+
+    name: str
+    lines: tuple[str, ...]
+    told: str
+    planned: bool = True  # it is a computer of the inventory
+
+
+@dataclass(frozen=True)
+class _Robot:
+    """What is drawn of a robot: what stands in the common network, and what behind its gateway."""
+
+    name: str
+    discovers: str
+    unseen: str
+    front: tuple[_Device, ...]
+    network: RobotNetwork | None
+    behind: tuple[_Device, ...] = ()
+
+
+def picture(fleet: FleetPlan, marks: Iterable[Mark] = (), unseen: Mapping[str, Sequence[str]] | None = None) -> str:
+    """Draw the fleet. `unseen` are the robots that a robot is to discover and does not."""
+    robots = [_robot(fleet, name, (unseen or {}).get(name, ())) for name in fleet.master_of]
+    return _Drawing(fleet, robots, marks).svg()
+
+
+def _robot(fleet: FleetPlan, name: str, unseen: Sequence[str]) -> _Robot:
+    others = [robot for robot in fleet.master_of if robot not in (name, *unseen)]
+    network = next((entry for entry in fleet.networks if entry.robot == name), None)
+    front, behind = _standing(fleet, name, alone=network is None)
+    if network is not None and network.device:
+        lines = ("gateway, no computer", str(network.gateway), str(network.common_address))
+        front.append(_Device(str(network.gateway), lines, "the gateway of the robot, a device", planned=False))
+    not_seen = f"{SIGNS[FAILED]} does not discover {_some(unseen)}" if unseen else ""
+    return _Robot(name, "discovers " + (_some(others) or "nobody"), not_seen, tuple(front), network, tuple(behind))
+
+
+def _standing(fleet: FleetPlan, robot: str, alone: bool) -> tuple[list[_Device], list[_Device]]:
+    """List the computers in the common network, which are all of a robot without a network, and those behind the gateway."""
+    front, behind = [], []
+    for plan in fleet.computers.values():
+        if plan.robot == robot:
+            (front if alone or plan.common_address else behind).append(_device(fleet, plan.computer))
+    return front, behind
+
+
+def _device(fleet: FleetPlan, name: str) -> _Device:
+    plan = fleet.computers[name]
+    does = [
+        word
+        for word, said in (("master", plan.is_master), ("gateway", plan.is_gateway), ("router", plan.is_router))
+        if said
+    ]
+    addresses = dict.fromkeys(str(address) for address in (plan.address, plan.common_address) if address)
+    lines = (" ".join(does) or "computer", *addresses)
+    return _Device(name, lines, f"{name}: {', '.join(lines)}")
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(_short(name) for name in names[:NAMED]) + more
+
+
+def _short(text: str, most: int = LONGEST) -> str:
+    return plain(text) if len(plain(text)) <= most else plain(text)[: most - 1] + "\u2026"
+
+
+class _Drawing:
+    """The elements of a picture, and how far it reaches."""
+
+    def __init__(self, fleet: FleetPlan, robots: Sequence[_Robot], marks: Iterable[Mark]) -> None:
+        self.fleet = fleet
+        self.robots = robots
+        self.marks: dict[str, list[Mark]] = defaultdict(list)
+        for mark in marks:
+            for place in dict.fromkeys([mark.place, *mark.place.split(" and ")]):
+                self.marks[place].append(mark)
+        longest = max((len(device.name) for robot in robots for device in (*robot.front, *robot.behind)), default=0)
+        self.box = round(LETTER * min(max(longest, SHORTEST), LONGEST)) + 2 * GAP
+        self.frame = COLUMNS * self.box + (COLUMNS + 1) * GAP
+        self.each = max(1, min(len(robots), (WIDTH - EDGE) // (self.frame + GAP)))
+        self.width = self.each * (self.frame + GAP) + 2 * EDGE
+        self.frames: list[str] = []
+        self.wires: list[str] = []
+        self.parts: list[str] = []
+
+    def svg(self) -> str:
+        """Draw everything, and put frames behind wires, and these behind boxes."""
+        y = self._router(EDGE)
+        rows, top = list(_chunks(self.robots, self.each)), y + BAR // 2
+        for number, robots in enumerate(rows):
+            bar = y
+            self._bar(EDGE, y, self.width - 2 * EDGE, self._common(number), COMMON if number == 0 else "")
+            heights = [
+                self._draw(robot, EDGE + column * (self.frame + GAP), y + BAR) for column, robot in enumerate(robots)
+            ]
+            y += BAR + max(heights, default=0) + 3 * GAP
+        if len(rows) > 1:  # the bars are one network
+            self._wire(EDGE + 1, top, bar)
+        title = f"The fleet: {len(self.robots)} robots, {len(self.fleet.computers)} computers"
+        return "\n".join(
+            [
+                f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width} {y}" width="{self.width}" height="{y}"'
+                f' role="group" aria-label={quoteattr(title)}>',
+                f"<style>{STYLE}</style>",
+                *self.frames,
+                *self.wires,
+                *self.parts,
+                "</svg>\n",
+            ]
+        )
+
+    def _common(self, row: int) -> str:
+        fleet = self.fleet
+        ways = {"both": "multicast and unicast"}.get(fleet.transport, fleet.transport)
+        if row:
+            return f"{fleet.common_network}, the same network"
+        return f"common network {fleet.common_network}; discovery by {ways}, {fleet.multicast_group}:{fleet.multicast_port}"
+
+    def _router(self, y: int) -> int:
+        router = self.fleet.router
+        if router is None:
+            return y + 2 * GAP
+        if router.name:
+            device = _device(self.fleet, router.name)
+        else:
+            device = _Device(str(router.address), ("router, no computer",), "the router, a device", planned=False)
+        self._wire(EDGE + GAP + self.box // 2, y + BOX, y + BOX + 3 * GAP)
+        self._box(device, EDGE + GAP, y)
+        return y + self._height(device) + 2 * GAP
+
+    def _draw(self, robot: _Robot, x: int, top: int) -> int:
+        """Draw a robot below the bar; return its height."""
+        y = top + GAP
+        self._text(x + GAP, y + 20, f"robot {_short(robot.name)}", "title")
+        self._text(x + GAP, y + 37, robot.discovers, "small")
+        if robot.unseen:
+            self._text(x + GAP, y + 52, robot.unseen, "small")
+        self._marks(x + self.frame - GAP, y + 6, self.marks.get(robot.name, ()))
+        y = self._hang(robot.front, x, y + HEAD, top)
+        if robot.network is not None:
+            place = f"the network of {robot.name}"
+            if robot.front:
+                self._wire(x + GAP + self.box // 2, top, y + 2 * GAP)
+            y += 2 * GAP
+            self._bar(x + GAP, y, self.frame - 2 * GAP, f"own network {robot.network.network}", place)
+            y = self._hang(robot.behind, x, y + BAR + GAP, y)
+        height = y - top
+        verdict = _worst(self.marks.get(robot.name, ()))
+        self.frames.append(
+            f'<rect class="robot{_is(verdict)}" x="{x}" y="{top + GAP}" width="{self.frame}" height="{height - GAP}" rx="8"/>',
+        )
+        return height
+
+    def _hang(self, devices: Sequence[_Device], x: int, y: int, bar: int) -> int:
+        """Draw boxes in columns below a bar; return where the next thing may begin."""
+        for row in _chunks(devices, COLUMNS):
+            for column, device in enumerate(row):
+                left = x + GAP + column * (self.box + GAP)
+                self._wire(left + self.box // 2, bar, y)
+                self._box(device, left, y)
+            y += max(map(self._height, row)) + GAP
+        return y
+
+    def _height(self, device: _Device) -> int:
+        return BOX + 14 * max(0, len(device.lines) - 1)
+
+    def _box(self, device: _Device, x: int, y: int) -> None:
+        marks = self.marks.get(device.name, ())
+        kind = "box" if device.planned else "box device"
+        self.parts.append(
+            f'<g><title>{escape(plain(device.told))}</title><rect class="{kind}{_is(_worst(marks))}" x="{x}" y="{y}" '
+            f'width="{self.box}" height="{self._height(device)}" rx="4"/>'
+        )
+        self._text(x + GAP, y + 19, _short(device.name), "name")
+        for number, line in enumerate(device.lines):
+            self._text(x + GAP, y + 35 + 14 * number, line, "small")
+        self.parts.append("</g>")
+        self._marks(x + self.box, y - 8, marks)
+
+    def _bar(self, x: int, y: int, width: int, text: str, place: str) -> None:
+        marks = self.marks.get(place, ()) if place else ()
+        self.parts.append(
+            f'<rect class="bar{_is(_worst(marks))}" x="{x}" y="{y}" width="{width}" height="{BAR}" rx="3"/>'
+        )
+        self._text(x + GAP + (0 if place != COMMON else self.box), y - 5, text, "small")
+        self._marks(x + width, y - 8, marks)
+
+    def _marks(self, right: int, y: int, marks: Sequence[Mark]) -> None:
+        """Draw marks from the right to the left, each a link to what shows it."""
+        for position, mark in enumerate(marks[:MARKS]):
+            x = right - 40 * (position + 1)
+            last = position == MARKS - 1 and len(marks) > MARKS
+            said = f"{len(marks) - MARKS + 1} more" if last else f"{SIGNS[mark.verdict]} {mark.number}"
+            told = f"{mark.verdict}: finding {mark.number}: {plain(mark.text, 400)}"
+            self.parts.append(
+                f'<a href="#finding-{mark.number}" aria-label={quoteattr(told)}><title>{escape(told)}</title>'
+                f'<g class="mark {mark.verdict}"><rect x="{x}" y="{y}" width="38" height="20" rx="3"/>'
+                f'<text x="{x + 19}" y="{y + 15}">{said}</text></g></a>'
+            )
+
+    def _wire(self, x: int, top: int, bottom: int) -> None:
+        self.wires.append(f'<line class="wire" x1="{x}" y1="{top}" x2="{x}" y2="{bottom}"/>')
+
+    def _text(self, x: int, y: int, text: str, kind: str) -> None:
+        self.parts.append(f'<text class="{kind}" x="{x}" y="{y}">{escape(plain(text))}</text>')
+
+
+def _worst(marks: Sequence[Mark]) -> str:
+    return next(
+        (verdict for verdict in (FAILED, WARNING, UNKNOWN) if any(mark.verdict == verdict for mark in marks)), ""
+    )
+
+
+def _is(verdict: str) -> str:
+    return f" is-{verdict}" if verdict else ""
+
+
+def _chunks(entries: Sequence[_T], size: int) -> Iterator[list[_T]]:
+    rest = iter(entries)
+    while chunk := list(islice(rest, size)):
+        yield chunk

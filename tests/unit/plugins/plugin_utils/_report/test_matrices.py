@@ -1,0 +1,46 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Cells: the worst result, a short number, and robots instead of computers in a large fleet."""
+
+import fleets
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.matrices import KINDS, Matrices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, Row
+from reported import reported
+
+
+def cells(report, kind):
+    return next(matrix for matrix in report.matrices.tables() if matrix.kind.id == kind).cells
+
+
+def test_each_check_is_in_one_matrix_at_most():
+    checks = [check for kind in KINDS for check in kind.checks]
+    assert len(checks) == len(set(checks)) and set(checks) <= {check.id for check in CHECKS}
+
+
+def test_a_cell_has_the_worst_of_its_results_and_the_number():
+    found = cells(reported(fleets.fig12(), fleets.wall), "pings")
+    bad, good = found["tibi-nav", "dabo-nav"], found["tibi-nav", "tibi-visio"]
+    assert (bad.verdict, bad.text) == (FAILED, "") and any("ping by name: " in text for text in bad.told)
+    assert (good.verdict, good.text) == (OK, "0.4 ms")
+
+
+def test_every_row_passes_and_is_in_a_cell():
+    fleet = fleets.fig12()
+    rows = fleets.judged(fleet, fleets.observed(fleet))
+    found = Matrices(fleet)
+    assert list(found.passing(rows)) == rows
+    counted = sum(cell.counts.total() for matrix in found.tables() for cell in matrix.cells.values())
+    assert counted + sum(cell.counts.total() for cell in found.own().cells.values()) == len(rows)
+
+
+def test_in_a_large_fleet_a_cell_is_two_robots():
+    fleet = fleets.plan(21, 2)
+    found = Matrices(fleet)
+    bad = Row("ping_address", "kobuki1computer-1", "kobuki2computer", FAILED, "an answer", "none")
+    list(found.passing([bad._replace(verdict=OK), bad]))
+    (matrix,) = found.tables()
+    cell = matrix.cells["kobuki1", "kobuki2"]
+    assert (cell.verdict, cell.counts.total()) == (FAILED, 2)
+    assert cell.told == ["kobuki1computer-1 to kobuki2computer: ping by address: none, expected an answer"]
