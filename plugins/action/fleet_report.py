@@ -110,6 +110,7 @@ def observation(
             problem=problem,
             packet_filter=complete(PacketFilter, variables, packet_filter, "members"),
             found=as_found(variables, plan),
+            services=services(variables, plan),
         )
     except Mismatch as found:  # what one computer was told by strangers must not cost the others their report
         return Observation(
@@ -129,6 +130,12 @@ def registered(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     for key in name.split("."):
         found = found[key] if isinstance(found, Mapping) and key in found else {}
     return found if isinstance(found, Mapping) else {}
+
+
+def services(variables: Mapping[str, Any], name: str) -> tuple[str, ...] | None:
+    """Read which services can run there, as preflight found; None where it did not look."""
+    found = registered(variables, name).get("services")
+    return tuple(map(str, found)) if isinstance(found, (list, tuple)) else None
 
 
 def as_found(variables: Mapping[str, Any], name: str) -> AsFound | None:

@@ -162,6 +162,7 @@ findings:
       sentence: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
       remedy: run site.yml, which also keeps cloud-init from writing the line again at boot
       decide: "on kobuki1computer: getent ahostsv4 kobuki2computer; cat /etc/hosts"
+      since: /etc/hosts was changed 2026-11-22 09:12:44 UTC
       rivals: []
       seen:
         - {check: name, observer: kobuki1computer, target: kobuki2computer, verdict: failed, expected: 192.168.1.239, found: 127.0.1.1}
@@ -207,6 +208,11 @@ findings:
       returned: always
       type: str
       sample: "on kobuki1computer: getent ahostsv4 kobuki2computer; cat /etc/hosts"
+    since:
+      description: Since when it is so, where the computer tells; else empty.
+      returned: always
+      type: str
+      sample: /etc/hosts was changed 2026-11-22 09:12:44 UTC
     rivals:
       description: Other parts that explain the same, each with C(kind), C(place), C(mode) and C(sentence). It is one of all these.
       returned: always

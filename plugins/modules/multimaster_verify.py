@@ -1067,6 +1067,23 @@ disks:
       returned: always
       type: int
       sample: 300000
+changed:
+  description: When the files were changed by which names are looked up.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample: [{path: /etc/hosts, when: 2026-11-22 09:12:44 UTC}]
+  contains:
+    path:
+      description: The file.
+      returned: always
+      type: str
+      sample: /etc/hosts
+    when:
+      description: When its content was changed.
+      returned: always
+      type: str
+      sample: 2026-11-22 09:12:44 UTC
 next_boot:
   description: What works now, or not, and will not be as O(boot) and O(services) say after the next boot.
   returned: when O(state=collected)
@@ -1354,6 +1371,7 @@ PARTS = (
         settled=True,
     ),
     Part("clock", lambda params, ros, deadline: resources.clock(), {"synchronised": None}),
+    Part("changed", lambda params, ros, deadline: resources.changed(), []),
     Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], router=True),
     Part("ros_missing", lambda params, ros, deadline: ros.missing(), "not looked at"),
     Part("next_boot", look_next_boot, [], router=True),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
@@ -61,7 +61,7 @@ class Participant:
         multicast = seen.multicast or Multicast()
         return cls(
             name=name,
-            plan=plan,
+            plan=_possible(plan, seen),
             seen=seen,
             members={entry.name: entry for entry in probe.members},
             masters={entry.computer: entry for entry in probe.masters},
@@ -79,6 +79,11 @@ class Participant:
     def without_ros(self) -> bool:
         """True for the router, and for a second computer of a robot without ROS; a master's computer needs ROS."""
         return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))
+
+
+def _possible(plan: ComputerPlan, seen: Observation) -> ComputerPlan:
+    """Leave out of a plan the services that cannot run there, as preflight found."""
+    return plan if seen.services is None else replace(plan, services=seen.services)
 
 
 def _rounds(icmp: Icmp | None) -> Sequence[tuple[int, frozenset[str]]]:

@@ -28,6 +28,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import NONE, Parts, losing
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import FOLLOWS, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.since import since
 
 WEIGHTS = {FAILED: 1.0, WARNING: 0.9, UNKNOWN: 0.5}
 SERIOUS = (FAILED, WARNING, UNKNOWN)
@@ -50,6 +51,7 @@ class Found:
     also: tuple[Part, ...] = ()  # the same at the same place: other names, other networks
 
     passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
+    since: str = ""  # empty where nobody knows
 
     @property
     def follows(self) -> int:
@@ -162,7 +164,12 @@ class _Diagnosis:
             if by_chance[number]:
                 self.broken[min(by_chance[number])].rows.append(self.open[number][0])
         unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
-        return Diagnosis(tuple(_findings(self.broken)), unexplained)
+        found = (replace(entry, since=self._since(entry)) for entry in _findings(self.broken))
+        return Diagnosis(tuple(found), unexplained)
+
+    def _since(self, entry: Found) -> str:
+        computer = self.verification.run.get(entry.part.place)
+        return since(entry.part, computer.seen.probe if computer else None)
 
     def _lost(self) -> Parts:
         """Explain the measured loss first. Where packets are known to get lost, something else may fail by chance.

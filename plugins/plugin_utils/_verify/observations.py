@@ -262,6 +262,14 @@ class Clock:
 
 
 @dataclass(frozen=True)
+class Changed:
+    """A file of the system, and when its content was changed."""
+
+    path: str
+    when: str = ""
+
+
+@dataclass(frozen=True)
 class Disk:
     """The room for an ordinary user where services write; None where it is not counted."""
 
@@ -320,6 +328,7 @@ class Probe:
     parameters: NodeParameters = NodeParameters()
     clock: Clock = Clock()
     disks: tuple[Disk, ...] = ()
+    changed: tuple[Changed, ...] = ()
     services: tuple[Service, ...] = ()
     next_boot: tuple[AfterBoot, ...] = ()
     talker: Talker | None = None
@@ -425,3 +434,4 @@ class Observation:
     problem: str = ""
     packet_filter: PacketFilter | None = None  # None where none is planned, and none is left over
     found: AsFound | None = None  # None where preflight did not look
+    services: tuple[str, ...] | None = None  # of the planned ones those that can run there, as preflight found

@@ -169,15 +169,21 @@ def _finding(entry: Found) -> Iterator[tuple[str, str]]:
     for row in entry.proof[:1]:
         yield "     seen:     ", f"{_where(entry.proof)}: expected {row.expected}, found {row.found}"
     if not entry.proof:
-        yield "     for it:   ", _counted(row.check for row in entry.rows) + " fail"
+        yield "     for it:   ", _counted(row.check for row in entry.rows) + " fail" + _example(entry.rows)
         if entry.passed:
             yield "     besides:  ", "in the same pairs these succeed: " + _counted(entry.passed)
     elif entry.rows:
         yield "     follows:  ", _counted(row.check for row in entry.rows)
+    yield "     since:    ", entry.since
     yield "     behind:   ", _behind(entry)
     if entry.rivals:
         yield "     decide:   ", "; ".join(dict.fromkeys(part.decide() for part in entry.candidates))
     yield "     do:       ", entry.remedy()
+
+
+def _example(rows: Sequence[Row]) -> str:
+    """The first of some rows, with what was found."""
+    return f"; such as {whom(rows[0])}: {rows[0].found}" if rows and rows[0].found else ""
 
 
 def _behind(entry: Found) -> str:
@@ -197,7 +203,9 @@ def _where(rows: Sequence[Row]) -> str:
 
 def _counted(checks: Iterable[str]) -> str:
     """Titles of checks with how often each is there."""
-    return ", ".join(f"{TITLES[check]} ({number})" for check, number in Counter(checks).most_common())
+    counted = Counter(checks).most_common()
+    more = f" and {len(counted) - PAIRS} other checks" if len(counted) > PAIRS else ""
+    return ", ".join(f"{TITLES[check]} ({number})" for check, number in counted[:PAIRS]) + more
 
 
 def _unexplained(rows: Sequence[Row]) -> list[str]:
@@ -278,6 +286,7 @@ def findings(diagnosis: Diagnosis, listed: bool = False) -> list[dict[str, Any]]
             "sentence": entry.sentence(),
             "remedy": entry.remedy(),
             "decide": entry.part.decide(),
+            "since": entry.since,
             "rivals": [
                 {"kind": part.kind, "place": part.place, "mode": part.mode, "sentence": part.sentence()}
                 for part in entry.rivals

@@ -218,6 +218,7 @@ def good_probe(fleet, me, own):
         parameters=NodeParameters(("master_discovery", "master_sync")) if own.is_master else NodeParameters(),
         clock=Clock(True),
         disks=(Disk("/var/lib", 10**9, 10**6),),
+        name_sources=("files", "dns"),
         roscore=Roscore(uri, uri + "/"),
         list_masters=ListMasters(
             tuple(ListedMaster(master.name, master.uri, True, master.monitor_uri) for master in fleet.masters), 0.7

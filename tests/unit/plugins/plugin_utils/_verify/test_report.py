@@ -36,9 +36,10 @@ ROWS = [
     Row("rpc_port", TWO, ONE, FAILED, "TCP port 11611 of 192.168.1.229 opens", "no answer"),
 ]
 CLOCKS = Part("clock", ONE, "off"), Part("clock", TWO, "off")
+CHANGED = "/etc/hosts was changed 2026-11-22 09:12:44 UTC"
 DIAGNOSIS = Diagnosis(
     (
-        Found(Part("names", ONE, "loopback", TWO), proof=(ROWS[2],), rows=(ROWS[4],)),
+        Found(Part("names", ONE, "loopback", TWO), proof=(ROWS[2],), rows=(ROWS[4],), since=CHANGED),
         Found(Part("names", TWO, "loopback", ONE), proof=(ROWS[3],)),
         Found(CLOCKS[0], WARNING, rivals=CLOCKS[1:], rows=(ROWS[6],), passed=("name", "ping_name")),
         Found(Part("declaration", "kobuki1", "narrow", "the test topic"), UNKNOWN, proof=(ROWS[7],)),
@@ -66,6 +67,7 @@ Findings:
      seen:     name means the planned address: kobuki1computer -> kobuki2computer: expected 192.168.1.239, found
                127.0.1.1
      follows:  ping by name (1)
+     since:    /etc/hosts was changed 2026-11-22 09:12:44 UTC
      do:       run site.yml, which also keeps cloud-init from writing the line again at boot
   2. /etc/hosts on kobuki2computer binds kobuki1computer to the loopback interface
      seen:     name means the planned address: kobuki2computer -> kobuki1computer: expected 192.168.1.229, found
@@ -74,7 +76,7 @@ Findings:
 
 Warnings:
   3. one of these: the clock of kobuki1computer is wrong; or the clock of kobuki2computer is wrong
-     for it:   clocks agree (1) fail
+     for it:   clocks agree (1) fail; such as kobuki1computer -> kobuki2computer: +0.2000 s
      besides:  in the same pairs these succeed: name means the planned address (1), ping by name (1)
      decide:   on kobuki1computer: chronyc tracking; date --utc +%T.%N; on kobuki2computer: chronyc tracking; date --utc
                +%T.%N

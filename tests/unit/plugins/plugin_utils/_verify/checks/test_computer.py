@@ -17,9 +17,11 @@ from fleets import (
     TWO,
     assert_told,
     diagnosed,
+    evaluate,
     fig12,
     good,
     no_answer,
+    notable,
     observed,
     of,
     outside,
@@ -199,3 +201,18 @@ def test_a_computer_without_a_result_is_named():
 def test_a_second_default_route_is_told_with_its_metric():
     found = diagnosed(second_default_route, fig12()).findings[0]
     assert "metric 100" in found.proof[0].found and "multimaster_routes to networks" in found.remedy()
+
+
+def test_a_service_that_preflight_left_out_is_not_missed():
+    """The plan of the fleet has it; the kernel of this computer, or its Python, cannot run it."""
+
+    def without_connections(seen):
+        probe = seen[ONE].probe
+        update(probe, services=without(probe.services, "connections"))
+
+    def left_out(seen):
+        without_connections(seen)
+        update(seen[ONE], services=tuple(entry.name for entry in seen[ONE].probe.services))
+
+    assert ("services", ONE, ONE) in notable(evaluate(without_connections))
+    assert not notable(evaluate(left_out))
