@@ -64,7 +64,9 @@ def running(system: System, fkie: Path | None = None) -> Iterator[Lab]:
             replace(lab, host)
         for host, other in ((GIVER, "bob_pc"), (TAKER, "ana_pc")):
             until(lambda host=host, other=other: other in listed(lab, host), 60, f"{host} knows the other master")
-        start_giver(lab, GIVER, ADDRESSES[GIVER])
+        start_giver(
+            lab, GIVER, GIVER
+        )  # by its name, as the roscore: to multimaster_fkie, a node at another host is not the robot's
         yield lab
 
 

@@ -361,8 +361,8 @@ def test_together_one_has_the_same_verdict_as_alone(roscore):
         ["registerPublisher", "/a", "/two", "x/Y", FAR],
     ]
     (text,) = roscore.master.call("rosfleetTogether", "/me", [json.dumps(calls)])[2]
-    (set_code, *_), (code, why, _value) = json.loads(text)
-    assert set_code == 1 and code == -1 and "has the name" in why and "/two" not in roscore.master.publishers.map
+    first, (code, why, _value) = json.loads(text)
+    assert first[0] == 1 and code == -1 and "has the name" in why and "/two" not in roscore.master.publishers.map
 
 
 def test_programs_of_another_computer_make_no_changes_together(roscore):
