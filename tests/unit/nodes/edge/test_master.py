@@ -344,11 +344,8 @@ def test_changes_of_one_text_are_made_together(roscore):
     code, _text, answers = roscore.master.call("rosfleetTogether", "/me", texts)
     first, second = map(json.loads, answers)
     assert code == 1 and [result[0] for result in first[:3]] == [1, 1, 1] and second[0][0] == 1
-    assert (
-        all(isinstance(why, str) for why in first[3:])
-        and "changes nothing" in first[4]
-        and "changes nothing" in first[5]
-    )
+    assert isinstance(first[3], str) or first[3][0] != 1  # rosmaster says itself that there are too few arguments
+    assert all(isinstance(why, str) and "changes nothing" in why for why in first[4:])
     assert len(handed) == 2, "handed on once for each text"
     assert [record[1] for record in handed[0] if record[0] == "publisher"] == ["/topic_0", "/topic_1", "/topic_2"]
 
