@@ -1067,7 +1067,7 @@ disks:
       returned: always
       type: int
       sample: 300000
-changed:
+name_files:
   description: When the files were changed by which names are looked up.
   returned: when O(state=collected)
   type: list
@@ -1371,7 +1371,7 @@ PARTS = (
         settled=True,
     ),
     Part("clock", lambda params, ros, deadline: resources.clock(), {"synchronised": None}),
-    Part("changed", lambda params, ros, deadline: resources.changed(), []),
+    Part("name_files", lambda params, ros, deadline: resources.changed(), []),
     Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], router=True),
     Part("ros_missing", lambda params, ros, deadline: ros.missing(), "not looked at"),
     Part("next_boot", look_next_boot, [], router=True),

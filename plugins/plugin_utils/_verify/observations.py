@@ -328,7 +328,7 @@ class Probe:
     parameters: NodeParameters = NodeParameters()
     clock: Clock = Clock()
     disks: tuple[Disk, ...] = ()
-    changed: tuple[Changed, ...] = ()
+    name_files: tuple[Changed, ...] = ()
     services: tuple[Service, ...] = ()
     next_boot: tuple[AfterBoot, ...] = ()
     talker: Talker | None = None

@@ -23,7 +23,7 @@ def since(part: Part, probe: Probe | None) -> str:
     if (part.kind, part.mode) == ("environment", "service"):
         return _of_service([entry for entry in probe.services if entry.differing], "runs")
     if part.kind == "names":
-        return "; ".join(f"{entry.path} was changed {entry.when}" for entry in probe.changed if entry.path in NAMES)
+        return "; ".join(f"{entry.path} was changed {entry.when}" for entry in probe.name_files if entry.path in NAMES)
     return ""
 
 

@@ -87,3 +87,10 @@ def test_a_variable_that_the_file_has_lost_is_wanted_all_the_same(tmp_path):
     ros = multimaster_verify.Ros(str(file), {})
     wanted = multimaster_verify.environment(params(variables={"ROS_HOSTNAME": "one"}), ros)
     assert wanted["ROS_HOSTNAME"] == "one" and wanted["ROS_MASTER_URI"] == "http://one:11311"
+
+
+def test_no_result_has_the_name_of_one_that_every_module_has():
+    """`changed` and the like are Ansible's own."""
+    common = {"changed", "failed", "msg", "skipped", "diff", "warnings", "deprecations", "invocation", "exception"}
+    names = {part.name for part in multimaster_verify.PARTS}
+    assert names and not names & common

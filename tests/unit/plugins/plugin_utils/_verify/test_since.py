@@ -15,7 +15,7 @@ PROBE = Probe(
         Service("address", "multimaster-address.service", since=WHEN),
         Service("sync", "multimaster-sync.service", differing=("ROS_IP",), since=WHEN),
     ),
-    changed=(Changed("/etc/hosts", "2026-11-22 09:12:44 UTC"), Changed("/etc/other", "2026-11-22 09:12:44 UTC")),
+    name_files=(Changed("/etc/hosts", "2026-11-22 09:12:44 UTC"), Changed("/etc/other", "2026-11-22 09:12:44 UTC")),
 )
 
 
