@@ -24,8 +24,9 @@ def table(rows: Iterable[tuple[Fault, str]]) -> str:
     return "\n".join(lines)
 
 
-def write(rows: Iterable[tuple[Fault, str]]) -> None:
-    """Replace what stands between the marks."""
+def write(rows: Iterable[tuple[Fault, str]], beneath: str = "") -> None:
+    """Replace what stands between the marks by the table, and a sentence beneath it."""
     before, _begin, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     _old, _end, after = rest.partition(END)
-    PAGE.write_text(f"{before}{BEGIN}\n\n{table(rows)}\n\n{END}{after}", encoding="utf-8")
+    parts = filter(None, (f"{before}{BEGIN}", table(rows), beneath, f"{END}{after}"))
+    PAGE.write_text("\n\n".join(parts), encoding="utf-8")

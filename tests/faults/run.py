@@ -192,7 +192,7 @@ def main() -> int:
         print(f"faults: {problem}", file=sys.stderr)
         return 1
     if options.page:
-        page.write([(result.fault, result.verdict) for result in results])
+        page.write([(result.fault, result.verdict) for result in results], told_of_prediction(results))
     print(f"\n{told_of_prediction(results)}")
     failed = [result.fault.name for result in results if not result.ok]
     print(f"{len(results) - len(failed)} of {len(results)} named first{'; not: ' if failed else ''}{', '.join(failed)}")

@@ -55,8 +55,9 @@ def test_every_fault_of_the_lab_is_taken_back_by_a_word():
         assert [step.where for step in fault.inject].count("lab") == [step.where for step in fault.undo].count("lab")
 
 
-def test_the_quick_half_is_a_half():
-    assert len(ALL) / 3 < sum(fault.quick for fault in ALL) < len(ALL)
+def test_a_few_are_part_of_make_test():
+    """Each takes about 12 s there, and make test has little time."""
+    assert 5 <= sum(fault.quick for fault in ALL) <= 8
 
 
 def test_the_page_lists_every_file():
@@ -68,10 +69,10 @@ def test_the_page_is_written_between_its_marks(tmp_path, monkeypatch):
     copy = tmp_path / "page.md"
     copy.write_text(f"before\n{page.BEGIN}\nold\n{page.END}\nafter\n")
     monkeypatch.setattr(page, "PAGE", copy)
-    page.write([(ALL[0], judge.FIRST)])
+    page.write([(ALL[0], judge.FIRST)], "It agrees.")
     text = copy.read_text()
     assert text.startswith(f"before\n{page.BEGIN}") and text.endswith(f"{page.END}\nafter\n")
-    assert "old" not in text and f"| `{ALL[0].name}` |" in text and "| first |" in text
+    assert "old" not in text and f"| `{ALL[0].name}` |" in text and "| first |" in text and "\n\nIt agrees.\n\n" in text
 
 
 def written(tmp_path, text):
