@@ -40,6 +40,7 @@ class Poller:
         self._system: Any = None  # the registrations of the last poll, as the roscore told them,
         self._last = Last()  # and the digest of that answer
         self._graph: Optional[Graph] = None
+        self._state: Optional[State] = None  # what was made of it
         self._node_uris: Dict[str, str] = {}
         self._service_uris: Dict[str, str] = {}
         self._origins: Dict[Tuple[str, str], str] = {}
@@ -57,11 +58,15 @@ class Poller:
             if self._stamps.last is None:
                 raise OSError("it is not known yet what is from other masters")
             return self._stamps.last
-        self._graph, self._last = graph, last
+        self._last = last
+        if graph is self._graph and self._stamps.last is self._state and self._state is not None:
+            return self._state
+        self._graph = graph
         nodes = set(self._node_uris.items())
         self._origins = {key: origin for key, origin in self._origins.items() if key in nodes}
         state = build(self._uri, self._name, graph, self._node_uris, self._service_uris, self._origins)
-        return self._stamps.of(state, wall_clock())
+        self._state = self._stamps.of(state, wall_clock())
+        return self._state
 
     def _read(self, last: Last) -> bool:
         """Read the registrations. False where the answer is the last one again, as most are: it is not even parsed."""
