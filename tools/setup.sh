@@ -12,6 +12,7 @@ packages=(
   git rsync shellcheck openssh-client                     # tests
   podman netavark iptables runc conmon mmdebstrap zstd    # lab
   wireguard-tools wireguard-go                            # the tunnel of docs/hostile_networks.md, with any kernel
+  chromium-headless-shell                                 # the page of the report
   python3-venv                                            # where python3 is Debian's
 )
 stamp=.work/venv/stamp

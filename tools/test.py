@@ -252,6 +252,7 @@ SUITES = [
     lint("antsibull-docs", "antsibull-docs", "lint-collection-docs", "--plugin-docs", ".", seconds=7),
     lint("readme", sys.executable, "tools/readme.py", "--check"),
     cases("unit", "pytest", "--numprocesses=auto", "tests/unit", cores=CORES, seconds=90),
+    cases("browser", "page", "tests/browser", seconds=20),
     Suite("sanity", "ansible-test", (sys.executable, "tools/sanity.py"), sanity_tests, seconds=140),
     *scenarios(),
     *systems(),

@@ -8,8 +8,8 @@ short_description: Judge what all computers have seen of each other
 version_added: "0.1.0"
 description:
   - Reads what M(rosfleet.multimaster.multicast_verify) and M(rosfleet.multimaster.multimaster_verify) have returned on
-    all computers of the play, compares it with the plan of M(rosfleet.multimaster.fleet_plan), and prints a table, a
-    matrix where there are at most sixteen computers, and the findings.
+    all computers of the play, compares it with the plan of M(rosfleet.multimaster.fleet_plan), prints the findings, and
+    writes the report. With C(-v) it also prints a table of all checks, and a matrix where there are at most sixteen computers.
   - A finding is a part of the fleet that is broken, such as a route, a packet filter or a clock, with what shows it, what
     follows from it, and what to do. The findings are the fewest parts that explain all that failed, and that no success
     contradicts. Where two parts explain the same, both are named, with the command that decides.
@@ -54,7 +54,24 @@ options:
     elements: str
     default: []
   path:
-    description: A file on the controller for all results and findings as JSON, for example V(verification.json). None, if empty.
+    description:
+      - Where the report goes on the controller, as a page (HTML) and, beside it, as data (JSON).
+      - With V(auto), into the folder C(rosfleet/reports) below E(ANSIBLE_HOME), that is C(~/.ansible/rosfleet/reports), with a folder for each
+        inventory. The files are for the user alone, and those of the last twenty runs are kept.
+      - A folder, which exists or ends with a slash, such as V(reports/), gets two files with the time as their name.
+      - Another text is the file for the data, for example V(verification.json); it has all results, good ones too. The page is beside it,
+        here C(verification.html).
+      - Nothing is written if it is empty.
+      - What differs from the run before is told, where its data are there.
+    type: str
+    default: ""
+  junit:
+    description: A file on the controller for the results as JUnit XML, with a test case for each check, for example V(verify.xml). None, if empty.
+    type: str
+    default: ""
+  machine:
+    description: The name of the variable that every computer registered from M(rosfleet.multimaster.multimaster_info), for example
+      V(multimaster_info), whose versions are in the report; empty for none.
     type: str
     default: ""
   pairs:
@@ -78,7 +95,7 @@ EXAMPLES = r"""
     fleet: "{{ multimaster_fleet }}"
     multicast: verify_multicast
     probe: verify_probe
-    path: verification.json
+    path: auto
   run_once: true
   register: verification
 
@@ -95,6 +112,11 @@ passed:
   returned: success
   type: bool
   sample: true
+report:
+  description: The page that was written; empty if there is none.
+  returned: success
+  type: str
+  sample: /home/operator/.ansible/rosfleet/reports/fleet-1f6a3c20/2026-11-22T140212.html
 checks:
   description: The checks that were made.
   returned: success

@@ -42,12 +42,12 @@ class Kind(NamedTuple):
 
 
 KINDS = (
-    Kind("names", "Names", "What each name means there.", ("name",)),
+    Kind("names", "Names", "What each name means there.", ("name", "user_name")),
     Kind(
         "pings",
         "Pings and ways",
         "ICMP echo by address, by name and with large packets, with the time of an answer; the way there.",
-        ("ping_address", "ping_name", "ping_large", "route", "neighbour"),
+        ("ping_address", "ping_name", "ping_large", "ping_loss", "route", "neighbour"),
     ),
     Kind(
         "udp",
@@ -55,7 +55,12 @@ KINDS = (
         "Datagrams of discovery, by multicast and by unicast, with their number or what was lost.",
         ("udp_multicast", "udp_unicast", "source", "icmp_rounds"),
     ),
-    Kind("tcp", "TCP", "Connections: to discovery nodes, and to publishers.", ("rpc_port", "direct_connection")),
+    Kind(
+        "tcp",
+        "TCP",
+        "Connections: to discovery nodes, and to publishers.",
+        ("rpc_port", "direct_connection", "tcp_answer", "master_route"),
+    ),
     Kind("clocks", "Clocks", "How far the clocks are apart.", ("clock",)),
     Kind("masters", "Masters", "Who lists which master.", ("list_masters",)),
     Kind("topics", "Topics", "A subscriber hears a talker.", ("topic_heard",)),

@@ -104,7 +104,8 @@ def _robot(fleet: FleetPlan, name: str, unseen: Sequence[str]) -> _Robot:
 
 def _standing(fleet: FleetPlan, robot: str, alone: bool) -> tuple[list[_Device], list[_Device]]:
     """List the computers in the common network, which are all of a robot without a network, and those behind the gateway."""
-    front, behind = [], []
+    front: list[_Device] = []
+    behind: list[_Device] = []
     for plan in fleet.computers.values():
         if plan.robot == robot:
             (front if alone or plan.common_address else behind).append(_device(fleet, plan.computer))

@@ -83,17 +83,17 @@ def fits(computers: Sequence[str]) -> bool:
     return len(computers) <= MATRIX
 
 
-def render(summary: Summary, diagnosis: Diagnosis) -> str:
-    """The report for the terminal, at most 120 columns wide where names allow it."""
-    parts = [_title(summary), _table(summary)]
-    if len(summary.computers) > 1 and fits(summary.computers):
+def render(summary: Summary, diagnosis: Diagnosis, width: int = WIDTH, everything: bool = True) -> str:
+    """The report for the terminal, as wide as this where names allow it; without `everything` only what is wrong."""
+    parts = [_title(summary), _table(summary)] if everything else [_title(summary)]
+    if everything and len(summary.computers) > 1 and fits(summary.computers):
         parts.append(_matrix(summary))
     numbers = count(1)
     if diagnosis.looked_at < diagnosis.of:
         parts.append(f"Explained are {diagnosis.looked_at} of {diagnosis.of} results that are not as expected.")
     for verdict, heading in ((FAILED, "Findings"), (WARNING, "Warnings"), (UNKNOWN, "Not judged")):
-        parts += _findings([entry for entry in diagnosis.findings if entry.verdict == verdict], heading, numbers)
-    parts += _unexplained(diagnosis.unexplained)
+        parts += _findings([entry for entry in diagnosis.findings if entry.verdict == verdict], heading, numbers, width)
+    parts += _unexplained(diagnosis.unexplained, width)
     parts.append(verdict_line(summary))
     return "\n\n".join(parts)
 
@@ -149,12 +149,12 @@ def _cell(counts: Mapping[str, int] | None, width: int) -> str:
     return {UNKNOWN: "?", WARNING: "warn", OK: "ok"}[worst]
 
 
-def _findings(findings: Sequence[Found], heading: str, numbers: Iterator[int]) -> list[str]:
+def _findings(findings: Sequence[Found], heading: str, numbers: Iterator[int], width: int) -> list[str]:
     if not findings:
         return []
     lines = [f"{heading}:"]
     for entry, number in zip(findings[:SENTENCES], numbers, strict=False):
-        lines += _filled((label.format(number=number), text) for label, text in _finding(entry))
+        lines += _filled(((label.format(number=number), text) for label, text in _finding(entry)), width)
     if len(findings) > SENTENCES:
         lines.append(f"  and {len(findings) - SENTENCES} more: all are in the file that verify_report names.")
     return ["\n".join(lines)]
@@ -208,7 +208,7 @@ def _counted(checks: Iterable[str]) -> str:
     return ", ".join(f"{TITLES[check]} ({number})" for check, number in counted[:PAIRS]) + more
 
 
-def _unexplained(rows: Sequence[Row]) -> list[str]:
+def _unexplained(rows: Sequence[Row], width: int) -> list[str]:
     """What no part explains that has no success against it: a few packets were lost, or more than one thing is odd."""
     if not rows:
         return []
@@ -218,15 +218,15 @@ def _unexplained(rows: Sequence[Row]) -> list[str]:
         groups[row.check].append(row)
     for group in groups.values():
         text = f"{_where(group)}: expected {group[0].expected}, found {group[0].found}"
-        lines += _filled([("   -  ", text)])
+        lines += _filled([("   -  ", text)], width)
     return ["\n".join(lines)]
 
 
-def _filled(rows: Iterable[tuple[str, str]]) -> list[str]:
+def _filled(rows: Iterable[tuple[str, str]], width: int) -> list[str]:
     return [
         textwrap.fill(
             text,
-            WIDTH,
+            width,
             initial_indent=label,
             subsequent_indent=" " * len(label),
             break_long_words=False,

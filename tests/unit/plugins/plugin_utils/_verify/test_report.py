@@ -191,12 +191,12 @@ def test_an_answer_of_strangers_costs_one_computer_its_result_and_no_other_the_r
     assert seen.probe is None and seen.problem.startswith("its results cannot be read: members is 3")
 
 
-def test_report_is_written_whole_or_not_at_all(tmp_path):
-    path = tmp_path / "report.json"
-    fleet_report.write(str(path), {"verdict": "ok"})
-    assert json.loads(path.read_text()) == {"verdict": "ok"}
-    try:
-        fleet_report.write(str(path), {"verdict": object()})
-    except TypeError:
-        pass
-    assert json.loads(path.read_text()) == {"verdict": "ok"} and list(tmp_path.iterdir()) == [path]
+def test_without_the_table_only_what_is_wrong_is_told():
+    text = report.render(report.summarise(ROWS, [ONE, TWO], 2), DIAGNOSIS, width=80, everything=False)
+    assert text.startswith("VERIFICATION of 2 computers\n\nFindings:\n  1. ") and text.endswith(TEXT.splitlines()[-1])
+    assert "from / to" not in text and max(map(len, text.splitlines())) <= 80
+    good = report.summarise([row for row in ROWS if row.verdict == OK], [ONE, TWO], 2)
+    assert report.render(good, Diagnosis(), everything=False).split("\n\n") == [
+        "VERIFICATION of 2 computers",
+        "PASSED: none of 3 checks failed.",
+    ]

@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The page of the report in a real Chromium: nothing is asked for, nothing is complained of, and the keyboard is enough.
+
+The pictures in docs/images are written anew by UPDATE_IMAGES=1 pytest tests/browser/test_page.py
+"""
+
+import os
+import pathlib
+import sys
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+UNIT = ROOT / "tests/unit/plugins/plugin_utils"
+sys.path[:0] = [str(pathlib.Path(__file__).parent), str(UNIT / "_report"), str(UNIT / "_verify")]
+
+import fleets  # noqa: E402
+from chromium import Chromium  # noqa: E402
+from reported import reported  # noqa: E402
+
+IMAGES = ROOT / "docs/images"
+SINCE = {"time": "2026-11-21 14:02:00", "differences": ["tibi-nav is new", "topics of dabo: /scan is gone"]}
+
+
+def wall(seen):
+    fleets.wall(seen)
+    fleets.second_default_route(seen)
+
+
+STATES = {
+    "well": lambda: reported(fleets.fig12()),
+    "wrong": lambda: reported(fleets.fig12(), wall, since=SINCE),
+    "large": lambda: reported(
+        fleets.plan(60, 2), lambda seen: fleets.silent(seen, list(seen), ["kobuki7computer"]), pairs="auto"
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with Chromium() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pages")
+    for name, made in STATES.items():
+        (folder / f"{name}.html").write_text(made().html, encoding="utf-8")
+    return folder
+
+
+def focused(browser):
+    """What has the focus: its tag, where it leads, and its name."""
+    return browser.js(
+        "(e => [e.tagName.toLowerCase(), e.getAttribute('href') || '', e.getAttribute('aria-label') || e.textContent.trim()])"
+        "(document.activeElement)"
+    )
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("state", STATES)
+def test_nothing_is_asked_for_and_nothing_is_complained_of(browser, pages, state, scheme):
+    browser.open(pages / f"{state}.html", prefers_color_scheme=scheme)
+    assert [url for url in browser.requests if not url.startswith("data:")] == [(pages / f"{state}.html").as_uri()]
+    assert browser.complaints == []
+    assert (
+        browser.js("getComputedStyle(document.body).backgroundColor")
+        == {
+            "light": "rgb(255, 255, 255)",
+            "dark": "rgb(13, 17, 23)",
+        }[scheme]
+    )
+
+
+def test_a_script_that_came_in_would_not_run(browser, pages, tmp_path):
+    """The test can fail: the policy of the page stops what its template would let through."""
+    page = tmp_path / "evil.html"
+    text = (pages / "well.html").read_text(encoding="utf-8")
+    page.write_text(
+        text.replace("<main>", "<script>document.title = 'evil'</script><img src=http://192.0.2.1/x><main>")
+    )
+    browser.open(page)
+    assert browser.js("document.title").startswith("All is well") and len(browser.complaints) >= 2
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_what_is_wrong_is_seen_first_and_the_page_is_as_wide_as_the_window(browser, pages, width):
+    browser.open(pages / "wrong.html", width=width)
+    box = browser.js(
+        "(r => [r.top, r.bottom, r.left, r.right])(document.querySelector('#finding-1').getBoundingClientRect())"
+    )
+    assert 0 <= box[0] < 700 and box[2] >= 0 and box[3] <= width
+    assert browser.js("document.documentElement.scrollWidth") <= width
+
+
+def test_the_keyboard_leads_from_the_picture_to_the_finding_and_its_evidence(browser, pages):
+    browser.open(pages / "wrong.html")
+    for _key in range(60):
+        browser.press("Tab", 9)
+        _tag, href, name = focused(browser)
+        if href.startswith("#finding-") and "finding" in name:
+            break
+    else:
+        pytest.fail("no mark of the picture has got the focus")
+    browser.press("Enter", 13)
+    assert browser.js("location.hash") == href
+    top = browser.js(f"document.querySelector('{href}').getBoundingClientRect().top")
+    assert 0 <= top < 900
+    browser.press("Tab", 9)
+    assert focused(browser)[0] == "summary"
+    browser.press("Enter", 13)
+    assert browser.js(f"document.querySelector('{href} details').open")
+
+
+def test_on_paper_everything_is_unfolded(browser, pages):
+    browser.open(pages / "wrong.html")
+    hidden = "document.querySelector('#finding-1 details table').checkVisibility({contentVisibilityAuto: true})"
+    assert browser.js(hidden) is False
+    browser.ask("Emulation.setEmulatedMedia", media="print")
+    assert browser.js(hidden) is True
+    browser.ask("Emulation.setEmulatedMedia", media="")
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_pictures_for_the_documentation(browser, pages, state, tmp_path):
+    folder = IMAGES if os.environ.get("UPDATE_IMAGES") else tmp_path
+    folder.mkdir(exist_ok=True)
+    browser.open(pages / f"{state}.html", width=1100, height=1400)
+    browser.screenshot(folder / f"report-{state}.png")
+    assert (folder / f"report-{state}.png").stat().st_size > 20_000 and (IMAGES / f"report-{state}.png").exists()

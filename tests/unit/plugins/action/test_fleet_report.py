@@ -1,0 +1,192 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The action fleet_report: registered results in; what is printed, and which files are where."""
+
+import json
+import pathlib
+import stat
+import sys
+import types
+from xml.etree import ElementTree
+
+import pytest
+from ansible.playbook.task import Task
+from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "plugin_utils" / "_verify"))
+import fleets  # noqa: E402
+
+TIMES = ("2026-11-21T140200", "2026-11-22T080000", "2026-11-22T090000")
+
+
+def registered(seen):
+    """What the tasks of the role would have registered."""
+    found = {"verify_probe": to_plain(seen.probe), "multimaster_info": {"os": {"name": "Debian GNU/Linux 12"}}}
+    if seen.multicast:
+        found["verify_probe"]["multicast"] = to_plain(seen.multicast)
+    return found
+
+
+def judge(change=None, fleet=None, **options):
+    fleet = fleet or fleets.fig12()
+    seen = fleets.observed(fleet)
+    if change:
+        change(seen)
+    task = Task()
+    task.action, task.async_val, task.check_mode = "rosfleet.multimaster.fleet_report", 0, False
+    task.args = {
+        "fleet": to_plain(fleet),
+        "multicast": "verify_probe.multicast",
+        "probe": "verify_probe",
+        "machine": "multimaster_info",
+        **options,
+    }
+    connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
+    module = fleet_report.ActionModule(task, connection, None, None, None, None)
+    hostvars = {name: registered(entry) for name, entry in seen.items()}
+    return module.run(
+        task_vars={"hostvars": hostvars, "ansible_play_hosts_all": list(seen), "inventory_dir": "/home/me/our fleet"}
+    )
+
+
+@pytest.fixture(autouse=True)
+def shown(monkeypatch):
+    lines = []
+    monkeypatch.setattr(
+        fleet_report.Display, "display", lambda self, text, color=None, **_more: lines.append((text, color))
+    )
+    return lines
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        fleet_report.constants.config,
+        "get_config_value",
+        lambda name: {"ANSIBLE_HOME": str(tmp_path / "ansible")}[name],
+    )
+    return tmp_path / "ansible/rosfleet/reports"
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The time of the next run."""
+    times = {"now": TIMES[0]}
+    monkeypatch.setattr(fleet_report.time, "strftime", lambda _format: times["now"])
+    return lambda value: times.update(now=value)
+
+
+def test_all_is_well_is_told_in_few_lines(shown):
+    result = judge()
+    assert result["passed"] and result["report"] == "" and result["findings"] == []
+    lines = [text for text, _color in shown if text]
+    assert lines[0] == "VERIFICATION of 10 computers" and len(lines) == 2
+    assert (lines[1], "green") in shown and lines[1].startswith("PASSED: none of ")
+
+
+def test_what_is_wrong_is_told_in_colour_and_in_the_width_of_the_terminal(shown, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "90")
+    result = judge(fleets.wall)
+    lines = [text for text, _color in shown]
+    assert not result["passed"] and ("Findings:", "red") in shown and max(map(len, lines)) <= 90
+    assert any("a packet filter on tibi-visio drops" in line for line in lines) and "from / to" not in "".join(lines)
+
+
+def test_more_is_told_with_v(shown, monkeypatch):
+    monkeypatch.setattr(fleet_report.Display(), "verbosity", 1)
+    judge()
+    assert any("from / to" in text for text, _color in shown)
+
+
+def test_the_folder_of_the_user(home, shown):
+    result = judge(fleets.wall, path="auto")
+    page = pathlib.Path(result["report"])
+    assert page.parent.parent == home and page.parent.name.startswith("our_fleet-")
+    data = page.with_suffix(".json")
+    assert {stat.S_IMODE(path.stat().st_mode) for path in (page, data)} == {0o600}
+    assert stat.S_IMODE(page.parent.stat().st_mode) == 0o700 and sorted(page.parent.iterdir()) == [page, data]
+    document = json.loads(data.read_text())
+    assert document["findings"][0]["place"] == "tibi-visio" and document["machines"]["tibi-nav"]["system"]
+    assert [text for text, _color in shown if text][-1] == f"Report: {page}\n"
+    assert "a packet filter on tibi-visio drops" in page.read_text()
+
+
+def test_the_difference_to_the_run_before(home, clock):
+    judge(path="auto")
+    clock(TIMES[1])
+    document = json.loads(pathlib.Path(judge(fleets.wall, path="auto")["report"]).with_suffix(".json").read_text())
+    assert document["since"] == TIMES[0] and document["differences"][0].startswith("new: a packet filter on tibi-visio")
+
+
+def test_a_damaged_run_before_costs_the_difference_alone(home, clock):
+    page = pathlib.Path(judge(path="auto")["report"])
+    for number, damage in enumerate(("{", "[3]", '{"computers": 3}', "[" * 100_000), 1):
+        page.with_suffix(".json").write_text(damage)
+        clock(f"2026-11-22T08000{number}")
+        page = pathlib.Path(judge(path="auto")["report"])
+        assert json.loads(page.with_suffix(".json").read_text())["differences"] == []
+
+
+def test_the_last_twenty_runs_are_kept_and_what_is_of_others(home, clock):
+    first = pathlib.Path(judge(path="auto")["report"])
+    (first.parent / "notes.txt").write_text("mine")
+    for number in range(1, 25):
+        clock(f"2026-11-22T0800{number:02}")
+        judge(path="auto")
+    names = sorted(path.name for path in first.parent.iterdir())
+    assert len(names) == 41 and "notes.txt" in names and names[0] == "2026-11-22T080005.html"
+
+
+def test_a_folder_that_cannot_be_made_is_told_and_the_run_goes_on(home, shown):
+    home.parent.parent.mkdir()
+    home.parent.write_text("")  # a file where the folder is to be
+    result = judge(path="auto")
+    assert result["passed"] and not result.get("failed") and result["report"] == ""
+    assert any("cannot be written to" in text for text, _color in shown)
+
+
+def test_a_file_of_its_own_name_has_all_results(tmp_path):
+    path = tmp_path / "verification.json"
+    result = judge(path=str(path))
+    assert result["report"] == str(tmp_path / "verification.html")
+    assert {row["verdict"] for row in json.loads(path.read_text())["rows"]} == {"ok"}
+    judge(fleets.wall, path=str(path))  # it is the run before, too
+    assert json.loads(path.read_text())["differences"] and sorted(tmp_path.iterdir()) == [
+        tmp_path / "verification.html",
+        path,
+    ]
+
+
+def test_a_file_that_cannot_be_written_is_an_error(tmp_path):
+    result = judge(path=str(tmp_path / "none" / "x.json"))
+    assert result["failed"] and "name another file" in result["msg"]
+
+
+def test_a_folder_of_somebody(tmp_path, clock):
+    result = judge(path=str(tmp_path))
+    assert result["report"] == str(tmp_path / f"{TIMES[0]}.html")
+
+
+def test_a_large_fleet_keeps_what_is_not_ok(home):
+    fleet = fleets.plan(21, 2)
+    page = pathlib.Path(judge(fleet=fleet, path="auto", pairs="auto")["report"])
+    assert (
+        json.loads(page.with_suffix(".json").read_text())["rows"] == [] and "A cell is two robots" in page.read_text()
+    )
+
+
+def test_junit(tmp_path):
+    path = tmp_path / "verify.xml"
+    result = judge(fleets.wall, junit=str(path))
+    assert not result["passed"] and list(tmp_path.iterdir()) == [path]
+    assert int(ElementTree.parse(path).getroot()[0].get("failures")) > 0
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "report.json"
+    fleet_report.write(str(path), "whole", 0o600)
+    with pytest.raises(UnicodeEncodeError):
+        fleet_report.write(str(path), "half\ud800", 0o600)
+    assert path.read_text() == "whole" and list(tmp_path.iterdir()) == [path]
