@@ -93,6 +93,11 @@ class Flows:
                         topics += flow.topics
                         services += flow.services
         self._rules: dict[tuple[str, str], Rules] = {}
+        self._same: dict[tuple[tuple[str, ...], ...], Rules] = {}  # of the same patterns there is one
+        self._filters = {
+            robot: filters.Filters(plan.sync, lenient=True) for robot, plan in self._plans.items()
+        }  # of the receiving robots
+        self._general: dict[str, Mapping[str, Sequence[str]]] = {}  # robot -> patterns, where none is for one master alone
 
     def rules(self, source: str, target: str) -> Rules:
         """Return the rules by which registrations pass from one robot to another."""
@@ -107,17 +112,35 @@ class Flows:
 
     def _made(self, source: str, target: str) -> Rules:
         """Make the rules of a pair. The declared flow itself is used, not the white lists that the plan makes of it."""
-        parameters, name = filters.Filters(self._plans[target].sync, lenient=True), self._masters[source].name
-        if not parameters.wants_host(name):
+        name, parameters = self._masters[source].name, self._filters[target]
+        if any(map(parameters.values.get, filters.HOSTS)) and not parameters.wants_host(name):
             return NOTHING
-        values: dict[str, Iterable[str]] = {rule: parameters.patterns(rule, name) for rule in filters.NAMES}
+        values: dict[str, Iterable[str]] = {**self._patterns(target, name)}
         if self._masters[source].declared:
             topics, services = self._given.get((source, target), ((), ()))
             if not topics and not services:
                 return NOTHING
             values.update(sync_nodes=(), sync_topics=(*topics, VERIFICATION_TOPICS), sync_services=tuple(services))
         hidden = self._plans[source].discovery.get("hide_subscribers", ())
-        return Rules.of({**values, "hide_subscribers": hidden})
+        values["hide_subscribers"] = hidden
+        key = tuple(tuple(patterns) for patterns in values.values())
+        if key not in self._same:
+            self._same[key] = Rules.of(values)
+        return self._same[key]
+
+    def _patterns(self, target: str, name: str) -> Mapping[str, Sequence[str]]:
+        """Return the patterns of a receiving robot for a master: mostly those for all masters, which are read once."""
+        parameters = self._filters[target]
+        if _particular(parameters.values.values()):
+            return {rule: parameters.patterns(rule, name) for rule in filters.NAMES}
+        if target not in self._general:
+            self._general[target] = {rule: tuple(parameters.patterns(rule, name)) for rule in filters.NAMES}
+        return self._general[target]
+
+
+def _particular(values: Iterable[object]) -> bool:
+    """Say if some of the parameters of master_sync are for one master alone: such are mappings."""
+    return any(isinstance(value, dict) or (isinstance(value, list) and _particular(value)) for value in values)
 
 
 class Has(NamedTuple):
@@ -166,22 +189,23 @@ class Exchanges:
         self.flows = Flows(fleet)
         self.robots = {robot: Has.of(exchange) for robot, exchange in seen.items()}
         self._uris = {master.robot: plain(master.uri) for master in fleet.masters}
-        self._wanted: dict[tuple[str, Rules], frozenset[Item]] = {}
+        self._wanted: dict[tuple[str, int], frozenset[Item]] = {}  # robot, and the rules, of which equal ones are one
         self._holders, self._shared = _held_twice({robot: has.names() for robot, has in self.robots.items()})
         self._unlike = _unlike({robot: has.sums for robot, has in self.robots.items()})
 
     def wanted(self, source: str, target: str) -> frozenset[Item]:
         """Return what a robot is to get of another one that was looked at."""
         rules = self.flows.rules(source, target)
-        if (source, rules) not in self._wanted:
-            self._wanted[source, rules] = frozenset(
+        key = source, id(rules)
+        if key not in self._wanted:
+            self._wanted[key] = frozenset(
                 item
                 for item, kind in self.robots[source].own.items()
                 if not item.node.startswith(TEST_NODES)
                 and not (item.kind == "publisher" and kind in filters.UNKNOWN_TYPES)
                 and rules.passes(item, kind)
             )
-        return self._wanted[source, rules]
+        return self._wanted[key]
 
     def missing(self, source: str, target: str) -> list[Item]:
         """List what a robot is to get and has not, without what it refuses for a reason that another check tells."""
