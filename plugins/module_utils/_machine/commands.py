@@ -62,20 +62,32 @@ def run(
             )
         except (OSError, subprocess.SubprocessError) as problem:
             return Answer(-1, b"", f"{argv[0]} could not be started: {problem}")
-        try:
-            status = process.wait(timeout=limit)
-        except subprocess.TimeoutExpired:
-            status = -1
-        try:
-            os.killpg(process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-        process.wait()
-        if status == -1:
+        late = threading.Event()
+        # The time limit of subprocess looks again and again, up to 0.05 s apart, and that for each command.
+        timer = threading.Timer(limit, _end_late, (process.pid, late))
+        timer.daemon = True
+        timer.start()
+        status = process.wait()
+        timer.cancel()
+        _end(process.pid)
+        if late.is_set():
             return Answer(-1, b"", f"{argv[0]} gave no answer within {limit:g} s")
         output.seek(0)
         error.seek(max(0, os.fstat(error.fileno()).st_size - _SAID))
         return Answer(status, output.read(MOST), error.read(_SAID).decode("utf-8", "replace").strip())
+
+
+def _end(group: int) -> None:
+    """End what is left of a group of processes."""
+    try:
+        os.killpg(group, signal.SIGKILL)
+    except ProcessLookupError:
+        pass
+
+
+def _end_late(group: int, late: threading.Event) -> None:
+    late.set()
+    _end(group)
 
 
 def nobody() -> typing.Tuple[int, int]:

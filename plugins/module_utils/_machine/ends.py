@@ -15,20 +15,44 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plai
     plain_lines,
 )
 
+_LONG = 1000  # characters of an option that are still returned
+
 
 def leave(module: typing.Any, **result: typing.Any) -> None:
     """End a module with its result."""
-    module.exit_json(**_plain(result))
+    module.exit_json(**_plain(result), **_asked(module))
 
 
 def fail(module: typing.Any, msg: str, **result: typing.Any) -> None:
     """End a module with a sentence, and with the rest of its result."""
-    module.fail_json(**_plain(dict(result, msg=msg)))
+    module.fail_json(**_plain(dict(result, msg=msg)), **_asked(module))
 
 
 def warn(module: typing.Any, sentence: str) -> None:
     """Warn with a sentence."""
     module.warn(plain(sentence, VALUE))
+
+
+def _asked(module: typing.Any) -> typing.Dict[str, typing.Any]:
+    """Return what the module was asked for, where that is long: Ansible returns it, and the controller keeps it for each host.
+
+    The nodes' files are half a megabyte, which each computer would send back.
+    """
+    if not hasattr(module, "argument_spec"):  # a part of a module, whose result has no such entry
+        return {}
+    short = _shortened(module.params)
+    return {} if short == module.params else {"invocation": {"module_args": short}}
+
+
+def _shortened(value: typing.Any) -> typing.Any:
+    """A copy in which a long text is its length."""
+    if isinstance(value, str) and len(value) > _LONG:
+        return f"({len(value)} characters)"
+    if isinstance(value, dict):
+        return {name: _shortened(part) for name, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_shortened(part) for part in value]
+    return value
 
 
 def _plain(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:

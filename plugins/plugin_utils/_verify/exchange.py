@@ -97,7 +97,9 @@ class Flows:
         self._filters = {
             robot: filters.Filters(plan.sync, lenient=True) for robot, plan in self._plans.items()
         }  # of the receiving robots
-        self._general: dict[str, Mapping[str, Sequence[str]]] = {}  # robot -> patterns, where none is for one master alone
+        self._general: dict[
+            str, Mapping[str, Sequence[str]]
+        ] = {}  # robot -> patterns, where none is for one master alone
 
     def rules(self, source: str, target: str) -> Rules:
         """Return the rules by which registrations pass from one robot to another."""

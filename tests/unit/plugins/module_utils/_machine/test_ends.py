@@ -1,0 +1,33 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The ends of a module, as Ansible runs it: a program of its own."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.modules import managed_files
+
+
+@pytest.mark.parametrize(("length", "told"), [(20, "x" * 20), (5000, "(5000 characters)")])
+def test_a_long_option_is_not_sent_back(tmp_path, length, told):
+    arguments = {
+        "bundle": "example",
+        "files": [{"path": str(tmp_path / "missing" / "file"), "content": "x" * length}],
+        "_ansible_check_mode": True,
+    }
+    done = subprocess.run(
+        [sys.executable, str(Path(managed_files.__file__))],
+        input=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}),
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    result = json.loads(done.stdout)
+    (file,) = result["invocation"]["module_args"]["files"]
+    assert file["content"] == told and file["path"].endswith("missing/file")
