@@ -256,6 +256,14 @@ SUITES = [
     Suite("sanity", "ansible-test", (sys.executable, "tools/sanity.py"), sanity_tests, seconds=140),
     *scenarios(),
     *systems(),
+    Suite(
+        "systems",
+        "catalogue",
+        (sys.executable, "tests/faults/run.py", "--quick"),
+        faults,
+        seconds=120,
+        labs=("faults",),
+    ),
     demonstration("single_computer", 80, "--suite=kobuki2computer=trixie"),  # one robot of each release
     demonstration("multi_computer", 200),
     cases(
