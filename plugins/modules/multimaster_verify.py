@@ -133,7 +133,7 @@ options:
         default: ""
       uri:
         description:
-          - Its master URI, for example V(http://kobuki2computer:11311/). Not read; accepted as O(members[].multicast) is.
+          - Its master URI, for example V(http://kobuki2computer:11311/). Of it the port is read; see RV(masters[].roscore).
         type: str
         default: ""
       declared:
@@ -580,6 +580,7 @@ masters:
       open: true
       connect_ms: 0.3
       error: ""
+      roscore: open
       route: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
       clock_offset_s: 0.0004
       clock_uncertainty_s: 0.0007
@@ -615,6 +616,13 @@ masters:
       returned: always
       type: str
       sample: ""
+    roscore:
+      description:
+        - What the TCP port of its roscore answers, by O(masters[].uri), V(open) or why it does not open; empty where the URI is not
+          given.
+      returned: always
+      type: str
+      sample: open
     route:
       description: The route that the kernel takes to that address, as RV(members[].route).
       returned: always

@@ -281,8 +281,8 @@ def _ports(state, one, which):
 
 
 def masquerade(state, random, one):
-    plan = state.fleet.computers[one.name]
-    common = one.interface_of(plan.common_address)
+    there = [entry for entry in one.interfaces if any(at.ip in state.fleet.common_network for at in entry.addresses)]
+    common = there[0]
     return state.with_machine(replace(one, rules=(Rule(NAT, MASQUERADE, leaving=common.name), *one.rules)))
 
 

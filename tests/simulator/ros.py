@@ -197,6 +197,10 @@ class Ros:
         entry = {"computer": master.computer, "address": str(master.address), "port": master.rpc_port}
         if computer != master.computer:
             entry["route"] = self.network.route(computer, master.address)
+            refused, _machine = self.network.connect(
+                computer, master.address, self.fleet.computers[master.computer].roscore_port
+            )
+            entry["roscore"] = refused or "open"
         if error:
             return seen.SeenMaster(**entry, error=error)
         if machine != master.computer or self.state.robots[master.robot].discovery != RUNS:

@@ -7,6 +7,7 @@ import socket
 import time
 import typing
 import xmlrpc.client
+from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
@@ -25,6 +26,7 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
     """Try the TCP port of a master's discovery node until the deadline, and compare its clock with the one here."""
     found = {"computer": master["computer"], "address": master["address"], "port": master["rpc_port"]}
     found.update(awaited(lambda: _connect(master["address"], master["rpc_port"]), lambda seen: seen["open"], deadline))
+    found["roscore"] = _roscore(master)
     found["route"] = network.route_to_plain(machine.route_to(master["address"]))
     found.update(clock_offset_s=None, clock_uncertainty_s=None, clock_error="")
     if found["open"]:
@@ -36,6 +38,15 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
         except Exception as problem:  # http.client's and expat's own: something else than a discovery node
             found["clock_error"] = f"getCurrentTime failed: {type(problem).__name__}: {problem}"
     return found
+
+
+def _roscore(master: typing.Dict[str, typing.Any]) -> str:
+    """Say what the port of a master's roscore answers: "open", or why it does not open; empty without a URI."""
+    port = urlsplit(master.get("uri") or "").port
+    if not port:
+        return ""
+    answer = _connect(master["address"], port)
+    return "open" if answer["open"] else answer["error"]
 
 
 def outsiders(monitor_uri: str) -> typing.List[typing.Dict[str, str]]:

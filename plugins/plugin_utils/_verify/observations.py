@@ -101,6 +101,7 @@ class SeenMaster:
     connect_ms: float | None = None
     error: str = ""
     route: Route | None = None  # to that address
+    roscore: str = ""  # what the port of its roscore says: "open", or why it does not open; empty where nobody asked
     clock_offset_s: float | None = None
     clock_uncertainty_s: float | None = None
     clock_error: str = ""

@@ -35,6 +35,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     Service,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import same_uri
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON
 
 # The kernel of gateways and of the router
 
@@ -95,7 +96,10 @@ def _itself(case: Case) -> Parts:
 
 def _itself_or_gateway(case: Case) -> Parts:
     """The controller may be on the other side of the gateway, or not."""
-    found = _itself(case)
+    name, plan = case.observer.name, case.observer.plan
+    found = _itself(case) | of("interface", name, "address", "prefix")
+    for network in [case.ways.network(plan.robot)] + ([COMMON] if plan.common_address else []):
+        found |= of("link", name, "down", what=network) | of("network", network, "dead")
     for gateway in filter(None, case.gateways):
         found |= of("computer", gateway.title, "off") | of("forwarding", gateway.title, "off")
         found |= of("filter", gateway.title, "forward")

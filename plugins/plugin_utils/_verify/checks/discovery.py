@@ -353,6 +353,33 @@ MASTER_ROUTE = Check(
 )
 
 
+# The port of a roscore, seen from others: nobody needs it there, but it tells a roscore that has ended
+
+
+def _roscore_port(case: Case) -> Judgement | None:
+    entry = case.observer.masters.get(case.target)
+    if entry is None or not entry.roscore:
+        return None
+    expected = "the TCP port of the roscore opens"
+    if entry.roscore == "open":
+        return Judgement(OK, expected, "it opens")
+    # Nobody else needs it, so a packet filter may drop it.
+    return Judgement(FAILED, expected, entry.roscore) if "refused" in entry.roscore.lower() else None
+
+
+ROSCORE_PORT = Check(
+    id="roscore_port",
+    title="port of the roscore is not refused",
+    scope=MASTER,
+    judge=_roscore_port,
+    documented=Documented(
+        "to masters", "the TCP port of its roscore opens, or nothing comes back; refused: it has ended"
+    ),
+    needs=lambda case: of("roscore", case.target, "dead"),
+    evidence=lambda case: of("roscore", case.target, "dead"),
+)
+
+
 # Clocks
 
 
@@ -481,6 +508,7 @@ CHECKS = (
     ICMP_ROUNDS,
     RPC_PORT,
     MASTER_ROUTE,
+    ROSCORE_PORT,
     CLOCK,
     LIST_MASTERS,
 )

@@ -41,6 +41,16 @@ def test_discovery_node_and_its_clock(discovery):
     assert abs(found["clock_offset_s"] - 3600) <= found["clock_uncertainty_s"] + 1e-3
 
 
+def test_the_port_of_a_roscore_is_open_refused_or_not_asked(discovery):
+    uri = "http://kobuki2computer:{}/"
+    assert masters.discovery(dict(master(discovery), uri=uri.format(discovery)), 0)["roscore"] == "open"
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        given = dict(master(discovery), uri=uri.format(closed.getsockname()[1]))
+        assert "refused" in masters.discovery(given, 0)["roscore"]
+    assert masters.discovery(master(discovery), 0)["roscore"] == ""
+
+
 def test_discovery_that_refuses_or_is_something_else():
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))

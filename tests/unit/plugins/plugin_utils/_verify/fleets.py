@@ -212,6 +212,7 @@ def good_probe(fleet, me, own):
                 clock_offset_s=0.001,
                 clock_uncertainty_s=0.001,
                 route=_route_to(fleet, own, master),
+                roscore="open",
             )
             for master in fleet.masters
         ),
