@@ -364,7 +364,7 @@ def _roscore_port(case: Case) -> Judgement | None:
     if entry.roscore == "open":
         return Judgement(OK, expected, "it opens")
     # Nobody else needs it, so a packet filter may drop it.
-    return Judgement(FAILED, expected, entry.roscore) if "refused" in entry.roscore.lower() else None
+    return Judgement(WARNING, expected, entry.roscore) if "refused" in entry.roscore.lower() else None
 
 
 ROSCORE_PORT = Check(
@@ -373,7 +373,7 @@ ROSCORE_PORT = Check(
     scope=MASTER,
     judge=_roscore_port,
     documented=Documented(
-        "to masters", "the TCP port of its roscore opens, or nothing comes back; refused: it has ended"
+        "to masters", "the TCP port of its roscore opens, or nothing comes back; refused: it has ended (warning)"
     ),
     needs=lambda case: of("roscore", case.target, "dead"),
     evidence=lambda case: of("roscore", case.target, "dead"),

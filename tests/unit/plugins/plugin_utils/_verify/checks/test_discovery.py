@@ -235,3 +235,16 @@ def test_what_the_transport_needs(transport, heard, unicast, multicast_verdict, 
 def test_by_plan_nobody_answers_a_ping_of_the_group():
     findings = evaluate(_icmp, plan(multimaster_answer_broadcast_pings=False))
     assert not notable(findings) and "icmp_rounds" not in {finding.check for finding in findings}
+
+
+def test_a_refused_port_tells_a_dead_roscore_from_a_hung_one_where_nobody_of_its_robot_could_be_looked_at():
+    def change(seen):
+        update(seen[TWO], unreachable=True, probe=None, multicast=None)
+        listed = seen[ONE].probe.list_masters
+        update(listed, masters=tuple(entry for entry in listed.masters if TWO not in entry.name))
+        update(of(seen[ONE].probe.masters, TWO, "computer"), roscore="Connection refused")
+
+    found = diagnosed(change)
+    assert ("roscore", TWO, "dead") in parts(found) and not any(
+        part.mode == "hung" for entry in found.findings for part in entry.candidates
+    )
