@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The action fleet_adopt: what was read on machines that somebody set up by hand in, an inventory for them out."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from typing import Any
+
+from ansible.plugins.action import ActionBase
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import found, write
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.proposal import Proposal
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
+
+
+class ActionModule(ActionBase):
+    """Writes the inventory of machines that are there."""
+
+    _VALID_ARGS = frozenset(("machines", "machine", "path"))
+    _requires_connection = False
+
+    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
+        """Return what was written; see ActionBase."""
+        result: dict[str, Any] = super().run(tmp, task_vars)
+        hostvars = (task_vars or {})["hostvars"]
+        names = [str(name) for name in self._task.args.get("machines") or ()]
+        path = os.path.abspath(os.path.expanduser(str(self._task.args.get("path") or "")))
+        problem = _refused(self._task.args.get("path"), path, names)
+        if problem:
+            result.update(failed=True, msg=problem)
+            return result
+        machines, unread = _read(names, hostvars, str(self._task.args.get("machine")))
+        proposal = propose(machines, unread)
+        if not proposal.robots:
+            result.update(failed=True, msg=_nothing(proposal), left_out=_told(proposal))
+            return result
+        files = write.files(proposal, {name: _given(hostvars, name) for name in names})
+        if not self._task.check_mode:
+            try:
+                _put(path, files)
+            except OSError as problem_of_disk:
+                result.update(
+                    failed=True,
+                    msg=f"{path} cannot be written ({problem_of_disk.strerror}); expected a folder of yours: choose another one with "
+                    "adopt_inventory.",
+                )
+                return result
+        result.update(
+            changed=True,
+            path=path,
+            files=files,
+            guesses=[plain(text, LINE) for text in proposal.guesses()],
+            left_out=_told(proposal),
+            problems=_problems(proposal),
+            msg=_summary(path, proposal, bool(self._task.check_mode)),
+        )
+        result["warnings"] = [*result["problems"], *result["left_out"]]
+        if self._task.diff:
+            result["diff"] = [
+                {"before": "", "after": text, "before_header": f"{path}/{name}", "after_header": f"{path}/{name}"}
+                for name, text in files.items()
+            ]
+        return result
+
+
+def _refused(given: Any, path: str, names: list[str]) -> str:
+    """Return why nothing can be written, or an empty text."""
+    if not given:
+        return "The option path is empty; expected a folder for the inventory, such as inventory-adopted: set adopt_inventory."
+    if not names:
+        return (
+            "The list of machines is empty: found no host in the inventory; expected the machines of all robots, one host each: "
+            "give a file with them to -i."
+        )
+    if os.path.lexists(path) and (os.path.islink(path) or not os.path.isdir(path) or os.listdir(path)):
+        return (
+            f"{path} is there and is not an empty folder; expected a new folder, so that nothing of yours is replaced: choose "
+            "another one with adopt_inventory."
+        )
+    return ""
+
+
+def _read(names: list[str], hostvars: Mapping[str, Any], variable: str) -> tuple[list[found.Machine], dict[str, str]]:
+    """Return the machines, and those that were not read with the reason."""
+    machines, unread = [], {}
+    for name in names:
+        info = plain_data(hostvars[name].get(variable) or {})
+        if not info or info.get("unreachable") or info.get("failed"):
+            unread[name] = _why(info)
+            continue
+        try:
+            machines.append(found.read(name, info))
+        except found.Strange as problem:
+            unread[name] = str(problem)
+    return machines, unread
+
+
+def _why(info: Mapping[str, Any]) -> str:
+    told = plain(info.get("msg") or "it was not looked at").rstrip(".")
+    return f"it cannot be reached ({told})" if info.get("unreachable") else f"it could not be read ({told})"
+
+
+def _given(hostvars: Any, name: str) -> dict[str, Any]:
+    """Return the variables that the list of machines has for one, as they are written; what is encrypted is only named."""
+    host = hostvars._inventory.get_host(name)
+    given: dict[str, Any] = {}
+    for group in sorted(host.get_groups(), key=lambda group: (group.depth, group.priority, group.name)):
+        given.update(group.vars)
+    given.update(host.vars)
+    return {key: value if isinstance(value, (str, int, float)) else "a secret" for key, value in given.items()}
+
+
+def _told(proposal: Proposal) -> list[str]:
+    return [plain(f"{name}: left out, since {why}.", LINE) for name, why in sorted(proposal.left_out.items())]
+
+
+def _problems(proposal: Proposal) -> list[str]:
+    """Return what site.yml would refuse of the inventory."""
+    try:
+        read.read_fleet(proposal.inventory())
+    except read.InventoryProblems as problems:
+        return [plain(text, LINE) for text in problems.problems]
+    return []
+
+
+def _nothing(proposal: Proposal) -> str:
+    why = " ".join(_told(proposal)[:3])
+    return (
+        f"No robot was found on {len(proposal.left_out)} machines; expected a running roscore, or a ROS_MASTER_URI in the files that "
+        f"shells read, on at least one of them: start the robots as usual, and run this again. {why}"
+    )
+
+
+def _summary(path: str, proposal: Proposal, check: bool) -> str:
+    router = ", a router" if proposal.router else ""
+    left_out = f", {len(proposal.left_out)} of the machines left out" if proposal.left_out else ""
+    return (
+        f"{'Would write' if check else 'Wrote'} {path}: {len(proposal.robots)} robots with {len(proposal.computers)} computers{router}"
+        f"{left_out}; {len(proposal.guesses())} comments to read. Next: ansible-playbook -i {path} rosfleet.multimaster.site --check --diff"
+    )
+
+
+def _put(path: str, files: Mapping[str, str]) -> None:
+    """Write the folder as a whole: it is there with all files, or not at all."""
+    parent = os.path.dirname(path)
+    os.makedirs(parent, exist_ok=True)
+    folder = tempfile.mkdtemp(prefix=".adopt-", dir=parent)
+    try:
+        for name, text in files.items():
+            target = os.path.join(folder, name)
+            os.makedirs(os.path.dirname(target), exist_ok=True)
+            with open(target, "w", encoding="utf-8") as stream:
+                stream.write(text)
+        os.chmod(folder, 0o755)
+        os.rename(folder, path)  # also over an empty folder
+    except OSError:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise

@@ -1,0 +1,237 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A machine as somebody has set it up by hand: the return of `multimaster_info` as types.
+
+A machine may answer anything. What is no address, network or number is refused, texts are plain and short, lists bounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from ipaddress import IPv4Address, IPv4Interface, IPv4Network
+from typing import Any
+from urllib.parse import urlsplit
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected
+
+Info = Mapping[str, Any]
+
+PARTS = ("system", "owned", "interfaces", "routing", "forwarding", "ports", "masters", "exports", "environment")
+NEEDED = ("interfaces", "routing", "forwarding", "masters")
+MOST = 64  # of interfaces, roscores, discovery nodes, assignments
+MOST_ROUTES = 2000
+# Networks inside a computer: containers and virtual machines.
+INSIDE = ("docker", "virbr", "veth", "br-", "lxcbr", "lxdbr", "cni", "podman")
+
+
+class Strange(ValueError):
+    """What a machine answered cannot be understood."""
+
+
+@dataclass(frozen=True)
+class Address:
+    """An address of a computer, and its interface."""
+
+    interface: IPv4Interface
+    device: str
+
+    @property
+    def ip(self) -> IPv4Address:
+        """The address."""
+        return self.interface.ip
+
+
+@dataclass(frozen=True)
+class Hop:
+    """A route by a next hop."""
+
+    destination: IPv4Network
+    gateway: IPv4Address
+
+
+@dataclass(frozen=True)
+class Uri:
+    """A host and a port, and where they were read."""
+
+    host: str
+    port: int
+    place: str = ""
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """A discovery node; the group and the ports are None or 0 where its parameters do not say them."""
+
+    node: str
+    implementation: str  # bundled, upstream or empty
+    uri: Uri | None
+    group: IPv4Address | None
+    group_port: int
+
+
+@dataclass(frozen=True)
+class Roscore:
+    """A roscore, what has started it, and the nodes at it."""
+
+    port: int
+    uri: Uri | None
+    runs: str  # its unit, else its command
+    discovery: tuple[Discovery, ...] = ()
+    syncs: tuple[str, ...] = ()  # whose sync nodes: bundled, upstream
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A machine of the list."""
+
+    name: str  # in the list
+    hostname: str = ""
+    addresses: tuple[Address, ...] = ()
+    aside: tuple[str, ...] = ()  # addresses that no other computer reaches it by
+    hops: tuple[Hop, ...] = ()
+    forwards: bool = False
+    roscores: tuple[Roscore, ...] = ()
+    masters: tuple[Uri, ...] = ()  # the masters that its files and shells name, the ones that count most first
+    ours: bool = False  # the collection runs services there
+
+
+def read(name: str, info: Info) -> Machine:
+    """Return a machine by what was read on it. Raises Strange."""
+    missing = [part for part in NEEDED if part not in info] if isinstance(info, Mapping) else ["everything"]
+    if missing:
+        raise Strange(f"{', '.join(missing)} could not be read")
+    try:
+        return _machine(name, info)
+    except (LookupError, TypeError, ValueError, AttributeError) as problem:
+        raise Strange(f"what it answered cannot be understood ({plain(problem)})") from None
+
+
+def _machine(name: str, info: Info) -> Machine:
+    usable, aside = _addresses(info["interfaces"])
+    return Machine(
+        name=name,
+        hostname=plain(info.get("hostname") or "", 64),
+        addresses=tuple(usable),
+        aside=tuple(aside),
+        hops=tuple(_hops(info["routing"]["routes"])),
+        forwards=info["forwarding"]["ip_forward"] == 1,
+        roscores=tuple(_roscore(entry) for entry in info["masters"][:MOST] if not entry["error"]),
+        masters=tuple(_named_masters(info)),
+        ours=any(plain(record).startswith("services-") for record in info.get("owned") or ()),
+    )
+
+
+def _addresses(interfaces: Sequence[Info]) -> tuple[list[Address], list[str]]:
+    usable, aside = [], []
+    for entry in interfaces[:MOST]:
+        for address in entry["addresses"][:MOST]:
+            if address["family"] != "inet" or entry["loopback"]:
+                continue
+            found = Address(IPv4Interface(f"{address['address']}/{address['prefix']}"), plain(entry["name"], 32))
+            why = _not_usable(found, entry["up"])
+            if why:
+                aside.append(f"{found.interface} of {found.device}, {why}")
+            else:
+                usable.append(found)
+    return usable, aside
+
+
+def _not_usable(address: Address, up: Any) -> str:
+    if address.device.startswith(INSIDE):
+        return "a network inside the computer"
+    if not up:
+        return "which is switched off"
+    if address.ip.is_link_local or address.interface.network.prefixlen > 30:
+        return "a network of one connection"
+    return ""
+
+
+def _hops(routes: Sequence[Info]) -> Iterable[Hop]:
+    for entry in sorted(routes[:MOST_ROUTES], key=lambda entry: int(entry["metric"])):
+        gateway = str(entry["gateway"] or "")
+        if gateway and ":" not in gateway:
+            yield Hop(IPv4Network(entry["destination"]), IPv4Address(gateway))
+
+
+def _roscore(entry: Info) -> Roscore:
+    process = entry["process"]
+    return Roscore(
+        port=_port(entry["port"]),
+        uri=uri(entry["uri"]),
+        runs=plain(process["unit"] or process["command"], 100),
+        discovery=tuple(_discovery(node) for node in entry["discovery"][:MOST]),
+        syncs=tuple(plain(node["implementation"], 32) for node in entry["sync"][:MOST]),
+    )
+
+
+def _discovery(entry: Info) -> Discovery:
+    return Discovery(
+        node=plain(entry["node"], 100),
+        implementation=plain(entry.get("implementation", ""), 32),
+        uri=uri(entry.get("uri", "")),
+        group=_group(entry.get("group", "")),
+        group_port=_port(entry.get("group_port", 0)),
+    )
+
+
+def _group(text: Any) -> IPv4Address | None:
+    """Return a multicast group; upstream's may say for which robots it is (`name@226.0.0.0`), or be anything."""
+    try:
+        return kinds.group(text)
+    except Unexpected:
+        return None
+
+
+def _port(number: Any) -> int:
+    return int(number) if 0 < int(number) < 65536 else 0
+
+
+def _named_masters(info: Info) -> Iterable[Uri]:
+    """Find the values of ROS_MASTER_URI: what arrives in shells first, then what files say."""
+    for kind, variables in sorted((info.get("environment") or {}).items(), key=lambda item: item[0] != "login"):
+        found = uri((variables or {}).get("ROS_MASTER_URI", ""), f"its shells ({plain(kind, 16)})")
+        if found:
+            yield found
+    for entry in (info.get("exports") or ())[:MOST]:
+        if entry["variable"] == "ROS_MASTER_URI":
+            found = uri(entry["value"], f"{plain(entry['file'], 100)} line {int(entry['line'])}")
+            if found:
+                yield found
+
+
+def uri(text: Any, place: str = "") -> Uri | None:
+    """Return host and port of a URI such as http://tibi-nav:11311; None where it is none."""
+    try:
+        parts = urlsplit(str(text))
+        if parts.scheme != "http" or not parts.hostname or not is_host(parts.hostname):
+            return None
+        return Uri(parts.hostname, parts.port or 11311, place)
+    except ValueError:
+        return None
+
+
+def is_host(text: str) -> bool:
+    """Say if a text is a host name (RFC 1123) or an address."""
+    return is_name(text) or is_address(text)
+
+
+def is_name(text: str) -> bool:
+    """Say if a text is a host name (RFC 1123), and no address."""
+    try:
+        kinds.name(text)
+    except Unexpected:
+        return False
+    return True
+
+
+def is_address(text: str) -> bool:
+    """Say if a text is an address of IPv4."""
+    try:
+        IPv4Address(text)
+    except ValueError:
+        return False
+    return True

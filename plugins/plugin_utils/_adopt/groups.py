@@ -1,0 +1,282 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Machines to robots: the networks that connect them, the one that all robots share, and who belongs to which roscore.
+
+The common network is the one without which the machines with a roscore are connected least. What stays connected is a robot.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from ipaddress import IPv4Address, IPv4Network
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.found import Machine, Uri, is_address
+
+EVERYWHERE = IPv4Network("0.0.0.0/0")
+THIS = ("localhost", "127.0.0.1", "127.0.1.1")  # how a computer names itself
+
+
+@dataclass(frozen=True)
+class Machines:
+    """All machines that were read, by their names in the list, and what connects them."""
+
+    by_name: Mapping[str, Machine]
+
+    @cached_property
+    def networks(self) -> Mapping[IPv4Network, Mapping[str, IPv4Address]]:
+        """Network -> machine -> its address there, the lowest of several. One that lies in a wider one is the wider one."""
+        seen = sorted({entry.interface.network for machine in self.by_name.values() for entry in machine.addresses})
+        wide = [one for one in seen if not any(one != other and one.subnet_of(other) for other in seen)]
+        found: dict[IPv4Network, dict[str, IPv4Address]] = {network: {} for network in wide}
+        for name, machine in self.by_name.items():
+            for address in sorted((entry.ip for entry in machine.addresses), reverse=True):
+                for network in wide:
+                    if address in network:
+                        found[network][name] = address
+        return found
+
+    @cached_property
+    def torn(self) -> frozenset[IPv4Network]:
+        """The networks in which two machines have one address: several networks that look like one, inside each robot."""
+        return frozenset(
+            network for network, members in self.networks.items() if len(set(members.values())) < len(members)
+        )
+
+    @cached_property
+    def _names(self) -> Mapping[str, str]:
+        """Name or address -> machine; names that mean two machines are left out."""
+        claims: dict[str, set[str]] = defaultdict(set)
+        for name, machine in self.by_name.items():
+            for text in (name, machine.hostname, machine.hostname.partition(".")[0]):
+                claims[text.lower()].add(name)
+            for address in machine.addresses:
+                claims[str(address.ip)].add(name)
+        return {text: next(iter(of)) for text, of in claims.items() if text and len(of) == 1}
+
+    def meant(self, machine: str, uri: Uri) -> str | None:
+        """Return the machine that a URI means on one of them."""
+        if uri.host in THIS or uri.host == self.by_name[machine].hostname.lower():
+            return machine
+        return self._names.get(uri.host) or (
+            None if is_address(uri.host) else self._names.get(uri.host.partition(".")[0])
+        )
+
+    def at(self, address: IPv4Address) -> str | None:
+        """Return the machine that has an address."""
+        return self._names.get(str(address))
+
+    @cached_property
+    def named(self) -> Mapping[str, str]:
+        """Machine -> the one that its ROS_MASTER_URI means; the first that is known counts."""
+        found = {}
+        for name, machine in self.by_name.items():
+            meant = [self.meant(name, uri) for uri in machine.masters]
+            if any(meant):
+                found[name] = next(one for one in meant if one)
+        return found
+
+    @cached_property
+    def masters(self) -> frozenset[str]:
+        """The machines with a roscore, and those that a ROS_MASTER_URI means; `localhost` is only what ROS is delivered with."""
+        running = {name for name, machine in self.by_name.items() if machine.roscores}
+        meant = {
+            self.meant(name, uri)
+            for name, machine in self.by_name.items()
+            for uri in machine.masters[:1]
+            if uri.host not in THIS
+        }
+        return frozenset(running | (meant - {None}))  # type: ignore[operator]  # without None
+
+    def connected(self, without: Collection[IPv4Network]) -> list[frozenset[str]]:
+        """Return the sets of machines that are connected by the other networks."""
+        group = {name: {name} for name in self.by_name}
+        for network, members in self.networks.items():
+            if network in without or network in self.torn:
+                continue
+            first, *others = members
+            for name in others:
+                joined = group[first] | group[name]
+                group.update(dict.fromkeys(joined, joined))
+        return list(dict.fromkeys(frozenset(members) for members in group.values()))
+
+    def separated(self, common: IPv4Network, without: Collection[IPv4Network]) -> int:
+        """Count what these networks keep apart and could be robots: sets with a roscore, and an address in the common network."""
+        reached = set(self.networks[common])
+        return sum(1 for group in self.connected(without) if group & self.masters and group & reached)
+
+
+@dataclass(frozen=True)
+class Group:
+    """A robot: the machine with its roscore, and its machines."""
+
+    master: str
+    members: frozenset[str]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Grouping:
+    """What the machines are."""
+
+    common: IPv4Network
+    why: str  # it is the common network, where that is a guess
+    shared: frozenset[IPv4Network]  # networks that several robots have, the common one among them
+    groups: tuple[Group, ...]
+    rest: Mapping[str, str] = field(default_factory=dict)  # machine of no robot -> why
+
+
+def grouping(machines: Machines) -> Grouping | None:
+    """Return the robots; None where no machine has a network."""
+    ranked = sorted(
+        (network for network in machines.networks if network not in machines.torn), key=lambda one: _rank(machines, one)
+    )
+    if not ranked:
+        return None
+    common, *others = ranked
+    why = ""
+    if others and _rank(machines, others[0])[:3] == _rank(machines, common)[:3]:
+        why = f"guessed, since most machines have an address in it; it may also be {others[0]}"
+    shared = _shared(machines, common)
+    groups: dict[str, set[str]] = {}
+    notes: dict[str, list[str]] = {}
+    rest: dict[str, str] = {}
+    lone: list[str] = []
+    for members in machines.connected(shared):
+        masters = _counted_masters(machines, members)
+        if masters:
+            groups[masters[0]] = set(members)
+            notes[masters[0]] = _notes(machines, members, masters)
+        else:
+            lone += sorted(members)
+    for name in lone:
+        if machines.named.get(name) in groups:
+            groups[machines.named[name]].add(name)
+        else:
+            rest[name] = _alone(machines, name)
+    return Grouping(
+        common=common,
+        why=why,
+        shared=shared,
+        groups=tuple(
+            Group(master, frozenset(members), tuple(notes[master])) for master, members in sorted(groups.items())
+        ),
+        rest=rest,
+    )
+
+
+def _rank(machines: Machines, network: IPv4Network) -> tuple[int, ...]:
+    """Return the sort key of a network, the common one first."""
+    return (
+        -machines.separated(network, [network]),
+        _torn_apart(machines, network) + _ways_out(machines, network),
+        -_discovered(machines, network),
+        -len(machines.networks[network]),
+        int(network.network_address),
+    )
+
+
+def _torn_apart(machines: Machines, network: IPv4Network) -> int:
+    """Count the machines that are connected with the roscore that they name by this network alone."""
+    group = {name: members for members in machines.connected([network]) for name in members}
+    return sum(1 for name, master in machines.named.items() if master not in group[name])
+
+
+def _ways_out(machines: Machines, network: IPv4Network) -> int:
+    """Count the machines that get from this network to others by a machine of both, as computers of a robot do."""
+    several = {
+        name
+        for other, members in machines.networks.items()
+        if other != network and len(members) > 1
+        for name in members
+    }
+    used = hops(machines, machines.networks[network], network)
+    return sum(number for hop, number in used.items() if machines.at(hop) in several)
+
+
+def _discovered(machines: Machines, network: IPv4Network) -> int:
+    """Count the addresses in a network at which discovery nodes answer."""
+    heard = {
+        node.uri.host
+        for machine in machines.by_name.values()
+        for roscore in machine.roscores
+        for node in roscore.discovery
+        if node.uri and is_address(node.uri.host)
+    }
+    return sum(1 for host in heard if IPv4Address(host) in network)
+
+
+def _shared(machines: Machines, common: IPv4Network) -> frozenset[IPv4Network]:
+    """Return the networks that connect robots: the common one, and others such as one for administration."""
+    shared, apart = {common}, machines.separated(common, [common])
+    while True:
+        best = max(
+            (network for network in machines.networks if network not in shared),
+            key=lambda network: machines.separated(common, [*shared, network]),
+            default=common,
+        )
+        now = machines.separated(common, [*shared, best])
+        if now <= apart:
+            return frozenset(shared)
+        shared.add(best)
+        apart = now
+
+
+def _notes(machines: Machines, members: frozenset[str], masters: Sequence[str]) -> list[str]:
+    """Return what speaks against these machines being one robot."""
+    first, *others = masters
+    several = [
+        f"On {other} runs a roscore, too; expected one roscore for the computers of a network: that on {first} was taken, which most "
+        "of them name"
+        for other in others
+        if machines.by_name[other].roscores
+    ]
+    named = {name: machines.named[name] for name in sorted(members) if name in machines.named}
+    return several + [
+        f"ROS_MASTER_URI of {name} names {master}, which is not the roscore of its robot"
+        for name, master in named.items()
+        if master != first and (master != name or machines.by_name[name].masters[0].host not in THIS)
+    ]
+
+
+def _alone(machines: Machines, name: str) -> str:
+    """Return why a machine is of no robot."""
+    uris = machines.by_name[name].masters
+    if not uris:
+        return "no roscore runs on it, and no file that its shells read sets ROS_MASTER_URI"
+    return f"no roscore runs on it, and its ROS_MASTER_URI names {uris[0].host}, which is no roscore of a robot"
+
+
+def _counted_masters(machines: Machines, members: frozenset[str]) -> Sequence[str]:
+    """Return the machines with a roscore: those where it runs first, then those that most name.
+
+    A single machine that uses the roscore of another one, and whose own one nobody discovers, has none that counts.
+    """
+    votes = Counter(machines.named.get(name) for name in members)
+    found = sorted(
+        members & machines.masters, key=lambda name: (not machines.by_name[name].roscores, -votes[name], name)
+    )
+    if len(members) == 1 and found and _only_uses(machines, found[0]):
+        return ()
+    return found
+
+
+def _only_uses(machines: Machines, name: str) -> bool:
+    named = machines.named.get(name, name)
+    discovers = any(roscore.discovery for roscore in machines.by_name[name].roscores)
+    owned = machines.named.get(named, named) == named  # two that name each other are two robots
+    return named != name and owned and named in machines.masters and not discovers
+
+
+def hops(
+    machines: Machines, names: Iterable[str], network: IPv4Network, destination: IPv4Network = EVERYWHERE
+) -> Counter[IPv4Address]:
+    """Count the next hops in a network on the way to a destination, the first one of each machine."""
+    found: Counter[IPv4Address] = Counter()
+    for name in names:
+        ways = [hop.gateway for hop in machines.by_name[name].hops if hop.destination == destination]
+        found.update([way for way in ways if way in network][:1])
+    return found

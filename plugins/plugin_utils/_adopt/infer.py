@@ -1,0 +1,394 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Machines to a proposal of an inventory: which robots they are, and the variables that say so. Every guess has its reason."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from ipaddress import IPv4Address, IPv4Network
+from typing import TypeVar
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import names
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.found import (
+    Discovery,
+    Machine,
+    Roscore,
+    is_address,
+    is_name,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.groups import (
+    Group,
+    Grouping,
+    Machines,
+    grouping,
+    hops,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.proposal import (
+    Choice,
+    Choices,
+    Computer,
+    Proposal,
+    Robot,
+    Value,
+)
+
+T = TypeVar("T", bound=Value)
+
+# What discovery nodes use where no parameter says another thing.
+GROUP, PORT, ROSCORE_PORT = IPv4Address("226.0.0.0"), 11511, 11311
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What all functions here look at."""
+
+    machines: Machines
+    found: Grouping
+    names: Mapping[str, tuple[str, str]]
+
+    def machine(self, name: str) -> Machine:
+        return self.machines.by_name[name]
+
+    def name(self, machine: str) -> str:
+        return self.names[machine][0]
+
+    def address(self, machine: str, network: IPv4Network) -> IPv4Address | None:
+        return self.machines.networks[network].get(machine)
+
+    def common(self, machine: str) -> IPv4Address | None:
+        return self.address(machine, self.found.common)
+
+    @property
+    def roscores(self) -> list[tuple[str, Roscore]]:
+        """The roscore of each robot that was seen."""
+        return [
+            (group.master, _roscore(self, group)[0])
+            for group in self.found.groups
+            if self.machine(group.master).roscores
+        ]
+
+
+def propose(machines: Iterable[Machine], left_out: Mapping[str, str]) -> Proposal:
+    """Return the inventory of these machines. `left_out` are those that were not read, and why."""
+    kept, twice = _once(machines)
+    missing = {**left_out, **twice}
+    everything = Machines(kept)
+    found = grouping(everything)
+    if found is None or not found.groups:
+        why = "no roscore runs on any machine, and no ROS_MASTER_URI names one"
+        return Proposal(left_out={**missing, **dict.fromkeys(kept, why)})
+    scene = _Scene(everything, found, names.computers(kept))
+    parts = [_robot(scene, group) for group in found.groups]
+    outside = {name: why for _robot, of_robot in parts for name, why in of_robot.items()}
+    unnamed = [robot for robot, _outside in parts if robot.computers]
+    called = names.robots(
+        [[computer.name for computer in robot.computers] for robot in unnamed],
+        [name for name, _why in scene.names.values()],
+    )
+    robots = [replace(robot, name=name) for name, robot in zip(called, unnamed, strict=True)]
+    router, device, rest = _router(scene, {**found.rest, **outside})
+    return Proposal(
+        choices=_fleet(scene, device),
+        robots=tuple(sorted(robots, key=lambda robot: robot.name)),
+        router=router,
+        left_out={**missing, **rest},
+        notes=_fleet_notes(scene),
+    )
+
+
+def _once(machines: Iterable[Machine]) -> tuple[dict[str, Machine], dict[str, str]]:
+    """Return the machines without those that the list has twice."""
+    kept: dict[str, Machine] = {}
+    twice: dict[str, str] = {}
+    seen: dict[tuple[str, frozenset[IPv4Address]], str] = {}
+    for machine in machines:
+        mark = machine.hostname, frozenset(address.ip for address in machine.addresses)
+        first = seen.setdefault(mark, machine.name) if mark[1] else machine.name
+        if first == machine.name:
+            kept[machine.name] = machine
+        else:
+            twice[machine.name] = f"it is the same machine as {first}"
+    return kept, twice
+
+
+# A robot
+
+
+def _robot(scene: _Scene, group: Group) -> tuple[Robot, dict[str, str]]:
+    """Return a robot without its name, and its machines that cannot be in it."""
+    network = _network(scene, group)
+    inside = network or scene.found.common
+    members = [name for name in sorted(group.members) if scene.address(name, inside) is not None]
+    outside = {
+        name: f"it belongs to the roscore on {scene.name(group.master)}, and has no address in {inside}"
+        for name in sorted(group.members - set(members))
+    }
+    choices: dict[str, Choice] = {}
+    if network:
+        choices["network"] = Choice(network)
+        choices.update(_gateway(scene, members, network))
+    choices["master"] = _master(scene, group, members)
+    roscore, doubt = _roscore(scene, group)
+    choices.update(_ports(roscore, doubt))
+    computers = [_computer(scene, name, inside) for name in members]
+    order = {scene.name(name): int(scene.machines.networks[inside][name]) for name in members}
+    robot = Robot(
+        name="",
+        choices=choices,
+        computers=tuple(sorted(computers, key=lambda computer: order[computer.name])),
+        notes=(
+            *group.notes,
+            *_missing(choices),
+            *_network_notes(scene, group, network),
+            *_running(scene, group, roscore),
+        ),
+    )
+    return robot, outside
+
+
+def _network(scene: _Scene, group: Group) -> IPv4Network | None:
+    """Return the robot's own network: that of most of its machines which are not in the common network."""
+    inner = [name for name in group.members if scene.common(name) is None]
+    aside = scene.found.shared | scene.machines.torn
+    own = [network for network in scene.machines.networks if network not in aside]
+    counted = Counter({network: sum(scene.address(name, network) is not None for name in inner) for network in own})
+    if not inner or not +counted:
+        return None
+    return max(+counted, key=lambda network: (counted[network], -int(network.network_address)))
+
+
+def _network_notes(scene: _Scene, group: Group, network: IPv4Network | None) -> list[str]:
+    """Return the networks of a robot that the inventory has no place for."""
+    others = [
+        other
+        for other, members in scene.machines.networks.items()
+        if len(group.members & set(members)) > 1 and other not in (network, scene.found.common)
+    ]
+    return [
+        f"Its computers have addresses in {other}, too, which the inventory leaves aside" for other in sorted(others)
+    ]
+
+
+def _missing(choices: Choices) -> list[str]:
+    """Return what site.yml will ask for."""
+    wanted = {
+        "gateway": "what connects its network",
+        "common_address": "the address of its gateway in the common network",
+    }
+    return [
+        f"multimaster_{name}, {what}, was not found: write it here"
+        for name, what in wanted.items()
+        if "network" in choices and name not in choices
+    ]
+
+
+def _master(scene: _Scene, group: Group, members: Sequence[str]) -> Choice:
+    why = "" if scene.machine(group.master).roscores else "guessed from ROS_MASTER_URI, since no roscore ran"
+    if group.master in members:
+        return Choice(scene.name(group.master), why)
+    return Choice(
+        scene.name(members[0]) if members else scene.name(group.master), "guessed, since its roscore is elsewhere"
+    )
+
+
+def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dict[str, Choice]:
+    """Return the gateway of a network, its address in the common network, and which routes lead to it."""
+    inner = [name for name in members if scene.common(name) is None]
+    both = [name for name in members if scene.common(name) is not None]
+    default = hops(scene.machines, inner, network)
+    hop = _first(default) or _first(hops(scene.machines, inner, network, scene.found.common))
+    at = scene.machines.at(hop) if hop else None
+    if hop and at is None and not any(scene.machine(name).forwards for name in both):
+        return _device(scene, network, hop)
+    if not both:
+        return {}
+    best = min(both, key=lambda name: (name != at, not scene.machine(name).forwards, name))
+    choices = {
+        "gateway": Choice(scene.name(best), _gateway_doubt(scene, best, both, at)),
+        "common_address": Choice(_known(scene.common(best))),
+    }
+    if hop and default[_known(scene.address(best, network))] * 2 < len(inner):
+        choices["routes"] = Choice(
+            "networks", "guessed, since the default routes of most of its computers lead elsewhere"
+        )
+    return choices
+
+
+def _device(scene: _Scene, network: IPv4Network, hop: IPv4Address) -> dict[str, Choice]:
+    """Return a gateway that is no computer."""
+    choices = {
+        "gateway": Choice(hop, "guessed: the next hop of its computers, and none of the machines that were read")
+    }
+    outside = hops(scene.machines, scene.machines.by_name, scene.found.common, network)
+    if outside:
+        choices["common_address"] = Choice(
+            _known(_first(outside)), f"guessed: the next hop of other machines on their way to {network}"
+        )
+    return choices
+
+
+def _first(counted: Counter[IPv4Address]) -> IPv4Address | None:
+    """Return the address that was counted most, the lowest of several."""
+    return max(counted, key=lambda one: (counted[one], -int(one)), default=None)
+
+
+def _gateway_doubt(scene: _Scene, best: str, both: Sequence[str], at: str | None) -> str:
+    why = []
+    if best != at:
+        why.append(f"guessed, since it is in both networks, as {', '.join(map(scene.name, both))}")
+    if not scene.machine(best).forwards:
+        why.append("it does not forward packets now (net.ipv4.ip_forward is 0)")
+    return "; ".join(why)
+
+
+def _known(address: IPv4Address | None) -> IPv4Address:
+    assert address is not None  # noqa: S101 - the caller has chosen who has one
+    return address
+
+
+# Its roscore and nodes
+
+
+def _roscore(scene: _Scene, group: Group) -> tuple[Roscore, str]:
+    """Return the roscore of a robot, and why where its computer has several."""
+    roscores = scene.machine(group.master).roscores
+    named = Counter(uri.port for name in group.members for uri in scene.machine(name).masters[:1])
+    if not roscores:
+        port = max(named, key=lambda one: named[one], default=ROSCORE_PORT)
+        return Roscore(
+            port, None, ""
+        ), "guessed from ROS_MASTER_URI, since no roscore ran" if port != ROSCORE_PORT else ""
+    best = min(roscores, key=lambda one: (-named[one.port], not one.discovery, one.port))
+    others = ", ".join(str(one.port) for one in roscores if one != best)
+    return best, f"guessed, since {scene.name(group.master)} has another roscore on port {others}" if others else ""
+
+
+def _ports(roscore: Roscore, doubt: str) -> dict[str, Choice]:
+    choices = {}
+    if roscore.port != ROSCORE_PORT or doubt:
+        choices["roscore_port"] = Choice(roscore.port, doubt)
+    rpc = next((node.uri.port for node in roscore.discovery if node.uri), 0)
+    if rpc not in (0, roscore.port + 300):
+        choices["rpc_port"] = Choice(rpc)
+    return choices
+
+
+def _running(scene: _Scene, group: Group, roscore: Roscore) -> list[str]:
+    """Return what runs there that site.yml would replace."""
+    machine = scene.machine(group.master)
+    if machine.ours or not machine.roscores:
+        return []
+    what = f"The roscore on {scene.name(group.master)} was started by {roscore.runs or 'somebody'}"
+    told = [
+        f"{what}: end it and what starts it at boot before site.yml, which starts its own, or set multimaster_roscore: existing"
+    ]
+    whose = sorted({node.implementation for node in roscore.discovery} | set(roscore.syncs))
+    if roscore.discovery or roscore.syncs:
+        nodes = "The nodes of multimaster_fkie" if "upstream" in whose else "Discovery and sync nodes"
+        kept = ", or set multimaster_provider: fkie_existing" if "upstream" in whose else ""
+        told.append(
+            f"{nodes} run there, which site.yml replaces: end them and what starts them at boot{kept}; filters of the sync node "
+            "are not read: write them as multimaster_filters"
+        )
+    return told
+
+
+# The fleet
+
+
+def _fleet(scene: _Scene, router: Choice | None) -> Choices:
+    choices = {"common_network": Choice(scene.found.common, scene.found.why)}
+    if router:
+        choices["router"] = router
+    nodes = [(scene.name(master), node) for master, roscore in scene.roscores for node in roscore.discovery]
+    choices["multicast_group"] = _most(nodes, lambda node: node.group or GROUP, "no discovery node ran", GROUP)
+    port = _most(nodes, lambda node: node.group_port or PORT, "no discovery node ran", PORT)
+    if port.value != PORT or port.why and nodes:
+        choices["multicast_port"] = port
+    uris = [(scene.name(master), roscore.uri) for master, roscore in scene.roscores if roscore.uri]
+    if uris and all(uri and is_address(uri.host) for _name, uri in uris):
+        choices["advertise"] = Choice("address")
+    return choices
+
+
+def _most(nodes: Sequence[tuple[str, Discovery]], read: Callable[[Discovery], T], nobody: str, default: T) -> Choice:
+    """Return what most nodes have, and who has another thing."""
+    counted = Counter(read(node) for _name, node in nodes)
+    if not counted:
+        return Choice(default, f"the default of the nodes, since {nobody}")
+    best = max(counted, key=lambda value: (counted[value], str(value)))
+    others = [f"{name} has {read(node)}" for name, node in nodes if read(node) != best]
+    return Choice(
+        best, f"what {counted[best]} of {len(nodes)} discovery nodes have; {', '.join(others)}" if others else ""
+    )
+
+
+def _fleet_notes(scene: _Scene) -> tuple[str, ...]:
+    shared = sorted(scene.found.shared - {scene.found.common})
+    torn = sorted(scene.machines.torn)
+    return (
+        *(f"{network} connects several robots, too, and is left aside" for network in shared),
+        *(
+            f"In {network} machines have the same address: it is taken for a network inside each of them"
+            for network in torn
+        ),
+    )
+
+
+# Computers, and the router
+
+
+def _computer(scene: _Scene, machine: str, network: IPv4Network) -> Computer:
+    name, why = scene.names[machine]
+    found = scene.machine(machine)
+    choices = {"address": Choice(_known(scene.address(machine, network)))}
+    if _other_name(scene, found.hostname, name):
+        choices["aliases"] = Choice([found.hostname], "the name that it calls itself")
+    notes = [f"Left aside: {', '.join(found.aside)}"] if found.aside else []
+    return Computer(name, machine, choices, (*([f"Named so, since {why}"] if why else []), *notes))
+
+
+def _other_name(scene: _Scene, hostname: str, name: str) -> bool:
+    """Say if a host name is another name of one computer alone."""
+    known = [entry.lower() for entry, _why in scene.names.values()]
+    hostnames = [machine.hostname.lower() for machine in scene.machines.by_name.values()]
+    host = hostname.lower()
+    return is_name(host) and host != "localhost" and host not in known and hostnames.count(host) == 1
+
+
+def _router(scene: _Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Choice | None, dict[str, str]]:
+    """Return the router of the common network as a host or as a device, and the machines that are neither."""
+    members = [name for group in scene.found.groups for name in group.members]
+    gateways = [name for name in members if scene.common(name) is not None]
+    if len(gateways) == len(members):
+        return None, None, dict(rest)  # nobody is behind a gateway: there is nothing to route
+    hop = _first(hops(scene.machines, gateways, scene.found.common))
+    at = scene.machines.at(hop) if hop else None
+    able = [name for name in rest if _passes(scene, name)]
+    if not able:
+        why = "guessed: the next hop of gateways, and none of the machines that were read"
+        return None, Choice(hop, why) if hop and at is None else None, dict(rest)
+    best = min(able, key=lambda name: (name != at, name))
+    computer = _computer(scene, best, scene.found.common)
+    why = "Taken for the router, since it forwards packets and is in the common network, though no default route leads to it"
+    router = replace(
+        computer,
+        choices={"address": computer.choices["address"]},
+        notes=(*computer.notes, *([] if best == at else [why])),
+    )
+    return router, None, {name: why for name, why in rest.items() if name != best}
+
+
+def _passes(scene: _Scene, name: str) -> bool:
+    """Say if a machine on the common network forwards packets, has no roscore, and is in no robot's network."""
+    members = {member for group in scene.found.groups for member in group.members}
+    own = {
+        network
+        for network, of in scene.machines.networks.items()
+        if name in of and network not in scene.found.shared and members & set(of)
+    }
+    machine = scene.machine(name)
+    return scene.common(name) is not None and machine.forwards and not machine.roscores and not own

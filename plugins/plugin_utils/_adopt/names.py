@@ -1,0 +1,85 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Names of computers and robots: those of the machines, as far as an inventory may have them."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.found import Machine, is_name
+
+# What people add to the name of a robot for the name of its computer.
+_ENDINGS = re.compile(r"(?<=[a-z0-9])[-_.]?(computer|laptop|notebook|desktop|nuc|pc)$", re.IGNORECASE)
+_SEPARATORS = "-_."
+RESERVED = ("all", "ungrouped", "robots", "routers", "localhost")
+
+
+def computers(machines: Mapping[str, Machine]) -> dict[str, tuple[str, str]]:
+    """Return machine -> (name in the inventory, why it was guessed).
+
+    The name in the list stays. Where it is an address, or no host name, the host name is taken, if no other machine has it.
+    """
+    taken = Counter(name.lower() for name in machines if _fits(name))
+    called = Counter(machine.hostname.lower() for machine in machines.values())
+    found = {}
+    for name, machine in machines.items():
+        host = machine.hostname
+        if _fits(name):
+            found[name] = name, ""
+        elif _fits(host) and called[host.lower()] == 1 and not taken[host.lower()]:
+            found[name] = host, ""
+        else:
+            made = "host-" + (re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:50] or "unnamed")
+            found[name] = made, f"its host name is {host or 'not known'}, which is no name of one machine alone"
+    return found
+
+
+def _fits(name: str) -> bool:
+    return is_name(name) and name.lower() not in RESERVED
+
+
+def robots(of: Sequence[Sequence[str]], hosts: Sequence[str]) -> list[str]:
+    """Return a name for each robot: what the names of its computers begin with. Groups and hosts need different names."""
+    names: list[str] = []
+    taken = {host.lower() for host in hosts} | set(RESERVED)
+    short = [_short(computers) for computers in of]
+    for name, computers in zip(short, of, strict=True):
+        if short.count(name) > 1 or name in taken:
+            name = _group_name(min(computers))
+        if name in taken:
+            name = f"robot_{name}"
+        taken.add(name)
+        names.append(name)
+    return names
+
+
+def _short(computers: Sequence[str]) -> str:
+    """Return the beginning that the names of computers have in common, up to a separator."""
+    names = [name.lower() for name in computers]
+    if len(names) == 1:
+        (name,) = names
+        without = _ENDINGS.sub("", name)
+        if without != name:
+            return _group_name(without)
+        head, _separator, end = _parted(name)
+        return _group_name(head if head and not end.isdigit() else name)
+    begin = os.path.commonprefix(names)
+    if begin not in names and not begin.endswith(tuple(_SEPARATORS)):
+        begin = _parted(begin)[0] or begin
+    return _group_name(begin or min(names))
+
+
+def _parted(name: str) -> tuple[str, str, str]:
+    """Part a name at its last separator."""
+    place = max(name.rfind(separator) for separator in _SEPARATORS)
+    return (name[:place], name[place], name[place + 1 :]) if place > 0 else ("", "", name)
+
+
+def _group_name(text: str) -> str:
+    """Return a text as a name that Ansible takes for a group."""
+    name = re.sub(r"[^a-z0-9_]+", "_", text.lower()).strip("_")
+    return name if name[:1].isalpha() else f"robot_{name}".rstrip("_")

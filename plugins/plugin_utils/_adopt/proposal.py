@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""An inventory as it is proposed: values, and why each was taken where that had to be guessed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from ipaddress import IPv4Address, IPv4Network
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Inventory
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import PREFIX
+
+Value = str | int | list[str] | IPv4Address | IPv4Network
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A value, and why it was taken; `why` is empty where the machines leave no doubt."""
+
+    value: Value
+    why: str = ""
+
+
+Choices = Mapping[str, Choice]  # by the names of variables, without `multimaster_`
+
+
+@dataclass(frozen=True)
+class Computer:
+    """A host of the inventory."""
+
+    name: str
+    machine: str  # its name in the list of machines
+    choices: Choices
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A group below `robots`."""
+
+    name: str
+    choices: Choices
+    computers: tuple[Computer, ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An inventory, and what is not in it."""
+
+    choices: Choices = field(default_factory=dict)  # of the fleet
+    robots: tuple[Robot, ...] = ()
+    router: Computer | None = None
+    left_out: Mapping[str, str] = field(default_factory=dict)  # machine -> why
+    notes: tuple[str, ...] = ()
+
+    @property
+    def computers(self) -> tuple[Computer, ...]:
+        """The computers of all robots."""
+        return tuple(computer for robot in self.robots for computer in robot.computers)
+
+    def guesses(self) -> list[str]:
+        """Return a sentence for each value that had to be guessed, and for each note."""
+        told = [*_guesses("group_vars/robots.yml", self.choices), *self.notes]
+        for robot in self.robots:
+            told += [*_guesses(f"group_vars/{robot.name}.yml", robot.choices), *robot.notes]
+        for computer in (*self.computers, *((self.router,) if self.router else ())):
+            told += [*_guesses(computer.name, computer.choices), *computer.notes]
+        return told
+
+    def inventory(self) -> Inventory:
+        """Return what Ansible would make of it."""
+        variables = {
+            computer.name: _plain({**self.choices, **robot.choices, **computer.choices})
+            for robot in self.robots
+            for computer in robot.computers
+        }
+        if self.router:
+            variables[self.router.name] = _plain(self.router.choices)
+        return Inventory(
+            robots={
+                robot.name: [computer.name for computer in robot.computers]
+                for robot in sorted(self.robots, key=lambda robot: robot.name)
+            },
+            variables=variables,
+            routers=[self.router.name] if self.router else [],
+        )
+
+
+def _guesses(where: str, choices: Choices) -> Iterable[str]:
+    return [
+        f"{where}: {PREFIX}{name} is {choice.value}: {choice.why}" for name, choice in choices.items() if choice.why
+    ]
+
+
+def _plain(choices: Choices) -> dict[str, object]:
+    return {
+        PREFIX + name: str(choice.value) if isinstance(choice.value, (IPv4Address, IPv4Network)) else choice.value
+        for name, choice in choices.items()
+    }

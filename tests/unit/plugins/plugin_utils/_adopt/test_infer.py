@@ -1,0 +1,253 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Machines in, an inventory out: the plan of the fleet that somebody has set up by hand."""
+
+import pathlib
+import random
+import sys
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import found
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import (
+    Inventory,
+    InventoryProblems,
+    read_fleet,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
+
+sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[5])]
+from shown import FOLDER, machine, machines_of, read_folder, roscore  # noqa: E402
+
+from tests.simulator import inventories  # noqa: E402
+
+
+def adopted(infos, left_out=None):
+    return propose([found.read(name, info) for name, info in infos.items()], left_out or {})
+
+
+def plan_of(inventory):
+    return fleet_plan(read_fleet(inventory))
+
+
+@pytest.mark.parametrize("layout", ["single_computer", "multi_computer"])
+def test_the_shipped_inventories_come_back_without_a_guess(layout):
+    plan = plan_of(read_folder(FOLDER / layout))
+    proposal = adopted(machines_of(plan))
+    assert plan_of(proposal.inventory()) == plan
+    assert not proposal.left_out
+    assert not [text for text in proposal.guesses() if "guessed" in text]
+
+
+# What machines do not show, or what is no choice of a person who works by hand.
+UNSEEN = """
+transport multicast_routing firewall answer_broadcast_pings strangers allow heartbeat_hz router filters exports provider
+roscore aliases firewall_also firewall_ports
+""".split()
+
+
+def visible(inventory):
+    """The inventory without the variables that no machine shows; gateways are computers."""
+    variables = {}
+    for host, own in inventory.variables.items():
+        kept = {name: value for name, value in own.items() if name.removeprefix("multimaster_") not in UNSEEN}
+        if kept.get("multimaster_routes") == "existing":
+            del kept["multimaster_routes"]
+        if kept.get("multimaster_gateway", "").endswith(".1"):
+            (robot,) = [hosts for hosts in inventory.robots.values() if host in hosts]
+            kept["multimaster_gateway"] = robot[-1]
+        variables[host] = kept
+    return Inventory(robots=dict(sorted(inventory.robots.items())), variables=variables, routers=inventory.routers)
+
+
+def random_plans(seed, number):
+    randomly = random.Random(seed)
+    while number:
+        try:
+            plan = plan_of(visible(inventories.inventory(randomly)))
+        except InventoryProblems:
+            continue
+        number -= 1
+        yield plan
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_random_fleets_come_back(seed):
+    for plan in random_plans(seed, 20):
+        proposal = adopted(machines_of(plan))
+        assert plan_of(proposal.inventory()) == plan
+
+
+# What people have beside the report's layouts
+
+
+def robot(number, name, master="gate", inner=("arm",), **gate):
+    """Infos of a robot behind a gateway: its network is 192.168.(10 + number).0/24, its gateway .1 there."""
+    network, uri = f"192.168.{10 + number}", f"http://{name}-{master}:11311"
+    infos = {
+        f"{name}-{place}": machine(
+            f"{name}-{place}", f"{network}.{2 + count}/24", routes=[("0.0.0.0/0", f"{network}.1")], uri=uri
+        )
+        for count, place in enumerate(inner)
+    }
+    infos[f"{name}-gate"] = machine(
+        f"{name}-gate", f"{network}.1/24", f"192.168.1.{200 + number}/24", forwards=1, uri=uri, **gate
+    )
+    address = f"192.168.1.{200 + number}" if master == "gate" else f"{network}.2"
+    infos[f"{name}-{master}"]["masters"] = [roscore(f"{name}-{master}", address)]
+    return infos
+
+
+def fleet(**more):
+    return {**robot(0, "ana"), **robot(1, "bob", "arm"), **more}
+
+
+def choice(proposal, name, variable):
+    robots = {robot.name: robot for robot in proposal.robots}
+    return robots[name].choices[variable]
+
+
+def valid(proposal):
+    plan_of(proposal.inventory())
+    return {robot.name: [computer.name for computer in robot.computers] for robot in proposal.robots}
+
+
+ROBOTS = {"ana": ["ana-gate", "ana-arm"], "bob": ["bob-gate", "bob-arm"]}
+
+
+def test_a_network_for_administration_is_no_common_network():
+    infos = fleet(laptop=machine("laptop", "10.0.0.9/24"))
+    for number, info in enumerate(infos.values()):
+        info["interfaces"] += machine("", f"10.0.0.{100 + number}/24")["interfaces"]
+    proposal = adopted(infos)
+    assert valid(proposal) == ROBOTS
+    assert str(proposal.choices["common_network"].value) == "192.168.1.0/24"
+    assert "10.0.0.0/24 connects several robots, too, and is left aside" in proposal.notes
+    assert list(proposal.left_out) == ["laptop"]
+
+
+def test_a_sensor_network_of_the_same_addresses_in_each_robot_is_inside_it():
+    infos = fleet(cid=machine("cid", "192.168.1.50/24", masters=[roscore("cid", "192.168.1.50")]))
+    for info in infos.values():
+        info["interfaces"] += machine("", "192.168.2.1/24")["interfaces"]
+    proposal = adopted(infos)
+    assert valid(proposal) == {**ROBOTS, "robot_cid": ["cid"]}
+    assert any("192.168.2.0/24 machines have the same address" in note for note in proposal.notes)
+
+
+def test_a_gateway_of_another_make_is_an_address():
+    infos = fleet()
+    del infos["bob-gate"]
+    infos["ana-gate"]["routing"]["routes"] += [
+        {"destination": "192.168.11.0/24", "gateway": "192.168.1.211", "metric": 0},
+        {"destination": "0.0.0.0/0", "gateway": "192.168.1.254", "metric": 0},
+    ]
+    proposal = adopted(infos)
+    assert valid(proposal) == {"ana": ROBOTS["ana"], "bob": ["bob-arm"]}
+    assert str(choice(proposal, "bob", "gateway").value) == "192.168.11.1"
+    assert str(choice(proposal, "bob", "common_address").value) == "192.168.1.211"
+    assert str(proposal.choices["router"].value) == "192.168.1.254"
+    assert "guessed" in choice(proposal, "bob", "gateway").why and "guessed" in proposal.choices["router"].why
+
+
+def test_what_is_not_found_is_asked_for():
+    infos = fleet()
+    del infos["bob-gate"]
+    proposal = adopted(infos)
+    with pytest.raises(InventoryProblems, match="multimaster_common_address of the robot bob is not set"):
+        plan_of(proposal.inventory())
+    assert any(text.startswith("multimaster_common_address, the address") for text in proposal.guesses())
+
+
+def test_default_routes_that_lead_elsewhere_stay():
+    infos = fleet()
+    infos["ana-arm"]["routing"]["routes"] = [
+        {"destination": "0.0.0.0/0", "gateway": "192.168.10.99", "metric": 0},
+        {"destination": "192.168.1.0/24", "gateway": "192.168.10.1", "metric": 0},
+    ]
+    proposal = adopted(infos)
+    assert choice(proposal, "ana", "routes").value == "networks"
+    assert choice(proposal, "ana", "gateway").value == "ana-gate"
+    assert valid(proposal) == ROBOTS
+
+
+def test_of_two_roscores_in_a_network_the_one_that_most_name_counts():
+    infos = fleet()
+    infos["ana-arm"]["masters"] = [roscore("ana-arm", "192.168.10.2")]
+    proposal = adopted(infos)
+    assert choice(proposal, "ana", "master").value == "ana-gate"
+    assert any("On ana-arm runs a roscore, too" in text for text in proposal.guesses())
+    assert valid(proposal) == ROBOTS
+
+
+def test_a_roscore_that_does_not_run_is_a_guess():
+    infos = fleet()
+    infos["bob-arm"]["masters"] = []
+    proposal = adopted(infos)
+    assert choice(proposal, "bob", "master").value == "bob-arm"
+    assert choice(proposal, "bob", "master").why.startswith("guessed from ROS_MASTER_URI")
+    assert valid(proposal) == ROBOTS
+
+
+def test_the_master_uri_that_ros_is_delivered_with_says_nothing():
+    infos = fleet(laptop=machine("laptop", "192.168.1.9/24", uri="http://localhost:11311"))
+    infos["ana-arm"]["environment"]["login"]["ROS_MASTER_URI"] = "http://localhost:11311"
+    proposal = adopted(infos)
+    assert valid(proposal) == ROBOTS and list(proposal.left_out) == ["laptop"]
+    assert not [text for text in proposal.guesses() if "ROS_MASTER_URI" in text]
+
+
+def test_a_second_computer_in_the_common_network_belongs_to_the_roscore_that_it_names():
+    infos = {
+        "ana-nav": machine("ana-nav", "192.168.1.10/24", masters=[roscore("ana-nav", "192.168.1.10")]),
+        "ana-arm": machine("ana-arm", "192.168.1.11/24", uri="http://192.168.1.10:11311"),
+        "bob": machine("bob", "192.168.1.20/24", masters=[roscore("bob", "192.168.1.20")]),
+    }
+    infos["ana-arm"]["masters"] = [roscore("ana-arm")]  # a roscore that nobody discovers
+    assert valid(adopted(infos)) == {"ana": ["ana-nav", "ana-arm"], "robot_bob": ["bob"]}
+
+
+def test_addresses_in_the_list_become_host_names():
+    infos = {
+        "192.168.1.10": machine("Ana", "192.168.1.10/24", masters=[roscore("Ana", "192.168.1.10")]),
+        "192.168.1.20": machine("ubuntu", "192.168.1.20/24", masters=[roscore("ubuntu", "192.168.1.20")]),
+        "192.168.1.30": machine("ubuntu", "192.168.1.30/24"),
+        "fourth": machine("cid", "192.168.1.40/24", masters=[roscore("cid", "192.168.1.40", port=11321, rpc=12000)]),
+        "again": machine("cid", "192.168.1.40/24"),
+    }
+    proposal = adopted(infos, {"husky": "it cannot be reached"})
+    assert valid(proposal) == {
+        "robot_ana": ["Ana"],
+        "host_192_168_1_20": ["host-192-168-1-20"],
+        "robot_fourth": ["fourth"],
+    }
+    assert set(proposal.left_out) == {"husky", "192.168.1.30", "again"}
+    assert proposal.left_out["again"] == "it is the same machine as fourth"
+    fourth = next(computer for computer in proposal.computers if computer.name == "fourth")
+    assert fourth.choices["aliases"].value == ["cid"]
+    assert choice(proposal, "robot_fourth", "roscore_port").value == 11321
+    assert choice(proposal, "robot_fourth", "rpc_port").value == 12000
+
+
+def test_names_of_programs_as_addresses_are_seen():
+    infos = {
+        name: machine(name, f"192.168.1.{number}/24", masters=[roscore(f"192.168.1.{number}", f"192.168.1.{number}")])
+        for number, name in enumerate(("ana", "bob"), 10)
+    }
+    proposal = adopted(infos)
+    assert proposal.choices["advertise"].value == "address"
+    assert plan_of(proposal.inventory()).masters[0].uri == "http://192.168.1.10:11311/"
+
+
+@pytest.mark.parametrize("infos", [{}, {"laptop": machine("laptop", "192.168.1.9/24")}, {"bare": machine("bare")}])
+def test_without_a_robot_there_is_nothing_to_propose(infos):
+    proposal = adopted(infos)
+    assert not proposal.robots and set(proposal.left_out) == set(infos)
+
+
+def test_a_hundred_machines_are_read_in_a_moment():
+    infos = {}
+    for number in range(25):
+        infos.update(robot(number, f"r{number}", inner=("arm", "head", "base")))
+    assert len(valid(adopted(infos))) == 25
