@@ -154,7 +154,7 @@ def _hops(routes: Sequence[Info]) -> Iterable[Hop]:
     for entry in sorted(routes[:MOST_ROUTES], key=lambda entry: int(entry["metric"])):
         gateway = str(entry["gateway"] or "")
         if gateway and ":" not in gateway:
-            yield Hop(IPv4Network(entry["destination"]), IPv4Address(gateway))
+            yield Hop(IPv4Network(str(entry["destination"])), IPv4Address(gateway))
 
 
 def _roscore(entry: Info) -> Roscore:
