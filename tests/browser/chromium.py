@@ -79,12 +79,12 @@ class Chromium:
     def _next(self):
         ends = time.monotonic() + PATIENCE
         while b"\0" not in self._rest:
-            ready, _, _ = select.select([self._from], [], [], max(0.0, ends - time.monotonic()))
+            ready, _write, _other = select.select([self._from], [], [], max(0.0, ends - time.monotonic()))
             assert ready, f"Chromium does not answer within {PATIENCE:.0f} s"
             read = os.read(self._from, 1 << 20)
             assert read, "Chromium has ended"
             self._rest += read
-        text, _, self._rest = self._rest.partition(b"\0")
+        text, _zero, self._rest = self._rest.partition(b"\0")
         message = json.loads(text)
         self._note(message.get("method"), message.get("params", {}))
         return message

@@ -157,14 +157,14 @@ class _Drawing:
         y = self._router(EDGE)
         rows, top = list(_chunks(self.robots, self.each)), y + BAR // 2
         for number, robots in enumerate(rows):
-            bar = y
+            last = y
             self._bar(EDGE, y, self.width - 2 * EDGE, self._common(number), COMMON if number == 0 else "")
             heights = [
                 self._draw(robot, EDGE + column * (self.frame + GAP), y + BAR) for column, robot in enumerate(robots)
             ]
             y += BAR + max(heights, default=0) + 3 * GAP
         if len(rows) > 1:  # the bars are one network
-            self._wire(EDGE + 1, top, bar)
+            self._wire(EDGE + 1, top, last)
         title = f"The fleet: {len(self.robots)} robots, {len(self.fleet.computers)} computers"
         return "\n".join(
             [
@@ -220,12 +220,12 @@ class _Drawing:
         )
         return height
 
-    def _hang(self, devices: Sequence[_Device], x: int, y: int, bar: int) -> int:
+    def _hang(self, devices: Sequence[_Device], x: int, y: int, above: int) -> int:
         """Draw boxes in columns below a bar; return where the next thing may begin."""
         for row in _chunks(devices, COLUMNS):
             for column, device in enumerate(row):
                 left = x + GAP + column * (self.box + GAP)
-                self._wire(left + self.box // 2, bar, y)
+                self._wire(left + self.box // 2, above, y)
                 self._box(device, left, y)
             y += max(map(self._height, row)) + GAP
         return y

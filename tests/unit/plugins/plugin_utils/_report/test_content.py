@@ -30,7 +30,7 @@ def test_what_is_new_and_what_is_gone():
     told = content.differences(before, now)
     assert told[:2] == ["tibi-nav is new", "topics of tibi: /scan is gone"]
     assert told[2].startswith("new: a packet filter on tibi-visio")
-    assert content.differences(now, before)[-1].startswith("no longer: a packet filter on tibi-visio")
+    assert content.differences(before=now, now=before)[-1].startswith("no longer: a packet filter on tibi-visio")
 
 
 def test_a_document_of_another_shape_has_no_difference():
