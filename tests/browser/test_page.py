@@ -9,6 +9,7 @@ The pictures in docs/images are written anew by UPDATE_IMAGES=1 pytest tests/bro
 import os
 import pathlib
 import sys
+import time
 
 import pytest
 
@@ -120,6 +121,9 @@ def test_on_paper_everything_is_unfolded(browser, pages):
     hidden = "document.querySelector('#finding-1 details table').checkVisibility({contentVisibilityAuto: true})"
     assert browser.js(hidden) is False
     browser.ask("Emulation.setEmulatedMedia", media="print")
+    ends = time.monotonic() + 20  # what is folded is shown with the next frame
+    while browser.js(hidden) is False and time.monotonic() < ends:
+        time.sleep(0.1)
     assert browser.js(hidden) is True
     browser.ask("Emulation.setEmulatedMedia", media="")
 
