@@ -272,7 +272,7 @@ SUITES = [
         "tests/long",
         labs=(
             *("long-links", "long-fuzz", "long-alone", "long-hostile", "long-strangers", "long-roscore", "long-soak"),
-            *("long-firewall", "long-firewall-broken-off", "long-gateways", "long-watch"),
+            *("long-firewall", "long-firewall-broken-off", "long-gateways", "long-watch", "long-adopt"),
         ),
         limit=LONG_LIMIT,
     ),

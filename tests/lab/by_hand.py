@@ -28,11 +28,12 @@ UPSTREAM = {
 
 
 @contextlib.contextmanager
-def robots(lab, addresses, programs, before="true"):
-    """Two or more robots of one computer each, {name: address}, until the end of the block; then all is as before.
+def robots(lab, addresses, programs, before="true", masters=None):
+    """Robots of these computers, {name: address}, until the end of the block; then all is as before.
 
-    `before` is a command of the shell that starts each program.
+    `before` is a command of the shell that starts each program. The programs run on `masters`, by default on all computers.
     """
+    masters = list(masters or addresses)
     names = "".join(f"{address} {name}\n" for name, address in addresses.items())
     for host in addresses:
         podman(
@@ -48,10 +49,10 @@ def robots(lab, addresses, programs, before="true"):
         lab.run(host, "sysctl -q -w net.ipv4.icmp_echo_ignore_broadcasts=0")
     try:
         for unit, command in programs.items():
-            for host in addresses:
+            for host in masters:
                 start(lab, host, unit, f"{before}; exec {command}")
                 if unit == ROSCORE:  # a person waits for it, and upstream's nodes end without one
-                    lab.run(host, "until timeout 5 rosparam list > /dev/null 2>&1; do sleep 0.2; done")
+                    lab.run(host, "until (: < /dev/tcp/127.0.0.1/11311) 2> /dev/null; do sleep 0.2; done")
         yield
     finally:
         for host in addresses:

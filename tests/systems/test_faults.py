@@ -10,6 +10,7 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
+import adopted
 import by_hand
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
@@ -55,10 +56,16 @@ def test_a_stranger_on_the_port_of_the_roscore_is_named(untouched):
     assert untouched.run(FIRST, OURS, check=False).strip() == "0"
 
 
-def test_robots_that_were_set_up_by_hand_are_verified_and_told_as_such(untouched):
+def test_robots_that_were_set_up_by_hand_are_adopted_and_verified_and_told_as_such(untouched, tmp_path):
     """A roscore and the bundled nodes that a person has started, as docs/nodes.md says; nothing of the collection is there."""
     addresses = {FIRST: "192.168.1.229", SECOND: "192.168.1.239"}
     with by_hand.robots(untouched, addresses, by_hand.BUNDLED):
+        folder = tmp_path / "adopted"
+        status, output = adopted.adopt(untouched, folder)
+        assert status == 0 and "2 robots with 2 computers; 4 comments to read" in output, output
+        assert adopted.plan(untouched, folder) == adopted.plan(untouched, untouched.inventory)
+        status, output = adopted.adopt(untouched, folder)
+        assert status != 0 and f"{folder} is there and is not an empty folder" in output, output
         status, output = untouched.play("playbooks/verify.yml")
         assert status == 0, output
         assert "PASSED: none of" in output
@@ -81,6 +88,11 @@ def test_robots_that_were_set_up_by_hand_are_verified_and_told_as_such(untouched
         status, output = untouched.play("playbooks/verify.yml", variables={"verify_patience": 3})
         assert status != 0
         assert f"the discovery node of {SECOND} does not run" in output
+        for host in addresses:  # as the comments in the adopted inventory say
+            untouched.run(host, f"systemctl stop {by_hand.SYNC} {by_hand.DISCOVERY} {by_hand.ROSCORE}", check=False)
+        status, output = adopted.site_check(untouched, folder)
+        assert status == 0 and "+net.ipv4.conf.all.arp_ignore = 3" in output, output
+        assert "-192.168.1." not in output and "-net.ipv4.icmp_echo_ignore_broadcasts" not in output  # as it is by hand
     for host in addresses:
         assert untouched.run(host, OURS, check=False).strip() == "0"
 

@@ -1,0 +1,62 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Fig. 10 and 12 of the report set up by hand on twelve computers and a router, then adopted. About three minutes."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "lab"))
+
+import adopted  # noqa: E402
+import by_hand  # noqa: E402
+from subject import lab_of  # noqa: E402
+
+INVENTORY = ROOT / "inventory" / "multi_computer"
+ROUTER = "router"
+
+
+@pytest.fixture(scope="module")
+def lab():
+    with lab_of("long-adopt", INVENTORY) as found:
+        yield found
+
+
+def set_up(lab, plan):
+    """Sections 3.2 and 4.1 of the report: the environment of a person, forwarding, and routes until the next boot."""
+    networks = {entry["network"]: entry["common_address"] for entry in plan["networks"]}
+    gateways = {entry["robot"]: entry["gateway"] for entry in plan["networks"]}
+    masters = {entry["robot"]: entry["computer"] for entry in plan["masters"]}
+    for name, computer in plan["computers"].items():
+        ways = {to: via for to, via in networks.items() if via != computer["common_address"]}
+        lines = [f"ip route replace {to} via {via}" for to, via in ways.items()]
+        if computer["is_gateway"] or computer["is_router"]:
+            lines += ["sysctl -q -w net.ipv4.ip_forward=1 net.ipv4.conf.all.send_redirects=0"]
+        else:
+            lines = [f"ip route replace default via {gateways[computer['robot']]}"]
+        if name != ROUTER:
+            uri = f"http://{masters[computer['robot']]}:11311"
+            lines += [f"printf 'export ROS_MASTER_URI={uri}\\nexport ROS_HOSTNAME={name}\\n' >> /root/.bashrc"]
+        lab.run(name, "set -e; " + "; ".join(lines))
+
+
+def test_twelve_computers_that_were_set_up_by_hand_are_adopted(lab, tmp_path):
+    shipped = adopted.plan(lab, INVENTORY)
+    addresses = {member["name"]: member["address"] for member in shipped["members"]}
+    masters = [master["computer"] for master in shipped["masters"]]
+    set_up(lab, shipped)
+    with by_hand.robots(lab, addresses, by_hand.BUNDLED, masters=masters):
+        folder = tmp_path / "adopted"
+        status, output = adopted.adopt(lab, folder)
+        assert status == 0 and "3 robots with 12 computers, a router; " in output, output
+        assert "left out" not in output
+        assert adopted.plan(lab, folder) == shipped
+        for host in masters:
+            lab.run(host, f"systemctl stop {by_hand.SYNC} {by_hand.DISCOVERY} {by_hand.ROSCORE}", check=False)
+        status, output = adopted.site_check(lab, folder)
+        assert status == 0, output
+    for host in shipped["computers"]:
+        assert lab.run(host, "ls /etc/rosfleet-multimaster 2>/dev/null | wc -l").strip() == "0"
