@@ -293,7 +293,7 @@ def _registered(roscore: typing.Any, name: str, topic: str, uri: str) -> bool:
     except (OSError, xmlrpc.client.Error):
         return False
     if code != 1:
-        sys.exit(f"the roscore refuses the talker: {said}")
+        raise SystemExit(f"the roscore refuses the talker: {said}")
     return True
 
 

@@ -45,11 +45,19 @@ def _means(case: Case) -> Parts:
     addresses = _addresses(case)
     if not addresses:
         mode = "unknown"
-    elif any(ipaddress.ip_address(address).is_loopback for address in addresses):
+    elif any(_is_loopback(address) for address in addresses):
         mode = "loopback"
     else:
         mode = "several" if len(addresses) > 1 else "old"
     return of("names", case.observer.name, mode, what=case.target)
+
+
+def _is_loopback(address: str) -> bool:
+    """Say if an address is one of the loopback interface; a text that is none, as a strange machine may report, is not."""
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return False
 
 
 def _name(case: Case) -> Judgement | None:

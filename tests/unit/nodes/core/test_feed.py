@@ -57,7 +57,7 @@ def test_rows_travel_a_few_in_a_text(count):
     assert all(text.isascii() and text.isprintable() for text in texts)
 
 
-@pytest.mark.parametrize("texts", [None, 7, ["{"], [7], [["a"]], ["7"], [None]])
+@pytest.mark.parametrize("texts", [None, 7, ["{"], [7], [["a"]], ["7"], [None], ["[" * 100000]])
 def test_what_is_no_text_of_rows(texts):
     with pytest.raises(Malformed):
         unpacked(texts)

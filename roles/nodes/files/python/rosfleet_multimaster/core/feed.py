@@ -51,5 +51,5 @@ def unpacked(texts: Any) -> List[Any]:
     """The rows. Raises Malformed."""
     try:
         return [row for text in texts for row in json.loads(text)]
-    except (TypeError, ValueError) as problem:
+    except (TypeError, ValueError, RecursionError) as problem:
         raise Malformed(f"no rows: {problem}") from None

@@ -104,6 +104,7 @@ def _large_lost(seen):
 FAULTS = [
     (_name([], "Name or service not known"), "name", FAILED, "names", ONE, "unknown"),
     (_name(["127.0.1.1"]), "name", FAILED, "names", ONE, "loopback"),
+    (_name(["no address at all"]), "name", FAILED, "names", ONE, "old"),
     (_name(["192.168.1.2", "192.168.7.7"]), "name", FAILED, "names", ONE, "several"),
     (_name(["192.168.7.7"]), "name", FAILED, "names", ONE, "old"),
     (_member("route", source="10.0.0.7"), "route", FAILED, "interface", ONE, "address"),
