@@ -245,7 +245,9 @@ def _gateway_doubt(scene: _Scene, best: str, both: Sequence[str], at: str | None
 
 
 def _known(address: IPv4Address | None) -> IPv4Address:
-    assert address is not None  # noqa: S101 - the caller has chosen who has one
+    """Return an address whose owner the caller has chosen because it has one. Raises LookupError."""
+    if address is None:
+        raise LookupError("a machine without an address was chosen")
     return address
 
 
