@@ -91,12 +91,16 @@ def functions(robots: int) -> dict[str, float]:
     seen = fleets.observed(plan)
     verification, indexed = spent(lambda: fleets.engine.Verification(fleets.CHECKS, plan, seen))
     summary, judged = spent(lambda: report.summarised(verification, list(seen), len(seen)))
+    some, sampled = spent(lambda: fleets.engine.Verification(fleets.CHECKS, plan, seen, "auto"))
+    few, judged_some = spent(lambda: report.summarised(some, list(seen), len(seen)))
     return {
         "robots": robots,
         "computers": robots * OF_A_ROBOT,
         "plan": round(planned + written, 2),
         "judgement": round(indexed + judged, 2),
         "findings": summary.total,
+        "sampled": round(sampled + judged_some, 2),  # with verify_pairs: auto
+        "pairs": few.pairs[0],
     }
 
 
@@ -128,9 +132,10 @@ def table(report: dict[str, Any]) -> str:
         f"{row['processor'] / row['computers']:>21.2f} s"
         for row in report["site"]
     ]
-    lines += ["", "  robots of four computers                        plan     judgement        findings"]
+    lines += ["", "  robots of four computers                        plan     judgement        findings       sampled"]
     lines += [
         f"  {row['robots']:>5} robots{row['plan']:>39.2f} s{row['judgement']:>12.2f} s{row['findings']:>16,}"
+        f"{row['sampled']:>12.2f} s"
         for row in report["functions"]
     ]
     return "\n".join(lines) + "\n"
