@@ -116,7 +116,7 @@ class ActionModule(ActionBase):
 
 @dataclass(frozen=True)
 class Judged:
-    """What was judged, and what is kept of it for the files."""
+    """A judgement, and as much of it as the files keep."""
 
     summary: report.Summary
     diagnosis: Diagnosis

@@ -54,7 +54,7 @@ def pages(tmp_path_factory):
 
 
 def focused(browser):
-    """What has the focus: its tag, where it leads, and its name."""
+    """Return the element that has the focus: its tag, where it leads, and its name."""
     return browser.js(
         "(e => [e.tagName.toLowerCase(), e.getAttribute('href') || '', e.getAttribute('aria-label') || e.textContent.trim()])"
         "(document.activeElement)"

@@ -94,7 +94,7 @@ class Catalogue:
         self.lab.run(step.where, patiently)
 
     def _verified(self, fault: Fault) -> tuple[judge.Named, Agreement, float]:
-        """What playbooks/verify.yml names first, how the prediction agrees, and how long it took."""
+        """Run playbooks/verify.yml: what it names first, how the prediction agrees, and how long it took."""
         report, observations = (WORK / f"{fault.name}.{kind}.json" for kind in ("report", "observations"))
         for path in (report, observations):
             path.unlink(missing_ok=True)

@@ -350,7 +350,7 @@ def twin(state, random):
 
 
 def _crosses(state, one, other, topic, node):
-    """Whether a publisher is exchanged between two robots; else it concerns nobody what it is."""
+    """Say if a publisher is exchanged between two robots; else it concerns nobody what it is."""
     flows, item = Flows(state.fleet), Item("publisher", topic, node)
     return any(flows.rules(*way).passes(item, "std_msgs/String") for way in ((one, other), (other, one)))
 

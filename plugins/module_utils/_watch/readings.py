@@ -25,7 +25,7 @@ Values = typing.Dict[typing.Tuple[str, str], str]
 
 
 class Wanted(typing.NamedTuple):
-    """What is watched on this computer."""
+    """The parts of this computer that are watched."""
 
     group: str
     addresses: typing.Tuple[str, ...]  # of the plan, on this computer
@@ -119,7 +119,7 @@ def _opens(address: str, port: int) -> str:
 
 
 class Before:
-    """What the last look saw of things that happen in a moment: a step of the clock, a service that is started again."""
+    """The last look at things that happen in a moment: a step of the clock, a service that is started again."""
 
     def __init__(self, now: float, wall: float) -> None:
         self._ahead = wall - now

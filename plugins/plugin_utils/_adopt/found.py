@@ -29,7 +29,7 @@ INSIDE = ("docker", "virbr", "veth", "br-", "lxcbr", "lxdbr", "cni", "podman")
 
 
 class Strange(ValueError):
-    """What a machine answered cannot be understood."""
+    """The answer of a machine cannot be understood."""
 
 
 @dataclass(frozen=True)

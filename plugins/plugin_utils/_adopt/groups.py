@@ -120,7 +120,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Grouping:
-    """What the machines are."""
+    """The parts that machines have in a fleet."""
 
     common: IPv4Network
     why: str  # it is the common network, where that is a guess

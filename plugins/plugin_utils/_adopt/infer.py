@@ -43,7 +43,7 @@ GROUP, PORT, ROSCORE_PORT = IPv4Address("226.0.0.0"), 11511, 11311
 
 @dataclass(frozen=True)
 class _Scene:
-    """What all functions here look at."""
+    """The scene that all functions here look at."""
 
     machines: Machines
     found: Grouping

@@ -147,7 +147,7 @@ class Matrices:
         return [self._matrix(kind, self.order) for kind in known if kind.id in self._cells]
 
     def own(self) -> Matrix:
-        """What each computer says of itself: computers and checks."""
+        """Return the matrix of what each computer says of itself: computers and checks."""
         checks = [title for title in TITLES.values() if any(key[1] == title for key in self._cells[ITSELF])]
         return self._matrix(Kind(ITSELF, "Computers", "What each one says of itself.", ()), checks)
 

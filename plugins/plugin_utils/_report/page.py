@@ -69,7 +69,7 @@ def page(
 
 
 def _shown(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """What is shown of a finding: of what follows from it, the first ones."""
+    """Return the parts of a finding that are shown: of what follows from it, the first ones."""
     parts = plain_data({**entry, "seen": (), "follows": ()}, LINE)
     return {**parts, "seen": _rows(entry["seen"]), "follows": _rows(entry["follows"])}
 

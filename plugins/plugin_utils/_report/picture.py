@@ -75,7 +75,7 @@ class _Device:
 
 @dataclass(frozen=True)
 class _Robot:
-    """What is drawn of a robot: what stands in the common network, and what behind its gateway."""
+    """The drawing of a robot: its computers in the common network, and those behind its gateway."""
 
     name: str
     discovers: str

@@ -107,7 +107,7 @@ def _title(summary: Summary) -> str:
 
 
 def _sample(summary: Summary) -> str:
-    """What a large fleet left out."""
+    """Say how many pairs of a large fleet were left out."""
     some, everything = summary.pairs
     if some == everything:
         return ""
@@ -209,7 +209,7 @@ def _counted(checks: Iterable[str]) -> str:
 
 
 def _unexplained(rows: Sequence[Row], width: int) -> list[str]:
-    """What no part explains that has no success against it: a few packets were lost, or more than one thing is odd."""
+    """Return the rows that no part explains without a success against it: a few packets were lost, or more than one thing is odd."""
     if not rows:
         return []
     lines = ["Not explained (lost packets, or something that comes and goes: run it again):"]

@@ -73,7 +73,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class Watched:
-    """What one computer has told."""
+    """The answer of one computer's watch."""
 
     watched: int = 0
     seconds: float = 0.0

@@ -67,7 +67,7 @@ def _filtered(case: Case, topic: str) -> bool:
 
 
 def _heard_needs(case: Case) -> Parts:
-    """What is heard need not be registered here: the other robot may have registered this subscriber, and called it.
+    """A topic that is heard need not be registered here: the other robot may have registered this subscriber, and called it.
 
     A discovery node may have told it on a connection that was there before a packet filter: that port is not cleared.
     """

@@ -7,7 +7,7 @@ import types
 import pytest
 from rosfleet_multimaster.core.filters import Filters
 from rosfleet_multimaster.core.message_types import TypeGuard
-from rosfleet_multimaster.core.sync import Sync, View
+from rosfleet_multimaster.core.sync import Refusal, Sync, View
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.parts import imports, program
 from rosfleet_multimaster.parts import rounds as module
@@ -70,3 +70,20 @@ def rounds_of(begun, last):
     lost = types.SimpleNamespace(registered=lambda *seen: None)
     made.connect(None, lost, lambda: True, lambda refused: None, lambda problem: None)
     return made
+
+
+def test_who_is_refused_for_his_place_or_no_longer_is_told_by_a_round_at_once(monkeypatch):
+    made = rounds_of(lambda: None, lambda _seconds: None)
+    refusal = Refusal("place", "/liar", "robot2", "http://127.0.0.1:9001/", "it is on this computer itself")
+    misplaced = [refusal]
+    monkeypatch.setattr(made._core, "misplaced", lambda: misplaced)
+    for expected in ([refusal], []):
+        misplaced[:] = expected
+        made._due = None
+        made.touch(set())
+        assert made._due is not None
+        made.tick(made._due + 60)  # after the rest
+        assert made._last_refused == expected
+        made._due = None
+        made.touch(set())  # it is told already
+        assert made._due is None

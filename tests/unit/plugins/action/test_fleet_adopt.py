@@ -21,7 +21,7 @@ INFOS = {
 
 
 class Hosts(dict):
-    """What Ansible hands out as hostvars, as far as it is looked at."""
+    """Return what Ansible hands out as hostvars, as far as it is looked at."""
 
     def __init__(self, infos, given=None):
         super().__init__({name: {"adopt_found": info} for name, info in infos.items()})

@@ -22,7 +22,7 @@ TIMES = ("2026-11-21T140200", "2026-11-22T080000", "2026-11-22T090000")
 
 
 def registered(seen):
-    """What the tasks of the role would have registered."""
+    """Return what the tasks of the role would have registered."""
     found = {"verify_probe": to_plain(seen.probe), "multimaster_info": {"os": {"name": "Debian GNU/Linux 12"}}}
     if seen.multicast:
         found["verify_probe"]["multicast"] = to_plain(seen.multicast)

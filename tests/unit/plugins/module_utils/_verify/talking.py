@@ -95,7 +95,7 @@ def talking(uri, name, topic, text):
 
 
 def _heeding():
-    """What the shell has started in the background ignores SIGINT, and so does what that starts."""
+    """A program that the shell has started in the background ignores SIGINT, and so does what that starts."""
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -104,8 +104,10 @@ class Rounds:
         self._due = at if self._due is None else min(at, self._due)
 
     def touch(self, items: Set[Registration]) -> None:
-        """Look at these registrations: they may have changed."""
+        """Look at these registrations: they may have changed. Who is refused for his place is told by a round, at once."""
         self._touched |= items
+        if {item for item in self._last_refused if item.kind == "place"} != set(self._core.misplaced()):
+            self.soon(monotonic())
 
     def tick(self, now: float) -> Optional[float]:
         """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
