@@ -17,13 +17,13 @@ setup: ## what the rest needs: Debian packages, tools in .work/venv
 	@bash tools/setup.sh
 
 lab: setup ## build the images of the lab's computers
-	@$(PYTHON) tests/lab/lab.py image
+	@$(PYTHON) lab/lab.py image
 
 demo: lab ## robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer or multi_computer)
-	@$(PYTHON) tests/lab/demo.py --layout $(LAYOUT)
+	@$(PYTHON) lab/demo.py --layout $(LAYOUT)
 
 lab-down: setup ## remove everything that the lab made: containers, networks, the image
-	@$(PYTHON) tests/lab/lab.py down --all
+	@$(PYTHON) lab/lab.py down --all
 
 test: lab ## every test
 	@$(PYTHON) tools/test.py

@@ -229,7 +229,7 @@ def systems() -> list[Suite]:
 def demonstration(name: str, seconds: float, *options: str, layout: str = "", group: str = "demo") -> Suite:
     """One layout in the lab, from nothing to a fleet that talks."""
     lab = f"test-demo-{name.partition('_')[0]}"  # a person may have a lab of the name "demo" up
-    command = (sys.executable, "tests/lab/demo.py", "--layout", layout or name, "--name", lab, *options)
+    command = (sys.executable, "lab/demo.py", "--layout", layout or name, "--name", lab, *options)
     return Suite(group, name, command, one_test, seconds=seconds, labs=(lab,))
 
 
@@ -245,7 +245,7 @@ SUITES = [
     lint(
         "shellcheck",
         "shellcheck",
-        *(".ci/run", "tools/setup.sh", "tools/lock.sh", "tests/lab/files/make-opt-ros", "tests/lab/files/wire"),
+        *(".ci/run", "tools/setup.sh", "tools/lock.sh", "lab/files/make-opt-ros", "lab/files/wire"),
     ),
     lint("reuse", "reuse", "lint", "--lines"),
     lint("antsibull-changelog", "antsibull-changelog", "lint"),
@@ -440,7 +440,7 @@ def take_down(labs: Iterable[str]) -> list[str]:
     """Remove labs, as far as there are any; return those that could not be removed."""
     stayed = []
     for lab in labs:
-        command = (sys.executable, "tests/lab/lab.py", "down", "--name", lab)
+        command = (sys.executable, "lab/lab.py", "down", "--name", lab)
         try:
             subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL, timeout=REMOVAL)
         except (OSError, subprocess.SubprocessError):

@@ -21,7 +21,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-sys.path[:0] = [str(HERE), str(ROOT / "tests" / "lab"), str(ROOT / ".work" / "collections")]
+sys.path[:0] = [str(HERE), str(ROOT / "lab"), str(ROOT / ".work" / "collections")]
 
 import judge  # noqa: E402
 import page  # noqa: E402

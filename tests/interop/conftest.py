@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
-sys.path += [str(ROOT / "tests" / "lab"), str(HERE)]
+sys.path += [str(ROOT / "lab"), str(HERE)]
 
 import containers  # noqa: E402
 import fleet  # noqa: E402
@@ -25,7 +25,7 @@ MOUNTS = {
     "/opt/fkie": Path(os.environ.get("FKIE", "/nowhere")),
     "/opt/interop": HERE / "modules",
     "/opt/messages/fkie_multimaster_msgs": ROOT / "roles/nodes/files/python/fkie_multimaster_msgs",
-    "/opt/nodes": ROOT / "tests" / "lab" / "nodes",
+    "/opt/nodes": ROOT / "lab" / "nodes",
 }
 
 

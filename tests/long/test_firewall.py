@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "lab"))
+sys.path.insert(0, str(ROOT / "lab"))
 
 import demo  # noqa: E402
 from filtered import ECHO, NARROW, STRANGER, filtered_lab  # noqa: E402

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "lab"))
+sys.path.insert(0, str(ROOT / "lab"))
 
 from filtered import filtered_lab  # noqa: E402
 
@@ -76,7 +76,7 @@ def by_hand(lab, host, **arguments):
 
 def state(lab, host):
     """All that a run may change, without what firewalld keeps of former files and without counters of packets."""
-    found = json.loads(lab.run(host, "python3 -", stdin=(ROOT / "tests/lab/snapshot.py").read_text()))
+    found = json.loads(lab.run(host, "python3 -", stdin=(ROOT / "lab/snapshot.py").read_text()))
     found["file"] = {path: entry for path, entry in found["file"].items() if not path.endswith(".old")}
     found["packet filter"] = re.sub(r"counter packets \d+ bytes \d+", "counter", found["packet filter"]["rules"])
     return {part: found[part] for part in ("file", "unit file", "packet filter")}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "lab"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "lab"))
 
 from links import Watch, chat, cut, flowing_from, heard, lossy, mend, until  # noqa: E402
 from subject import three_robots  # noqa: E402

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "lab"))
+sys.path.insert(0, str(ROOT / "lab"))
 
 import containers  # noqa: E402
 from subject import lab_of  # noqa: E402
@@ -39,7 +39,7 @@ def lab():
 def test_nothing_is_lost_and_nothing_comes_back(lab):
     print(f"\nKILL_SEED={SEED}")
     for name in ("killed_roscore.py", "all_sorts.py"):
-        lab.run(HOST, f"cat > /tmp/{name}", stdin=(ROOT / "tests/lab/nodes" / name).read_text())
+        lab.run(HOST, f"cat > /tmp/{name}", stdin=(ROOT / "lab/nodes" / name).read_text())
     command = f"PYTHONPATH=/tmp/python exec python3 /tmp/killed_roscore.py {KILLS} {SEED}"
     done = subprocess.run(
         ["podman", "exec", containers.container(LAB, HOST), "bash", "-lc", command],

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tests" / "lab"), str(ROOT / "tests" / "faults")]
+sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "faults")]
 
 from layout import Extra  # noqa: E402
 from subject import lab_of  # noqa: E402

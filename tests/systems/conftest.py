@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 LAB = "systems"
 INVENTORY = ROOT / "inventory" / "single_computer"
-sys.path.insert(0, str(ROOT / "tests" / "lab"))
+sys.path.insert(0, str(ROOT / "lab"))
 
 import containers  # noqa: E402
 from busy import Busy  # noqa: E402

@@ -94,7 +94,7 @@ class Fleet:
     def state(self, host):
         """Everything that a run may change, and that nothing of the switch is left."""
         assert self.run(host, "systemctl list-units --all --no-legend 'multimaster-rollback*'") == ""
-        return json.loads(self.run(host, "python3 -", stdin=(ROOT / "tests/lab/snapshot.py").read_text()))
+        return json.loads(self.run(host, "python3 -", stdin=(ROOT / "lab/snapshot.py").read_text()))
 
     def eventually(self, host, command, wanted, seconds=180):
         """Wait until a command prints something."""

@@ -6,5 +6,5 @@
 # without it, the addresses of the shipped inventory would be called, which on somebody's network are real machines.
 set -euo pipefail
 cd "$MOLECULE_PROJECT_DIRECTORY"
-exec .work/venv/bin/python tests/lab/lab.py inventory --print \
+exec .work/venv/bin/python lab/lab.py inventory --print \
   --name "molecule-$MOLECULE_SCENARIO_NAME" --inventory "${LAB_INVENTORY:-inventory/${LAYOUT:-single_computer}}"

@@ -25,7 +25,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[3]
 WORK = ROOT / ".work" / "bench"
-sys.path[:0] = [str(ROOT / "tests" / "lab"), str(Path(__file__).parent)]
+sys.path[:0] = [str(ROOT / "lab"), str(Path(__file__).parent)]
 
 import containers  # noqa: E402
 from growth import machine  # noqa: E402

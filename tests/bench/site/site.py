@@ -33,7 +33,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[3]
 WORK = ROOT / ".work" / "bench"
-LAB_FOLDER = ROOT / "tests" / "lab"
+LAB_FOLDER = ROOT / "lab"
 sys.path[:0] = [str(LAB_FOLDER), str(Path(__file__).parent)]
 
 import containers  # noqa: E402
@@ -146,7 +146,7 @@ class Bench:
             return dict(zip(self.hosts, pool.map(lambda host: self.on(host, *command, stdin=stdin), self.hosts)))
 
     def snapshots(self) -> dict[str, Any]:
-        """The state of all computers (tests/lab/snapshot.py)."""
+        """The state of all computers (lab/snapshot.py)."""
         script = Path(snapshot.__file__).read_text()
         return {host: json.loads(text) for host, text in self.everywhere("python3", "-", stdin=script).items()}
 

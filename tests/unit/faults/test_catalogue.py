@@ -14,7 +14,7 @@ import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import FAULTS
 
 ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "tests" / "lab")]
+sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "lab")]
 
 import catalogue  # noqa: E402
 import judge  # noqa: E402

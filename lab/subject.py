@@ -48,7 +48,7 @@ class Lab:
         return done.stdout
 
     def start(self, host, unit, command, script=None):
-        """Start a program as a person would; `{script}` in its command is a copy of a file of tests/lab/nodes."""
+        """Start a program as a person would; `{script}` in its command is a copy of a file of lab/nodes."""
         path = f"/tmp/{script}"
         text = (NODES / script).read_text() if script else ""
         line = f"bash -lc 'exec {command.format(script=path)}'"

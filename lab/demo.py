@@ -3,7 +3,7 @@
 
 """The demonstration: the shipped inventory of a layout, on real systems, from nothing to a fleet that talks.
 
-python tests/lab/demo.py --layout single_computer
+python lab/demo.py --layout single_computer
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from memory import Peak
 from podman import LabError
 from proof import Computer, prove, table
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def playbook(name: str, inventory: Path, connection: Path) -> Run:
     environment = {
         **os.environ,
         "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"),
-        "ANSIBLE_CALLBACK_PLUGINS": str(ROOT / "tests/lab/callbacks"),
+        "ANSIBLE_CALLBACK_PLUGINS": str(ROOT / "lab/callbacks"),
         "ANSIBLE_CALLBACKS_ENABLED": "module_runs",
         "MODULE_RUNS_FILE": str(counts),
     }
@@ -152,7 +152,7 @@ def demonstrate(layout: str, lab: str, suites: Iterable[str]) -> bool:
     tried = len(results) + 2 * matrix.pairs
     passed = sum(result.ok for result in results) + len(matrix.topic) + len(matrix.service)
     print(
-        f"\ndemo: {passed} passed, {tried - passed} failed; look around: .work/venv/bin/python tests/lab/lab.py shell HOST; "
+        f"\ndemo: {passed} passed, {tried - passed} failed; look around: .work/venv/bin/python lab/lab.py shell HOST; "
         "remove it: make lab-down",
         flush=True,
     )

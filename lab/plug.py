@@ -3,7 +3,7 @@
 
 """Robots that boot with their plug pulled out: one per network manager (inventory: tests/systems/alone).
 
-The plug is between eth0 and the lab's network (tests/lab/files/wire), since no container boots without a carrier else. ana's
+The plug is between eth0 and the lab's network (lab/files/wire), since no container boots without a carrier else. ana's
 address (ifupdown) is there without a carrier; bob's and cid's (networkd, NetworkManager) come with the carrier; dan's (netplan)
 comes by DHCP.
 """

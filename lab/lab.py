@@ -3,7 +3,7 @@
 
 """The lab: real systems in containers, with the addresses of an inventory.
 
-python tests/lab/lab.py up --name demo --inventory inventory/single_computer
+python lab/lab.py up --name demo --inventory inventory/single_computer
 """
 
 from __future__ import annotations

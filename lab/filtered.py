@@ -84,7 +84,7 @@ class Filtered(Lab):
 
     def look(self, host, *addresses, first=1024, last=65535):
         """What a computer finds on others: address -> {"tcp": ports, "udp": ports}."""
-        text = (ROOT / "tests/lab/nodes/stranger.py").read_text()
+        text = (ROOT / "lab/nodes/stranger.py").read_text()
         return json.loads(self.run(host, f"python3 - {first} {last} {' '.join(addresses)}", stdin=text))
 
     def echo(self, host):
