@@ -23,7 +23,7 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +35,7 @@ REPORTS = ROOT / ".work" / "test"
 
 CORES = float(max(2, os.cpu_count() or 1))
 HEARTBEAT = 60.0  # seconds between two lines about what is still running
-LIMIT = 1200.0  # seconds that a suite may take, also on a busy machine
+LIMIT = 1800.0  # seconds that a suite may take, also on a busy machine
 LONG_LIMIT = 6 * 3600.0
 REMOVAL = 300.0  # seconds for removing a lab
 TAIL = 40  # lines of the log that are shown when a suite fails
@@ -155,38 +155,38 @@ def cases(
 #: Molecule scenarios and files of tests/systems: about how long each takes, in seconds. One that is not here is short.
 SECONDS = {
     "multi_computer": 300,
-    "default": 95,
-    "existing": 85,
-    "routes": 75,
-    "robots": 300,
+    "default": 110,
+    "existing": 100,
+    "routes": 140,
+    "robots": 550,
+    "services": 350,
     "links": 270,
     "alone": 90,
     "data_flow": 110,
-    "cut_off": 140,
-    "placement": 130,
-    "fourth_robot": 110,
-    "clock": 70,
-    "firewall": 80,
-    "exchanges": 70,
+    "cut_off": 250,
+    "placement": 165,
+    "fourth_robot": 135,
+    "clock": 100,
+    "firewall": 110,
+    "exchanges": 80,
 }
 
-#: Files of tests/systems that have one lab in common, named "systems". All others have one each: "systems-NAME".
-#: In this order: the first tests of `faults` need a lab that site.yml has not seen yet, `kernel_settings` and `cloud_init`
-#: boot a computer, and the README ends with the teardown.
-IN_COMMON = (
-    "faults",
-    "router_config",
-    "strangers",
-    "sandbox",
-    "root",
-    "kernel_settings",
-    "cloud_init",
-    "roscore",
-    "readme",
-)
+#: Files of tests/systems that have a lab in common, by its name. All others have one each: "systems-NAME".
+#: In this order: the first tests of `faults` need a lab that site.yml has not seen yet, the README ends with the teardown,
+#: and `kernel_settings`, `cloud_init` and `roscore` boot a computer.
+IN_COMMON = {
+    "robots": ("faults", "router_config", "strangers", "readme"),
+    "services": ("sandbox", "root", "kernel_settings", "cloud_init", "roscore"),
+}
 
 #: Tests that mostly wait.
 WAITING = {"clock", "exchanges"}
+
+#: About how much of a processor a lab keeps busy: the rest of its time it waits for services, clocks and answers.
+LAB_CORES = 0.66
+
+#: pytest's options for the tests that 'make test' leaves to 'make test-long', or the other way round.
+QUICK, THE_COSTLY = ("-m", "not costly"), ("-m", "costly")
 
 #: Tests that assert times of tenths of a second: nothing runs beside them.
 TIMED = {"links", "data_flow", "alone"}
@@ -205,6 +205,7 @@ def scenarios() -> list[Suite]:
             name,
             ("molecule", "test", "--scenario-name", name),
             one_test,
+            cores=LAB_CORES,
             seconds=SECONDS.get(name, 60),
             labs=(f"molecule-{name}",),
         )
@@ -216,21 +217,26 @@ def systems() -> list[Suite]:
     """The tests on real systems, a suite for each lab."""
     names = sorted(path.stem.removeprefix("test_") for path in (ROOT / "tests" / "systems").glob("test_*.py"))
 
-    def suite(name: str, lab: str, *stems: str) -> Suite:
-        files = [f"tests/systems/test_{stem}.py" for stem in stems]
-        cores = CORES if name in TIMED else 0.5 if name in WAITING else 1.0
+    def suites(name: str, *stems: str) -> Iterator[Suite]:
+        lab = f"systems-{name.replace('_', '-')}"
+        files = [f"tests/systems/test_{stem}.py" for stem in stems or (name,)]
+        words = (f"--lab={lab}", "--durations=15", *files)
+        cores = CORES if name in TIMED else 0.5 if name in WAITING else LAB_CORES
         group = "long" if name in COSTLY else "systems"
-        return cases(group, name, *files, cores=cores, seconds=SECONDS.get(name, 60), labs=(lab,))
+        yield cases(group, name, *QUICK, *words, cores=cores, seconds=SECONDS.get(name, 60), labs=(lab,))
+        if any("pytest.mark.costly" in (ROOT / file).read_text() for file in files):
+            yield cases("long", f"{name}_costly", *THE_COSTLY, *words, cores=cores, labs=(lab,))
 
-    own = [suite(name, f"systems-{name.replace('_', '-')}", name) for name in names if name not in IN_COMMON]
-    return [suite("robots", "systems", *IN_COMMON), *own]
+    shared = {stem for stems in IN_COMMON.values() for stem in stems}
+    labs = {**IN_COMMON, **{name: () for name in names if name not in shared}}
+    return [suite for name, stems in labs.items() for suite in suites(name, *stems)]
 
 
 def demonstration(name: str, seconds: float, *options: str, layout: str = "", group: str = "demo") -> Suite:
     """One layout in the lab, from nothing to a fleet that talks."""
     lab = f"test-demo-{name.partition('_')[0]}"  # a person may have a lab of the name "demo" up
     command = (sys.executable, "lab/demo.py", "--layout", layout or name, "--name", lab, *options)
-    return Suite(group, name, command, one_test, seconds=seconds, labs=(lab,))
+    return Suite(group, name, command, one_test, cores=LAB_CORES, seconds=seconds, labs=(lab,))
 
 
 SUITES = [

@@ -12,13 +12,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-LAB = "systems"
 INVENTORY = ROOT / "inventory" / "single_computer"
 sys.path.insert(0, str(ROOT / "lab"))
 
 import containers  # noqa: E402
 from busy import Busy  # noqa: E402
 from subject import lab_of  # noqa: E402
+
+
+def pytest_addoption(parser):
+    """Files that have a lab in common are told its name."""
+    parser.addoption("--lab", default="systems", help="the name of the lab that the files have in common")
 
 
 @pytest.fixture(scope="session")
@@ -35,9 +39,9 @@ def slack():
 
 
 @pytest.fixture(scope="session")
-def untouched():
+def untouched(request):
     """The lab before site.yml."""
-    with lab_of(LAB, INVENTORY) as found:
+    with lab_of(request.config.getoption("--lab"), INVENTORY) as found:
         yield found
 
 
@@ -59,7 +63,7 @@ LIBRARIES = (
 def ansible_inside(lab):
     """The command for ansible-playbook on the first computer, with the checkout in /tmp/fleet and a way to the second."""
     host = "kobuki1computer"
-    here = shlex.quote(containers.container(LAB, host))
+    here = shlex.quote(containers.container(lab.name, host))
     packages = Path(pytest.__file__).parents[1]
     key = json.loads(lab.connection.read_text())["all"]["hosts"][host]["ansible_ssh_private_key_file"]
     member = {

@@ -136,7 +136,10 @@ def fleet():
         containers.down(LAB)
 
 
-@pytest.fixture(name="way", params=[False, True], ids=["one_by_one", "together"])
+ONE_BY_ONE = pytest.param(False, id="one_by_one", marks=pytest.mark.costly)
+
+
+@pytest.fixture(name="way", params=[ONE_BY_ONE, pytest.param(True, id="together")])
 def _way(fleet, request):
     """Both ways in which site.yml brings kernel settings and routes."""
     fleet.together = request.param
@@ -308,7 +311,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("half", [pytest.param(False, marks=pytest.mark.costly), True])
 def test_the_module_is_killed(fleet, half):
     before = fleet.state(INNER)
     full = dict(WRONG, device=None, metric=None, table=254, source=None, on_link=False, type="unicast", backend="auto")

@@ -289,6 +289,7 @@ def test_the_prediction_names_the_first_place_at_which_packets_would_end(lab):
     assert status == 0 and "PREDICTED: all of 8 ways would work after site.yml." in output, output
 
 
+@pytest.mark.costly
 def test_one_fork_verifies_as_well(lab):
     """Also while somebody listens to what the nodes of both robots say."""
     lab.start(FIRST, "listens", "rostopic echo /diagnostics")

@@ -28,11 +28,16 @@ def reports(tmp_path, monkeypatch):
 
 def test_all_tests_on_real_systems_are_in_a_suite_with_the_lab_that_they_use():
     folder = runner.ROOT / "tests" / "systems"
-    files = [file for suite in runner.systems() for file in suite.command if file.startswith("tests/systems/")]
+    quick = [suite for suite in runner.systems() if "not costly" in suite.command]
+    files = [file for suite in quick for file in suite.command if file.startswith("tests/systems/")]
     assert sorted(files) == sorted(f"tests/systems/{path.name}" for path in folder.glob("test_*.py"))
-    for found in runner.systems():
+    for found in quick:
         text = "".join((runner.ROOT / file).read_text() for file in found.command if file in files)
         assert {f'"{name}"' for name in found.labs} >= set(re.findall(r'"systems-[a-z-]+"', text)), found.name
+    costly = {file for file in files if "pytest.mark.costly" in (runner.ROOT / file).read_text()}
+    assert costly == {
+        file for suite in runner.systems() if suite not in quick for file in suite.command if file in files
+    }
 
 
 def test_suites_are_found_by_group_and_by_name():
