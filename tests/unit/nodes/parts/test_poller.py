@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The poller before a roscore that this file plays."""
 
+import math
 import types
 
 import pytest
 from rosfleet_multimaster.parts import poller as module
+from rosfleet_multimaster.parts import program
 from rosfleet_multimaster.parts.own_roscore import Identity
 
 URI, R2 = "http://robot1:11311/", "http://robot2:11311/"
@@ -51,17 +53,24 @@ class Quiet(Roscore):
     """Its answers are the same bytes again, until something changes."""
 
     def __init__(self):
-        self.topics, self.types, self.uris, self.reads, self.asked = ["/one"], [], {}, 0, 0
+        self.topics, self.types, self.uris, self.pid = ["/one"], [], {}, 1
+        self.reads, self.rest_reads, self.asked = 0, 0, 0
 
     def ask(self, *calls, last=None):
         self.asked += 1
-        if last is None:
-            values = {"getTopicTypes": self.types}
-            return [self.uris.get(call[1]) if call[0] == "lookupNode" else values.get(call[0]) for call in calls]
-        if last.is_again(repr(calls).encode(), bytearray(repr(self.topics).encode())):
+        values = {
+            "getSystemState": [[[topic, ["/a"]] for topic in self.topics], [], []],
+            "getTopicTypes": self.types,
+            "getPid": self.pid,
+        }
+        answers = [self.uris.get(call[1]) if call[0] == "lookupNode" else values.get(call[0]) for call in calls]
+        if last.is_again(repr(calls).encode(), bytearray(repr(answers).encode())):
             return []
-        self.reads += 1
-        return [1, None, [[[topic, ["/a"]] for topic in self.topics], [], []]]
+        if len(calls) == 1:
+            self.reads += 1
+        else:
+            self.rest_reads += 1
+        return answers
 
 
 @pytest.fixture(name="clock")
@@ -88,7 +97,7 @@ def test_an_answer_that_is_the_last_one_again_is_not_read(clock):
     assert sorted(poller.poll().publishers) == ["/one"]
 
 
-def test_what_is_no_registration_is_looked_at_now_and_then(clock):
+def test_what_is_no_registration_is_looked_at_now_and_then_and_read_where_it_is_another(clock):
     roscore, poller = quiet()
     first = poller.poll()
     roscore.types, roscore.uris = [["/one", "x/Y"]], {"/a": "http://robot1:7/"}
@@ -96,6 +105,36 @@ def test_what_is_no_registration_is_looked_at_now_and_then(clock):
     clock[0] += module.REST
     state = poller.poll()
     assert state.types == {"/one": "x/Y"} and state.nodes["/a"].uri == "http://robot1:7/" and roscore.reads == 1
+    for _look in range(5):
+        clock[0] += module.REST
+        assert poller.poll() is state
+    assert roscore.rest_reads == 2, "an answer that is the last one again is not read"
+
+
+def test_what_costs_much_is_looked_at_seldom(clock):
+    roscore, poller = quiet()
+    poller.poll()
+    ask, rests = roscore.ask, []
+
+    def slow(*calls, last=None):
+        if len(calls) > 1:
+            rests.append(clock[0])
+            clock[0] += 0.02
+        return ask(*calls, last=last)
+
+    roscore.ask = slow
+    poller._rest_pace = module.PollPace(module.REST)
+    while clock[0] < 130.0:
+        clock[0] += 0.1
+        poller.poll()
+    assert 12 <= len(rests) <= 16, "one part in a hundred of the time"
+
+
+def test_a_roscore_that_forgot_this_node_ends_it_though_its_answer_is_read_late(clock):
+    roscore, poller = quiet()
+    poller._identity.service = ("/own/service", "rosrpc://robot1:3")
+    with pytest.raises(program.Fatal):
+        poller.poll()
 
 
 def test_an_answer_that_could_not_be_made_a_state_is_read_again(clock, monkeypatch):
@@ -109,9 +148,14 @@ def test_an_answer_that_could_not_be_made_a_state_is_read_again(clock, monkeypat
     assert sorted(poller.poll().publishers) == ["/one", "/two"]
 
 
-def test_every_node_is_looked_up_again_in_its_turn(clock):
-    names, known = [f"/{number}" for number in range(250)], {}
-    assert sorted(module._some(names, known, 0)) == sorted(names)
-    known.update(dict.fromkeys([*names, "/gone"], "http://x:1/"))
-    seen = [name for turn in range(3) for name in module._some(names, known, turn)]
-    assert set(seen) == set(names) and "/gone" not in known and all(seen.count(name) <= 2 for name in names)
+@pytest.mark.parametrize("count", [30, 100, 250])
+def test_every_node_is_looked_up_again_in_its_turn(clock, count):
+    roscore, poller = quiet()
+    names = [f"/{number}" for number in range(count)]
+    graph = module.Graph({"/one": tuple(names)}, {}, {}, {})
+    assert sorted(name for _method, name in poller._names(graph)[1]) == sorted(names)
+    poller._node_uris.update(dict.fromkeys([*names, "/gone"], "http://x:1/"))
+    turns = [poller._names(graph) for _turn in range(math.ceil(count / module.LOOKUPS))]
+    assert sorted(name for _turn, asked in turns for _method, name in asked) == sorted(names)
+    assert "/gone" not in poller._node_uris and all(len(asked) <= module.LOOKUPS for _turn, asked in turns)
+    assert poller._names(graph) == turns[0], "the same question again, so that its answer can be the same"

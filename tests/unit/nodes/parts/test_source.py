@@ -4,6 +4,7 @@
 
 import queue
 import threading
+import time
 import types
 import xmlrpc.client
 from socketserver import ThreadingMixIn
@@ -14,11 +15,12 @@ from rosfleet_multimaster.core.differences import Stamps
 from rosfleet_multimaster.core.feed import packed
 from rosfleet_multimaster.core.graph import State
 from rosfleet_multimaster.core.mirror import Mirror
+from rosfleet_multimaster.edge.loop import Ended
 from rosfleet_multimaster.edge.roscore import Roscore as Master
 from rosfleet_multimaster.parts import program
 from rosfleet_multimaster.parts.own_roscore import Identity
 from rosfleet_multimaster.parts.poller import Poller
-from rosfleet_multimaster.parts.source import CHANGES, Follower, Source
+from rosfleet_multimaster.parts.source import CHANGES, Follower, Source, in_own_thread
 
 URI = "http://own:11311/"
 SERVICE = ("/master_discovery/list_masters", "rosrpc://own:5")
@@ -173,3 +175,25 @@ def test_rosmaster_tells_no_changes():
     roscore = Master(URI, "/own")
     roscore.rpc = types.SimpleNamespace(call=fault)
     assert Poller(roscore, URI, "own", Identity(), dict).tells(CHANGES) is False
+
+
+def test_nobody_is_woken_for_a_poll_that_brought_nothing():
+    one, two = State(URI, "one"), State(URI, "two")
+    told, ended = [], Ended()
+    polls = iter([one, one, OSError(), one, one, two, two])
+
+    def following():
+        try:
+            found = next(polls)
+        except StopIteration:
+            ended.set()
+            return two
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    source = types.SimpleNamespace(next=following, do_not_sync=None, pause=0.001)
+    in_own_thread(source, ended, lambda state, _secret: told.append(state), lambda *_why: None, told.append)
+    ended.wait(10)
+    time.sleep(0.05)
+    assert told == [one, one, two], "and again after a failure, which had said that there is no state"

@@ -30,23 +30,26 @@ class Pace:
         return now + max(-self._left / RATE, took * SHARE, EARLY if early else 0.0)
 
 
-POLLS, SLOWEST = 20, 5.0  # a poll takes at most one part in so many of the time, but there is one every so many seconds
+POLLS, SLOWEST = (
+    100,
+    5.0,
+)  # a look takes at most one part in so many of the time, but there is one every so many seconds
 QUICK, QUICK_POLLS = 0.02, 4  # seconds between two polls, and the same part, in
 LIVELY = 1.0  # seconds after a change of own nodes: changes come together
-SAMPLES = 8  # polls, of which the quickest says what one costs: the others have waited for a processor
+SAMPLES = 8  # looks, of which the quickest says what one costs: the others have waited for a processor
 
 
 class PollPace:
-    """The pace of the polls of a roscore."""
+    """The pace of the looks at a roscore."""
 
     def __init__(self, period: float) -> None:
-        """`period`: seconds between two polls at least, unless something has just changed."""
+        """`period`: seconds between two looks at least, unless something has just changed."""
         self._period = period
         self._took: Deque[float] = deque(maxlen=SAMPLES)
         self._lively_until = float("-inf")
 
-    def pause(self, now: float, took: float, changed: bool) -> float:
-        """Seconds until the next poll, after one that took so long and ended now. `changed`: own nodes have."""
+    def pause(self, now: float, took: float, changed: bool = False) -> float:
+        """Seconds until the next look, after one that took so long and ended now. `changed`: own nodes have."""
         self._took.append(took)
         if changed:
             self._lively_until = now + LIVELY

@@ -7,7 +7,7 @@ from xmlrpc.client import Fault
 
 from ..core.feed import packed, unpacked
 from ..core.plain_text import plain
-from .rpc_client import Last, Rpc
+from .rpc_client import SAME, Last, Rpc
 from .xml_rpc import STATE
 
 TOGETHER = "rosfleetTogether"
@@ -25,8 +25,17 @@ class Roscore:
         `last`: no values at all where the answer is that one. Raises OSError, ValueError or xmlrpc.client.Fault where the
         roscore does not answer at all.
         """
+        if len(calls) == 1:  # alone it costs two thirds of a multicall of one
+            return self._ask_one(*calls[0], last=last)
         results = self.rpc.multicall([(call[0], self.caller, *call[1:]) for call in calls], last)
         return [_value(result) for result in results]
+
+    def _ask_one(self, method: str, *arguments: Any, last: Optional[Last]) -> List[Any]:
+        try:
+            result = self.rpc.call(method, self.caller, *arguments, last=last)
+        except Fault:
+            return [None]
+        return [] if result is SAME else [_value(result)]
 
     def together(self, calls: Sequence[Tuple[Any, ...]]) -> List[Any]:
         """The results of many calls, (method, caller, argument, ...), by a roscore that has TOGETHER; as Rpc.multicall.

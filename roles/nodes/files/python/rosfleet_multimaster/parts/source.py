@@ -140,11 +140,17 @@ def in_own_thread(
 
     def follow() -> None:
         failing: Optional[float] = None
+        before: Any = None
+        secret: Any = None
         while not ended:
             started = monotonic()
             try:
                 state = source.next()
-                told(state, source.do_not_sync)
+                if (
+                    state is not before or source.do_not_sync != secret or failing is not None
+                ):  # nobody is woken for nothing
+                    before, secret = state, source.do_not_sync
+                    told(state, secret)
                 failing = None
             except program.Fatal as problem:
                 give_up(str(problem))
