@@ -3,9 +3,10 @@
 
 """The catalogue of faults on real systems: each is injected, verified, compared with the part that was expected, and undone.
 
-    python tests/faults/run.py [--only NAME]... [--quick] [--record FOLDER] [--page]
+    python tests/faults/run.py [--only NAME]... [--quick] [--resume] [--record FOLDER] [--page]
 
-`make test-faults` runs all of it and writes the table of docs/verification.md.
+`make test-faults` runs all of it and writes the table of docs/verification.md. What came of each fault is kept below .work, so
+that a long run may be made of short ones: `--resume` leaves out what has a result, and `--page` writes the table of what is kept.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import page  # noqa: E402
 import state  # noqa: E402
 from agreement import Agreement, agreement  # noqa: E402
 from catalogue import LAB, Fault, Step, facts_of, load  # noqa: E402
+from kept import Kept, Row, told_of_prediction  # noqa: E402
 from layout import Extra, read_inventory  # noqa: E402
 from podman import LabError  # noqa: E402
 from subject import Lab, lab_of  # noqa: E402
@@ -37,6 +39,7 @@ NAME = "faults"
 INVENTORY = HERE / "inventory"
 SETTLES = 30.0  # seconds until a fault has its effect, at most
 WORK = ROOT / ".work" / "faults"
+KEPT = Kept(WORK / "results")
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,11 @@ class Result:
     def ok(self) -> bool:
         """The part was named first, and nothing is left of the fault."""
         return self.verdict == judge.FIRST and not self.left
+
+    def row(self, revision: str) -> Row:
+        """What is kept of it."""
+        ways, wrong = self.predicted.ways, len(self.predicted.wrong)
+        return Row(self.verdict, self.found.text, self.seconds, ways, ways - wrong, revision, self.left)
 
 
 class Catalogue:
@@ -140,20 +148,29 @@ def chosen(only: Sequence[str], quick: bool) -> list[Fault]:
     return [fault for fault in faults if (fault.name in only if only else fault.quick or not quick)]
 
 
-def run(options: argparse.Namespace) -> list[Result]:
-    """Try the chosen faults in a lab."""
-    faults = chosen(options.only, options.quick)
-    for folder in filter(None, (WORK, options.record)):
+def revision() -> str:
+    """The code that is tried."""
+    words = ("git", "-C", str(ROOT), "describe", "--always", "--dirty")
+    return subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def run(faults: Sequence[Fault], record: Path | None) -> list[Result]:
+    """Try these faults in a lab."""
+    for folder in filter(None, (WORK, record)):
         folder.mkdir(parents=True, exist_ok=True)
-    results = []
+    results: list[Result] = []
+    if not faults:
+        return results
+    tried = revision()
     with lab_of(NAME, INVENTORY, {STRANGER: Extra((STRANGERS_ADDRESS,))}) as lab:
         status, output = lab.play("site.yml")
         if status:
             raise LabError(f"site.yml has failed: {output[-600:]}")
-        catalogue = Catalogue(lab, options.record)
+        catalogue = Catalogue(lab, record)
         for number, fault in enumerate(faults, 1):
             print(f"[{number}/{len(faults)}] {fault.name}: {fault.title} ...", flush=True)
             results.append(catalogue.tried(fault))
+            KEPT.put(fault, results[-1].row(tried))
             print("\n".join(told(results[-1])), flush=True)
     return results
 
@@ -165,35 +182,46 @@ def told(result: Result) -> list[str]:
     return lines + [f"    left by undo: {line}" for line in result.left]
 
 
-def told_of_prediction(results: Sequence[Result]) -> str:
-    """How far the prediction of reachability agrees with what was measured, over all faults."""
-    ways = sum(result.predicted.ways for result in results)
-    same = ways - sum(len(result.predicted.wrong) for result in results)
-    return f"The prediction of reachability agrees with what was measured in {same} of {ways} ways."
+def write_page() -> None:
+    """Write the table of all faults, of what is kept."""
+    faults = chosen((), quick=False)
+    rows = {fault: KEPT.get(fault) for fault in faults}
+    untried = [fault.name for fault, row in rows.items() if row is None]
+    if untried:
+        raise LabError(
+            f"the table is of all faults, and these were not tried: {', '.join(untried)}; try them with --resume."
+        )
+    page.write([(fault, row.verdict) for fault, row in rows.items()], told_of_prediction(list(rows.values())))
+    print(f"The table is of the revisions {', '.join(sorted({row.revision for row in rows.values()}))}.")
 
 
-def main() -> int:
-    """Exit status 0 only when each part was named first."""
+def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--only", metavar="NAME", action="append", default=[], help="this fault (more than once: these)"
     )
     parser.add_argument("--quick", action="store_true", help="only those that are part of make test")
+    parser.add_argument("--resume", action="store_true", help="leave out what has a result already")
     parser.add_argument(
         "--record", metavar="FOLDER", type=Path, help="keep the plan and the observations of each fault"
     )
     parser.add_argument("--page", action="store_true", help="write the table into docs/verification.md")
-    options = parser.parse_args()
-    if options.page and (options.only or options.quick):
-        parser.error("--page writes the table of all faults; leave out --only and --quick")
+    return parser.parse_args(words)
+
+
+def main() -> int:
+    """Exit status 0 only when each part was named first."""
+    options = options_of()
     try:
-        results = run(options)
+        faults = [fault for fault in chosen(options.only, options.quick) if not (options.resume and KEPT.get(fault))]
+        results = run(faults, options.record)
+        if options.page:
+            write_page()
     except (LabError, subprocess.SubprocessError) as problem:
         print(f"faults: {problem}", file=sys.stderr)
         return 1
-    if options.page:
-        page.write([(result.fault, result.verdict) for result in results], told_of_prediction(results))
-    print(f"\n{told_of_prediction(results)}")
+    print(f"\n{told_of_prediction([result.row('') for result in results])}")
     failed = [result.fault.name for result in results if not result.ok]
     print(f"{len(results) - len(failed)} of {len(results)} named first{'; not: ' if failed else ''}{', '.join(failed)}")
     return int(bool(failed))

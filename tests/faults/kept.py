@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What came of each fault, a small file each: so a long run may be made of short ones, and the table is of all of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from catalogue import Fault
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is kept of one fault."""
+
+    verdict: str
+    text: str  # what was named first
+    seconds: float  # of the verification
+    ways: int  # known to the prediction and to the measurement
+    agreeing: int  # of these
+    revision: str  # of the code that was tried
+    left: Sequence[str] = ()  # what undo has not taken back
+
+
+class Kept:
+    """A folder with a file for each fault that was tried."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def put(self, fault: Fault, row: Row) -> None:
+        """Keep what came of a fault, instead of what came of it before."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._path(fault).write_text(json.dumps(asdict(row), indent=1) + "\n", encoding="utf-8")
+
+    def get(self, fault: Fault) -> Row | None:
+        """What came of a fault; None if it was not tried."""
+        path = self._path(fault)
+        return Row(**json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
+
+    def _path(self, fault: Fault) -> Path:
+        return self.folder / f"{fault.name}.json"
+
+
+def told_of_prediction(rows: Sequence[Row]) -> str:
+    """How far the prediction of reachability agrees with what was measured, over all faults."""
+    ways, same = sum(row.ways for row in rows), sum(row.agreeing for row in rows)
+    return f"The prediction of reachability agrees with what was measured in {same} of {ways} ways."
