@@ -310,6 +310,7 @@ members:
       loss: 0.0
       tcp: ""
       neighbour: 02:42:c0:a8:01:ef
+      neighbour_fixed: false
       user_addresses: [192.168.1.239]
   contains:
     name:
@@ -445,6 +446,11 @@ members:
       type: list
       elements: str
       sample: [192.168.1.239]
+    neighbour_fixed:
+      description: Whether somebody has set that hardware address by hand, so that the kernel does not ask for it.
+      returned: for every other computer
+      type: bool
+      sample: false
     neighbour:
       description: The hardware address that this computer knows for the planned address; empty for a computer in another network.
       returned: for every other computer
@@ -489,6 +495,7 @@ forwarding:
   type: dict
   sample:
     ip_forward: 1
+    icmp_echo_ignore_all: 0
     interfaces:
       - interface: eth0
         addresses: [192.168.1.201]
@@ -505,6 +512,11 @@ forwarding:
       returned: always
       type: int
       sample: 1
+    icmp_echo_ignore_all:
+      description: C(net.ipv4.icmp_echo_ignore_all), V(1) where the kernel answers no pings, or null where it cannot be read.
+      returned: always
+      type: int
+      sample: 0
     interfaces:
       description: The interfaces that have an IPv4 address.
       returned: always

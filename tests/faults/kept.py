@@ -24,6 +24,7 @@ class Row:
     agreeing: int  # of these
     revision: str  # of the code that was tried
     left: Sequence[str] = ()  # what undo has not taken back
+    remedied: str = ""  # what came of the remedy that was told
 
 
 class Kept:

@@ -3,10 +3,11 @@
 
 """The catalogue of faults on real systems: each is injected, verified, compared with the part that was expected, and undone.
 
-    python tests/faults/run.py [--only NAME]... [--quick] [--resume] [--record FOLDER] [--page]
+    python tests/faults/run.py [--only NAME]... [--quick] [--resume] [--remedy] [--record FOLDER] [--page]
 
 `make test-faults` runs all of it and writes the table of docs/verification.md. What came of each fault is kept below .work, so
 that a long run may be made of short ones: `--resume` leaves out what has a result, and `--page` writes the table of what is kept.
+`--remedy` also pastes the command of what is named first, as a person would, and verifies again.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ sys.path[:0] = [str(HERE), str(ROOT / "lab"), str(ROOT / ".work" / "collections"
 
 import judge  # noqa: E402
 import page  # noqa: E402
+import remedy  # noqa: E402
 import state  # noqa: E402
 from agreement import Agreement, agreement  # noqa: E402
 from catalogue import LAB, Fault, Step, facts_of, load  # noqa: E402
@@ -52,6 +54,7 @@ class Result:
     seconds: float  # of the verification
     left: tuple[str, ...] = ()  # what undo has not taken back
     predicted: Agreement = Agreement()  # the prediction of reachability, compared with what was measured
+    remedied: str = ""  # what came of the remedy that was told, where it was tried
 
     @property
     def ok(self) -> bool:
@@ -61,26 +64,28 @@ class Result:
     def row(self, revision: str) -> Row:
         """What is kept of it."""
         ways, wrong = self.predicted.ways, len(self.predicted.wrong)
-        return Row(self.verdict, self.found.text, self.seconds, ways, ways - wrong, revision, self.left)
+        return Row(self.verdict, self.found.text, self.seconds, ways, ways - wrong, revision, self.left, self.remedied)
 
 
 class Catalogue:
     """The lab, and the faults on it one after the other."""
 
-    def __init__(self, lab: Lab, record: Path | None) -> None:
-        self.lab, self.record, self.words = lab, record, Words(lab)
+    def __init__(self, lab: Lab, record: Path | None, remedies: bool = False) -> None:
+        self.lab, self.record, self.words, self.remedies = lab, record, Words(lab), remedies
         variables = read_inventory(INVENTORY)["_meta"]["hostvars"]
         self.masters = {of.get("multimaster_master", name) for name, of in variables.items()}
         self.before = state.look(lab, variables, self.masters)
 
     def tried(self, fault: Fault) -> Result:
         """One fault from its injection until the fleet is as before."""
+        remedied = ""
         try:
             for step in fault.inject:
                 self._do(step)
             for step in fault.settled:
                 self._settle(step)
             found, predicted, seconds = self._verified(fault)
+            remedied = self._remedied(fault) if self.remedies and found.findings else ""
         except (AssertionError, subprocess.SubprocessError) as problem:  # the other faults are tried all the same
             found, predicted, seconds = judge.Named(text=f"it could not be made: {problem}"), Agreement(), 0.0
         finally:
@@ -89,7 +94,7 @@ class Catalogue:
             left = state.back(self.lab, self.before, self.masters)
         if left:
             self._repair()
-        return Result(fault, judge.verdict(fault, found), found, seconds, tuple(left), predicted)
+        return Result(fault, judge.verdict(fault, found), found, seconds, tuple(left), predicted, remedied)
 
     def _do(self, step: Step, *, check: bool = True) -> None:
         if step.where == LAB:
@@ -104,10 +109,19 @@ class Catalogue:
     def _verified(self, fault: Fault) -> tuple[judge.Named, Agreement, float]:
         """Run playbooks/verify.yml: what it names first, how the prediction agrees, and how long it took."""
         report, observations = (WORK / f"{fault.name}.{kind}.json" for kind in ("report", "observations"))
+        began = time.monotonic()
+        output = self._verify(report, observations)
+        seconds = time.monotonic() - began
+        found = judge.named(json.loads(report.read_text())) if report.exists() else judge.Named(text=output[-600:])
+        recorded = json.loads(observations.read_text()) if observations.exists() else {}
+        if self.record and recorded:
+            self._keep(fault, recorded, found)
+        return found, agreement(recorded) if recorded.get("fleet") else Agreement(), seconds
+
+    def _verify(self, report: Path, observations: Path) -> str:
         for path in (report, observations):
             path.unlink(missing_ok=True)
-        began = time.monotonic()
-        output = self.lab.play(
+        return self.lab.play(
             "playbooks/verify.yml",
             variables={"verify_report": str(report)},
             environment={
@@ -116,12 +130,34 @@ class Catalogue:
                 "OBSERVATIONS_FILE": str(observations),
             },
         )[1]
-        seconds = time.monotonic() - began
-        found = judge.named(json.loads(report.read_text())) if report.exists() else judge.Named(text=output[-600:])
-        recorded = json.loads(observations.read_text()) if observations.exists() else {}
-        if self.record and recorded:
-            self._keep(fault, recorded, found)
-        return found, agreement(recorded) if recorded.get("fleet") else Agreement(), seconds
+
+    def _remedied(self, fault: Fault) -> str:
+        """Do what the finding says, and verify again: is it still there?"""
+        before = json.loads((WORK / f"{fault.name}.report.json").read_text())
+        told = before["findings"][0]["remedy"]
+        steps = remedy.steps(told)
+        for step in steps:
+            wrong = self._pasted(step)
+            if wrong:
+                return f"{remedy.FAILS}: {told}: {wrong}"
+        if not steps:
+            return f"{remedy.WORDS}: {told}"
+        report = WORK / f"{fault.name}.after.json"
+        output = self._verify(report, WORK / f"{fault.name}.after.observations.json")
+        if not report.exists():
+            return f"{remedy.FAILS}: {told}: {output[-600:]}"
+        return f"{remedy.result(before, json.loads(report.read_text()))}: {told}"
+
+    def _pasted(self, step: Step) -> str:
+        """Paste a command; return what it says if it fails."""
+        if step.where == remedy.CONTROLLER:
+            status, output = self.lab.play(step.what)
+            return output[-600:] if status else ""
+        try:
+            self.lab.run(step.where, step.what)
+        except AssertionError as problem:
+            return str(problem)[-600:]
+        return ""
 
     def _keep(self, fault: Fault, observations: dict, found: judge.Named) -> None:
         """Keep what fleet_report got, to be judged again without a lab."""
@@ -154,7 +190,7 @@ def revision() -> str:
     return subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
 
 
-def run(faults: Sequence[Fault], record: Path | None) -> list[Result]:
+def run(faults: Sequence[Fault], record: Path | None, remedies: bool = False) -> list[Result]:
     """Try these faults in a lab."""
     for folder in filter(None, (WORK, record)):
         folder.mkdir(parents=True, exist_ok=True)
@@ -166,7 +202,7 @@ def run(faults: Sequence[Fault], record: Path | None) -> list[Result]:
         status, output = lab.play("site.yml")
         if status:
             raise LabError(f"site.yml has failed: {output[-600:]}")
-        catalogue = Catalogue(lab, record)
+        catalogue = Catalogue(lab, record, remedies)
         for number, fault in enumerate(faults, 1):
             print(f"[{number}/{len(faults)}] {fault.name}: {fault.title} ...", flush=True)
             results.append(catalogue.tried(fault))
@@ -178,6 +214,7 @@ def run(faults: Sequence[Fault], record: Path | None) -> list[Result]:
 def told(result: Result) -> list[str]:
     """The lines about one fault."""
     lines = [f"    {result.verdict} ({result.seconds:.0f} s): {result.found.text}"]
+    lines += [f"    the remedy {result.remedied}"] if result.remedied else []
     lines += [f"    the prediction says {state}: {' '.join(way)}" for way, state in result.predicted.wrong]
     return lines + [f"    left by undo: {line}" for line in result.left]
 
@@ -204,6 +241,9 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="only those that are part of make test")
     parser.add_argument("--resume", action="store_true", help="leave out what has a result already")
     parser.add_argument(
+        "--remedy", action="store_true", help="paste the command of the first finding, and verify again"
+    )
+    parser.add_argument(
         "--record", metavar="FOLDER", type=Path, help="keep the plan and the observations of each fault"
     )
     parser.add_argument("--page", action="store_true", help="write the table into docs/verification.md")
@@ -215,7 +255,7 @@ def main() -> int:
     options = options_of()
     try:
         faults = [fault for fault in chosen(options.only, options.quick) if not (options.resume and KEPT.get(fault))]
-        results = run(faults, options.record)
+        results = run(faults, options.record, options.remedy)
         if options.page:
             write_page()
     except (LabError, subprocess.SubprocessError) as problem:

@@ -16,6 +16,7 @@ from podman import podman
 COMMON = "192.168.1.0/24"
 STRANGER, STRANGERS_ADDRESS = "stranger", "192.168.1.66"
 FLAPPING = "kobuki-pc"
+TWIN = "192.168.1.229"  # of kobuki-pc
 DOWN, UP = 1.0, 2.0  # seconds
 LONGEST = 300.0  # seconds that a link flaps at most
 CLASS = Path("/sys/class/net")
@@ -93,6 +94,16 @@ class Words:
         for host in ("kobuki-pc", "tibi-gate", "dabo-gate"):
             self.lab.run(host, "systemctl restart multimaster-discovery")
 
+    def twin_address(self) -> None:
+        """A computer that has no part in the fleet takes the address of one that has."""
+        self.lab.run(STRANGER, f"ip address add {TWIN}/24 dev eth0")
+
+    def own_address(self) -> None:
+        """The end of `twin_address`."""
+        self.lab.run(STRANGER, f"ip address del {TWIN}/24 dev eth0")
+        for host in ("tibi-gate", "dabo-gate"):
+            self.lab.run(host, f"ip neighbour flush to {TWIN}")
+
 
 def _set(cable: str, state: str) -> None:
     # IFF_UP is the lowest bit; the kernel takes it by the file as by `ip link set`.
@@ -108,4 +119,6 @@ WORDS: Mapping[str, Callable[[Words], None]] = {
     "steady": Words.steady,
     "rogue": Words.rogue,
     "no-rogue": Words.no_rogue,
+    "twin-address": Words.twin_address,
+    "own-address": Words.own_address,
 }

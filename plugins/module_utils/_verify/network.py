@@ -27,6 +27,7 @@ ANSWER = 1.0  # seconds that an echo reply may take
 COUNTED, PACE = 20, 0.025  # echo requests in a row, and the seconds between two of them
 MOST_COUNTED = 32  # computers to which they are sent
 UNUSED = 9  # a TCP port that nobody uses: discard (RFC 863)
+PERMANENT = 0x4  # the flag of a neighbour that somebody has set (ATF_PERM)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
 # From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
 IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
@@ -106,7 +107,8 @@ def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
     tcp = dict(zip(silent, concurrently(unused_port, silent, 10.0, lambda address: "no answer")))
     for entry in answered:
         address = entry["address"]
-        entry.update(ping_large=large.get(address), neighbour=known.get(address, ""))
+        hardware, fixed = known.get(address, ("", False))
+        entry.update(ping_large=large.get(address), neighbour=hardware, neighbour_fixed=fixed)
         entry.update(loss=lost.get(address), tcp=tcp.get(address, ""))
 
 
@@ -185,10 +187,11 @@ def user_addresses(names: typing.List[str]) -> typing.Dict[str, typing.List[str]
     return found if isinstance(found, dict) else {}
 
 
-def neighbours(path: str = "/proc/net/arp") -> typing.Dict[str, str]:
-    """Read {address: hardware address} of the neighbours that the kernel knows (proc(5))."""
+def neighbours(path: str = "/proc/net/arp") -> typing.Dict[str, typing.Tuple[str, bool]]:
+    """Read {address: (hardware address, set by hand)} of the neighbours that the kernel knows (proc(5), linux/if_arp.h)."""
     rows = [line.split() for line in text(path).splitlines()[1:]]
-    return {row[0]: row[3] for row in rows if len(row) >= 6 and row[3] != "00:00:00:00:00:00"}
+    known = [row for row in rows if len(row) >= 6 and row[3] != "00:00:00:00:00:00"]
+    return {row[0]: (row[3], bool(int(row[2], 16) & PERMANENT)) for row in known}
 
 
 def resolve(name: str) -> typing.Tuple[typing.List[str], str]:
@@ -330,7 +333,8 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
                     "state": text(f"/sys/class/net/{name}/operstate").strip(),
                 }
             )
-    return {"ip_forward": value("ip_forward"), "interfaces": found}
+    settings = {name: value(name) for name in ("ip_forward", "icmp_echo_ignore_all")}
+    return {**settings, "interfaces": found}
 
 
 def call(addresses: typing.Sequence[str], port: int) -> str:

@@ -48,6 +48,7 @@ def _way(case: Case, one: str, other: str) -> Parts:
     for asks, answers in pairwise(dict.fromkeys(place for place, _network in links(case, one, other))):
         # of two that have an address, chance says which one a neighbour gets
         parts |= of("interface", answers, "duplicate", what=asks) | of("interface", asks, "duplicate", what=answers)
+        parts |= of("neighbour", asks, "fixed", what=answers) | of("neighbour", answers, "fixed", what=asks)
     for place, network in links(case, one, other):
         parts |= of("link", place, "down", what=network) | of("network", network, "dead")
     for gateway in gateways(case, one, other):

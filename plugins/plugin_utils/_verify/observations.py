@@ -61,6 +61,7 @@ class SeenMember:
     ping_name: Ping | None = None
     ping_large: Ping | None = None  # as large as the observer's interface allows; None where no small one was answered
     neighbour: str = ""  # its hardware address, as the observer's kernel knows it; empty in another network
+    neighbour_fixed: bool = False  # somebody has set it by hand
     # what a user without rights finds as the addresses of its name; None where that was not looked up
     user_addresses: tuple[str, ...] | None = None
     loss: float | None = None  # the share of further small ones without an answer, 0 to 1; None where none were sent
@@ -88,6 +89,7 @@ class Forwarding:
 
     ip_forward: int | None = None
     interfaces: tuple[ForwardingInterface, ...] = ()
+    icmp_echo_ignore_all: int | None = None
 
 
 @dataclass(frozen=True)

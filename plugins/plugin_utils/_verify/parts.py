@@ -16,7 +16,8 @@ from typing import NamedTuple
 class Fault(NamedTuple):
     """How a part of a kind may be broken: in a sentence, what to do, and the command that shows it.
 
-    Texts have {place} and {what}. `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
+    Texts have {place} and {what}. What can be pasted of a remedy, and mends it, is `run site.yml` or `on {place}: <command>`;
+    what stands behind `see` only shows. `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
     A `hard` fault lets nothing pass, so a success that needs the part clears it; of another one a success says little.
     A fault that is `read` is never concluded: a value on the machine shows it.
     """
@@ -73,6 +74,11 @@ ROUTES = "on {place}: ip rule; ip route"
 DISCOVERY = "on {place}: systemctl status multimaster-discovery; journalctl -b -u multimaster-discovery"
 SYNC = "on {place}: systemctl status multimaster-sync; journalctl -b -u multimaster-sync"
 ROSCORE = "on {place}: systemctl status multimaster-roscore (or the unit of your own roscore)"
+# The nodes are registered at the roscore, and end with it.
+RESTART = "on {place}: systemctl restart multimaster-roscore multimaster-discovery multimaster-sync"
+RESTART_DISCOVERY = "on {place}: systemctl restart multimaster-discovery"
+RESTART_SYNC = "on {place}: systemctl restart multimaster-sync"
+RESTART_UNIT = "on {place}: systemctl restart {what}; see on {place}: journalctl -b -u {what}"
 HOSTS = "on {place}: getent ahostsv4 {what}; cat /etc/hosts"
 
 # What a packet filter may drop: mode -> what it is, and what to allow.
@@ -106,21 +112,23 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("computer", "login"): Fault(
         "{place} is there, but the controller cannot log in",
-        "on the controller: ansible {place} -m ansible.builtin.ping -vvv",
+        "see on the controller: ansible {place} -m ansible.builtin.ping -vvv",
         cost=2.0,
     ),
     ("computer", "unmeasured"): Fault(
         "{place} could not be looked at",
-        "on the controller: ansible-playbook playbooks/verify.yml -vv --limit {place}",
+        "see on the controller: ansible-playbook playbooks/verify.yml -vv --limit {place}",
         read=True,
     ),
     ("computer", "overloaded"): Fault(
         "{place} is overloaded",
-        "on {place}: top -b -n1; with many computers raise verify_patience",
+        "with many computers raise verify_patience; see on {place}: top -b -n1",
         cost=5.0,
         hard=False,
     ),
-    ("computer", "disk"): Fault("{place} has no room on {what}", "on {place}: df -h; du -xsh /var/log", what="a disk"),
+    ("computer", "disk"): Fault(
+        "{place} has no room on {what}", "make room there; see on {place}: df -h; du -xsh /var/log", what="a disk"
+    ),
     # Names
     ("names", "unknown"): Fault(
         "{place} does not know {what}", f"{SITE}, which writes /etc/hosts", HOSTS, cost=2.0, read=True, what="a name"
@@ -158,7 +166,8 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("names", "order"): Fault(
         "{place} asks a name server before /etc/hosts, or not /etc/hosts at all",
-        "on {place}, in the line hosts of /etc/nsswitch.conf, put files before dns; then /etc/hosts counts, which site.yml has written",
+        r"on {place}: sed -i -E -e '/^hosts:/s/[[:space:]]+files\b//' -e 's/^hosts:/hosts: files/' /etc/nsswitch.conf; see the line "
+        "hosts there: files stands first, so that /etc/hosts counts, which site.yml has written",
         "on {place}: grep ^hosts /etc/nsswitch.conf",
         read=True,
     ),
@@ -175,14 +184,22 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("interface", "mtu"): Fault(
         "{place} takes or sends only small packets on {what}",
-        "give its interface the MTU of the others; on {place}: ip link",
+        "give its interface the MTU of the others; see on {place}: ip link",
         what="its network",
         cost=4.0,
     ),
     ("interface", "duplicate"): Fault(
         "another computer has the address of {place}, too",
-        "give one of the two another address; on another computer there: arping -D -I <interface> <its address>",
+        "give one of the two another address; see on another computer there: arping -D -I <interface> <its address>",
         cost=4.5,
+    ),
+    ("neighbour", "fixed"): Fault(
+        "on {place} somebody has set the hardware address of {what} by hand, and it is not that of {what}",
+        "on {place}: ip neighbour flush nud permanent; see on {place}: ip neighbour show nud permanent",
+        "on {place}: ip neighbour show nud permanent",
+        what="a computer",
+        read=True,
+        unseen=False,
     ),
     ("interface", "multicast"): Fault(
         "multicast of {place} leaves, or comes in, by another interface than planned",
@@ -192,20 +209,20 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("link", "down"): Fault(
         "the link of {place} to {what} is down, or its interface has no address there",
-        f"see {ADDRESSES}",
+        f"switch its interface on, or look at the cable; see {ADDRESSES}",
         what="its network",
         cost=2.0,
     ),
     ("link", "loss"): Fault(
         "{place} loses packets on {what}",
-        "look at the signal, or at the cable; on {place}: ip -s link",
+        "look at the signal, or at the cable; see on {place}: ip -s link",
         what="its link",
         cost=3.5,
         hard=False,
     ),
     ("link", "flapping"): Fault(
         "the link of {place} comes and goes",
-        "look at the cable, or at the signal; on {place}: dmesg",
+        "look at the cable, or at the signal; see on {place}: dmesg",
         cost=4.0,
         hard=False,
     ),
@@ -237,7 +254,8 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="the others",
     ),
     ("route", "other"): Fault(
-        "another route of {place} to {what} comes first: a second default route, as DHCP brings it, or one set by hand",
+        "another route of {place} to {what} comes first: a second default route, as DHCP brings it, that of a VPN or of "
+        "Docker, or one set by hand",
         f"{SITE}, which names it; see {ROUTES}",
         ROUTES,
         cost=2.0,
@@ -267,7 +285,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("forwarding", "large"): Fault(
         "{place} passes small packets on and loses large ones",
-        "give both of its interfaces the MTU of their networks, and let ICMP 'fragmentation needed' pass; on {place}: ip link",
+        "give both of its interfaces the MTU of their networks, and let ICMP 'fragmentation needed' pass; see on {place}: ip link",
         "from a computer behind it: ping -M do -s 1472 -c3 <another network>",
         cost=3.5,
     ),
@@ -287,7 +305,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("filter", "pair"): Fault(
         "something drops packets between {place}, and between nobody else: a packet filter or a route with the other's address",
-        "on both, and on the gateways between them: nft list ruleset; ip route",
+        "see on both, and on the gateways between them: nft list ruleset; ip route",
         cost=6.0,
     ),
     ("reverse_path", "strict"): Fault(
@@ -334,9 +352,9 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="ROS_HOSTNAME or ROS_IP",
         read=True,
     ),
-    ("roscore", "dead"): Fault("no roscore answers on {place}", f"start it; see {ROSCORE}", ROSCORE, cost=1.5),
+    ("roscore", "dead"): Fault("no roscore answers on {place}", f"{RESTART}; see {ROSCORE}", ROSCORE, cost=1.5),
     ("roscore", "hung"): Fault(
-        "the roscore on {place} runs and does not answer", f"restart it; see {ROSCORE}", ROSCORE, cost=2.4
+        "the roscore on {place} runs and does not answer", f"{RESTART}; see {ROSCORE}", ROSCORE, cost=2.4
     ),
     ("roscore", "name"): Fault(
         "the roscore on {place} calls itself {what}",
@@ -347,10 +365,10 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         read=True,
     ),
     ("discovery", "dead"): Fault(
-        "the discovery node of {place} does not run", f"start it; see {DISCOVERY}", DISCOVERY, cost=1.5
+        "the discovery node of {place} does not run", f"{RESTART_DISCOVERY}; see {DISCOVERY}", DISCOVERY, cost=1.5
     ),
     ("discovery", "hung"): Fault(
-        "the discovery node of {place} runs and does not answer", f"restart it; see {DISCOVERY}", DISCOVERY
+        "the discovery node of {place} runs and does not answer", f"{RESTART_DISCOVERY}; see {DISCOVERY}", DISCOVERY
     ),
     ("discovery", "group"): Fault(
         "the discovery node of {place} uses another group or port than the others",
@@ -371,10 +389,10 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         DISCOVERY,
         cost=3.4,
     ),
-    ("sync", "dead"): Fault("the sync node of {place} does not run", f"start it; see {SYNC}", SYNC, cost=1.5),
+    ("sync", "dead"): Fault("the sync node of {place} does not run", f"{RESTART_SYNC}; see {SYNC}", SYNC, cost=1.5),
     ("sync", "hung"): Fault(
         "the sync node of {place} runs and registers nothing of the others",
-        f"restart it; see {SYNC}; rosservice call /master_sync/get_sync_info",
+        f"{RESTART_SYNC}; see {SYNC}; rosservice call /master_sync/get_sync_info",
         SYNC,
         cost=2.6,
     ),
@@ -392,21 +410,19 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("sync", "untold"): Fault(
         "the sync node of {place} does not tell what it has registered",
-        "on {place}: rosservice call /master_sync/get_sync_info",
+        f"{RESTART_SYNC}; see on {{place}}: rosservice call /master_sync/get_sync_info",
     ),
     ("sync", "stale"): Fault(
         "the sync node of {place} has not followed the changes of {what}",
-        f"restart it; see {SYNC}",
+        f"{RESTART_SYNC}; see {SYNC}",
         SYNC,
         cost=2.5,
         what="another master",
     ),
-    ("service", "down"): Fault(
-        "{what} does not run on {place}", "on {place}: journalctl -b -u {what}", cost=2.0, what="multimaster-*"
-    ),
+    ("service", "down"): Fault("{what} does not run on {place}", RESTART_UNIT, cost=2.0, what="multimaster-*"),
     ("service", "restarting"): Fault(
         "on {place} {what} ended by itself and was started again",
-        "on {place}: journalctl -b -u {what}",
+        "see on {place}: journalctl -b -u {what}",
         hard=False,
         what="multimaster-*",
     ),
@@ -416,7 +432,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     # What is registered and exchanged
     ("registration", "ghost"): Fault(
         "the roscore of {place} holds nodes that do not answer: {what}; they ended without saying so, as by kill -9",
-        "on {place}: rosnode cleanup; a node that hangs must be ended first",
+        "end a node that hangs first; on {place}: yes | rosnode cleanup",
         cost=3.0,
         what="see rosnode ping --all",
     ),
@@ -427,13 +443,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("registration", "talker"): Fault(
         "the talker of the verification on {place} does not run, or has not registered: {what}",
-        "on {place}: journalctl -u multimaster-verify-talker; with many computers raise verify_lifetime",
+        "with many computers raise verify_lifetime; see on {place}: journalctl -u multimaster-verify-talker",
         cost=3.5,
         what="rostopic pub fails there",
     ),
     ("registration", "listener"): Fault(
         "the subscriber of the verification on {place} gave no result: {what}",
-        "on {place}: rostopic echo /rosout; with many computers raise verify_patience",
+        "with many computers raise verify_patience; see on {place}: rostopic echo /rosout",
         cost=3.5,
         what="rospy fails there",
     ),
@@ -456,7 +472,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("messages", "unknown"): Fault(
         "the Python of ROS on {place} does not tell the classes of its message types: {what}",
-        "on {place}: rosmsg md5 std_msgs/String",
+        "see on {place}: rosmsg md5 std_msgs/String",
         what="rospy fails there",
     ),
     # Who has set it up
@@ -477,6 +493,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "{place} does not answer pings of a group; discovery does not depend on it",
         f"if you want the answers: {SITE} on it, which sets net.ipv4.icmp_echo_ignore_broadcasts",
         cost=2.0,
+    ),
+    ("setting", "icmp_all"): Fault(
+        "{place} answers no pings, by a setting of its kernel",
+        "on {place}: sysctl -w net.ipv4.icmp_echo_ignore_all=0; see on {place} who sets it: grep -r icmp_echo_ignore_all /etc/sysctl.*",
+        "on {place}: sysctl net.ipv4.icmp_echo_ignore_all",
+        read=True,
+        unseen=False,
     ),
     ("setting", "unread"): Fault(
         "on {place} {what} cannot be looked at, as in some containers", "nothing", what="a value"

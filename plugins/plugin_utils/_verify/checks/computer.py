@@ -404,6 +404,24 @@ REDIRECTS = Check(
 )
 
 
+def _answers_pings(case: Case) -> Judgement | None:
+    ignored = case.probe.forwarding.icmp_echo_ignore_all if case.probe else None
+    if ignored is None:
+        return None
+    return Judgement(WARNING if ignored else OK, "net.ipv4.icmp_echo_ignore_all is 0", str(ignored))
+
+
+ANSWERS_PINGS = Check(
+    id="answers_pings",
+    title="kernel answers pings",
+    scope=COMPUTER,
+    judge=_answers_pings,
+    documented=Documented("computer", "`net.ipv4.icmp_echo_ignore_all` is 0, as pings of the fleet need it (warning)"),
+    needs=lambda case: of("setting", case.observer.name, "icmp_all"),
+    evidence=lambda case: of("setting", case.observer.name, "icmp_all"),
+)
+
+
 # The robot's roscore
 
 
@@ -537,6 +555,7 @@ CHECKS = (
     MTU,
     REVERSE_PATH,
     REDIRECTS,
+    ANSWERS_PINGS,
     MASTER_URI,
     NAME_ORDER,
     DEFAULT_ROUTES,

@@ -7,7 +7,11 @@ from __future__ import annotations
 
 import ipaddress
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case, wrong_prefixes
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import (
+    Case,
+    own_networks,
+    wrong_prefixes,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     FAILED,
     ITSELF_TOO,
@@ -138,11 +142,19 @@ def _route_evidence(case: Case) -> Parts:
             small = bool(wrong_prefixes(case.observer))  # the target is beyond what it takes for its network
             return of("interface", name, "prefix") if small else of("link", name, "down", what=network)
         return of("route", name, "missing", what="" if _nowhere(case) else network)
+    if _elsewhere(case, route.device):
+        return of("route", name, "other", what=network)
     if by not in case.way.hops:
         if not (by and case.way.crosses):  # it is sent to a gateway, and is in this network, or the other way round
             return of("interface", name, "prefix")
         return of("route", name, "missing" if _left_to_default(case, by) else "other", what=network)
     return of("interface", name, "address")
+
+
+def _elsewhere(case: Case, device: str | None) -> bool:
+    """Packets leave by an interface that is on no network of the plan, as that of a VPN or of Docker."""
+    own = own_networks(case.observer, case.ways)
+    return len(own) == len(case.observer.plan.networks) and device not in {entry.interface for entry in own.values()}
 
 
 def _left_to_default(case: Case, by: str) -> bool:
@@ -179,7 +191,7 @@ def _ping_error(case: Case) -> str:
 
 def _pinged(case: Case) -> Parts:
     one, other = case.observer.name, case.target
-    return way(case, one, other) | passes(one, other, "icmp")
+    return way(case, one, other) | passes(one, other, "icmp") | of("setting", other, "icmp_all")
 
 
 def _ping_evidence(case: Case) -> Parts:
@@ -341,6 +353,12 @@ def _neighbour(case: Case) -> Judgement | None:
     return Judgement(OK if seen in known else WARNING, expected, f"it is at {seen}")  # a proxy may answer for it
 
 
+def _neighbour_evidence(case: Case) -> Parts:
+    if case.member is not None and case.member.neighbour_fixed:
+        return of("neighbour", case.observer.name, "fixed", what=case.target)
+    return of("interface", case.target, "duplicate", what=case.observer.name)
+
+
 NEIGHBOUR = Check(
     id="neighbour",
     title="address belongs to one computer",
@@ -350,7 +368,7 @@ NEIGHBOUR = Check(
         "pair on one network", "the hardware address of its address is one of that computer's own (warning)"
     ),
     needs=lambda case: of("interface", case.target, "duplicate", what=case.observer.name),
-    evidence=lambda case: of("interface", case.target, "duplicate", what=case.observer.name),
+    evidence=_neighbour_evidence,
 )
 
 

@@ -84,12 +84,27 @@ def test_large_packets_and_the_neighbour_between_two_hosts(hosts, theirs, arrive
     ).stdout
     (there, nobody), forwarding = json.loads(output)
     assert there["ping_address"]["ok"] and there["ping_large"]["ok"] == arrives
-    assert there["neighbour"] == shown.stdout.decode().strip()
+    assert there["neighbour"] == shown.stdout.decode().strip() and not there["neighbour_fixed"]
+    assert forwarding["icmp_echo_ignore_all"] == 0
     assert nobody["ping_large"] is None and nobody["neighbour"] == ""
     assert (there["loss"], there["tcp"]) == (0.0, "")
     assert nobody["loss"] is None and nobody["tcp"] not in ("", "refused")
     (own,) = forwarding["interfaces"]
     assert (own["addresses"], own["prefixes"], own["mtu"], len(own["mac"])) == (["10.99.0.1"], [24], 1500, 17)
+
+
+def test_a_neighbour_that_was_set_by_hand_is_told(tmp_path):
+    table = tmp_path / "arp"
+    table.write_text(
+        "IP address       HW type     Flags       HW address            Mask     Device\n"
+        "10.99.0.2        0x1         0x2         02:00:00:00:00:02     *        eth0\n"
+        "10.99.0.3        0x1         0x6         02:00:00:00:00:03     *        eth0\n"
+        "10.99.0.4        0x1         0x0         00:00:00:00:00:00     *        eth0\n"
+    )
+    assert network.neighbours(str(table)) == {
+        "10.99.0.2": ("02:00:00:00:00:02", False),
+        "10.99.0.3": ("02:00:00:00:00:03", True),
+    }
 
 
 def test_no_answer_is_a_loss_and_a_large_fleet_is_not_flooded():

@@ -82,8 +82,15 @@ def _no_files(seen):
         update(member, addresses=(), resolve_error="Temporary failure in name resolution")
 
 
+def _ignores_pings(seen):
+    """The first computer's kernel answers no pings; all else arrives."""
+    update(seen[ONE].probe.forwarding, icmp_echo_ignore_all=1)
+    update(of(seen[TWO].probe.members, ONE), ping_address=no_answer(), ping_name=no_answer(), tcp="refused")
+
+
 # The change, a check that tells it, its verdict, and the part that is named.
 FAULTS = [
+    (_ignores_pings, "answers_pings", WARNING, "setting", ONE, "icmp_all"),
     (_sources("mdns4_minimal", "files", "dns"), "name_order", WARNING, "names", ONE, "order"),
     (_no_files, "name_order", WARNING, "names", ONE, "order"),
     (_interface(prefixes=(24,)), "addresses", WARNING, "interface", ONE, "prefix"),

@@ -94,6 +94,11 @@ def _another_has_it(seen):
     update(of(seen[ONE].probe.members, TWO), neighbour="02:ff:ff:ff:ff:ff")
 
 
+def _fixed(seen):
+    """The network card of the second computer was replaced, and the first one has the old address written down."""
+    update(of(seen[ONE].probe.members, TWO), neighbour="02:00:00:00:00:77", neighbour_fixed=True)
+
+
 def _large_lost(seen):
     """The network loses large packets, in both directions."""
     for one, other in ((ONE, TWO), (TWO, ONE)):
@@ -108,9 +113,11 @@ FAULTS = [
     (_name(["192.168.1.2", "192.168.7.7"]), "name", FAILED, "names", ONE, "several"),
     (_name(["192.168.7.7"]), "name", FAILED, "names", ONE, "old"),
     (_member("route", source="10.0.0.7"), "route", FAILED, "interface", ONE, "address"),
+    (_member("route", device="tun0", source="10.8.0.6"), "route", FAILED, "route", ONE, "other"),
     (_member("route", error="Network is unreachable"), "route", FAILED, "link", ONE, "down"),
     (_small, "route", FAILED, "interface", ONE, "prefix"),
     (_another_has_it, "neighbour", WARNING, "interface", TWO, "duplicate"),
+    (_fixed, "neighbour", WARNING, "neighbour", ONE, "fixed"),
     (_large_lost, "ping_large", WARNING, "network", "the common network", "large"),
     (_no_icmp, "ping_address", FAILED, "filter", TWO, "icmp in"),
 ]

@@ -1,0 +1,37 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a person would paste of a finding: the commands of its remedy, and what came of them. Pure.
+
+A remedy is words, and what can be pasted is `run site.yml` or `on COMPUTER: COMMAND`. What stands behind `; see` only shows.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from catalogue import Step
+
+CONTROLLER, SITE = "controller", "site.yml"
+MENDS, FAILS, STAYS, WORDS = "mends it", "the command fails", "does not help", "words, no command"
+COMMAND = re.compile(r"(?:^|; )on (?P<where>[a-z0-9-]+): (?P<what>.+)$")
+
+
+def steps(remedy: str) -> tuple[Step, ...]:
+    """Read the commands of a remedy; none where it is words alone."""
+    text = remedy if not remedy.startswith("see ") else ""
+    text = text.partition("; see ")[0]
+    found = COMMAND.search(text)
+    if text.startswith("run site.yml"):
+        return (Step(CONTROLLER, SITE),)
+    return (Step(found["where"], found["what"]),) if found else ()
+
+
+def result(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+    """Compare the reports before and after it: is what was named first still named?"""
+    key = ("kind", "mode", "place")
+    first = before["findings"][0]
+    still = any(all(entry[word] == first[word] for word in key) for entry in after["findings"])
+    return STAYS if still else MENDS
