@@ -35,7 +35,8 @@ SERIOUS = (FAILED, WARNING, UNKNOWN)
 CHANCE = 0.3  # what a failure counts where packets are known to get lost
 ASKED = 60  # pairs that are looked at for a success that clears a part
 MOST = 20_000  # rows that are explained
-ENOUGH = 3  # successes that clear it
+ENOUGH = 3  # successes that clear it, where it lets nothing pass
+MANY = 20  # those that are counted of a part that lets some things pass: their share says how likely it is
 NAMED = 4  # names, networks and the like that a finding names
 
 
@@ -214,10 +215,10 @@ class _Diagnosis:
 
     def successes(self, part: Part) -> int:
         """Count successes that need a part, up to a few: first in the pairs that failed with it, then in others."""
-        count = 0
+        count, enough = 0, ENOUGH if part.fault.hard else MANY
         for observer, target in dict.fromkeys(chain(self._same(part), self._others(part))):
             count += self._cleared(observer, target)[part]
-            if count >= ENOUGH:
+            if count >= enough:
                 break
         return count
 

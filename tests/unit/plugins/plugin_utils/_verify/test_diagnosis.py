@@ -73,6 +73,19 @@ def test_two_faults_beside_each_other_are_two_findings(first, second):
     assert sorted(parts(found)) == sorted([FAULTS[first], FAULTS[second]]), found
 
 
+def _flapping(seen):
+    """The cable of the first of five computers was out while all others counted pings to it, and it to one of them."""
+    for number in range(2, 6):
+        update(of(seen[f"kobuki{number}computer"].probe.members, ONE), loss=0.9)
+        update(of(seen[f"kobuki{number}computer"].multicast.udp, ONE), loss=0.4)
+
+
+def test_the_link_of_one_computer_and_not_the_network_loses_what_is_lost_there_alone():
+    """Most of the fleet's pings need the network and arrive, more than those that also need the link."""
+    (found,) = diagnosed(_flapping, plan(5)).findings
+    assert found.part[:3] == ("link", ONE, "loss") and not found.rivals
+
+
 def test_what_is_behind_a_gateway_that_is_off_was_not_examined():
     fleet = fig12()
     seen = observed(fleet)
