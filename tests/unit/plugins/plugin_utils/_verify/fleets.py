@@ -173,7 +173,7 @@ def network_part(fleet, own):
     return {
         "members": (SeenMember(own.computer, str(own.address), addresses=(str(own.address),)), *members),
         "default_routes": (DefaultRoute("eth0", gateway="192.168.1.254"),),
-        "forwarding": Forwarding(int(own.is_gateway or own.is_router), tuple(interfaces)),
+        "forwarding": Forwarding(int(own.is_gateway or own.is_router), tuple(interfaces), 0),
     }
 
 

@@ -61,6 +61,7 @@ def test_everything_is_good_between_three_robot_networks():
         "mtu",
         "reverse_path",
         "redirects",
+        "answers_pings",
         "packet_filter",
         "as_planned",
         "next_boot_sysctl",
