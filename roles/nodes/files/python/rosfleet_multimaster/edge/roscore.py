@@ -25,7 +25,7 @@ class Roscore:
         `last`: no values at all where the answer is that one. Raises OSError, ValueError or xmlrpc.client.Fault where the
         roscore does not answer at all.
         """
-        if len(calls) == 1:  # alone it costs two thirds of a multicall of one
+        if last is not None and len(calls) == 1:  # again and again: alone it costs two thirds of a multicall
             return self._ask_one(*calls[0], last=last)
         results = self.rpc.multicall([(call[0], self.caller, *call[1:]) for call in calls], last)
         return [_value(result) for result in results]
