@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import adopted
 import by_hand
+import pytest
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 OURS = "ls /etc/sysctl.d /etc/rosfleet-multimaster /usr/local/lib/rosfleet-multimaster 2>/dev/null | grep -c rosfleet"
