@@ -21,6 +21,7 @@ from .edge.addresses import networks
 from .edge.clock import monotonic, wall_clock
 from .edge.loop import Ended, InLoop, Loop, Recurring, Workers
 from .edge.roscore import Roscore
+from .edge.rpc_server import Ready
 from .edge.systemd import notify
 from .edge.udp import Datagram
 from .parts import own_roscore, program
@@ -89,7 +90,7 @@ class MasterDiscovery:
 
     def _wire(self, values: Dict[str, Any]) -> None:
         """Make the core and what is around it. There may be no network yet."""
-        self.changes = Told(self.own.current)
+        self.changes = Told(self.own.current, Ready)
         self.datagrams = Datagrams(values, self.loop, self.resolvers, self.limited, self.errors)
         self.roscore.ask(("setParam", "/mastername", self.own.name))
         self.datagrams.start()

@@ -9,7 +9,7 @@ import socketserver
 import threading
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple, Union
 
 from ..core.plain_text import LINE, plain
 from .clock import monotonic
@@ -41,6 +41,13 @@ class PerCaller:
 
 class Waiting(PerCaller):
     """A method that may take its time, where its second argument says so. Then the connection is kept for the next call."""
+
+
+class Ready:
+    """An answer as it is sent, packed: one that many ask for is written once."""
+
+    def __init__(self, value: Any) -> None:
+        self.packed = gzip.compress(_written(value), 1)
 
 
 class Callers(NamedTuple):
@@ -140,6 +147,12 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self.server_close()
 
 
+def _written(value: Any) -> bytes:
+    """An answer, or a fault, in XML."""
+    answer = value if isinstance(value, xmlrpc.client.Fault) else (value,)
+    return xmlrpc.client.dumps(answer, methodresponse=True, allow_none=True).encode("utf-8", "replace")
+
+
 def _help(method: Any) -> str:
     function = getattr(method, "method", method)
     return (getattr(getattr(function, "func", function), "__doc__", "") or "").strip()
@@ -164,15 +177,16 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(400)
             return
         try:
-            body = xmlrpc.client.dumps((self._call(name, arguments),), methodresponse=True, allow_none=True)
+            found = self._call(name, arguments)
+            body = found if isinstance(found, Ready) else _written(found)
         except Refused as refusal:
-            body = xmlrpc.client.dumps(xmlrpc.client.Fault(1, plain(refusal, LINE)), methodresponse=True)
+            body = _written(xmlrpc.client.Fault(1, plain(refusal, LINE)))
         except Exception as problem:
             _log.debug("%s failed", name, exc_info=True)
             text = plain(f"{name[:100]} failed: {type(problem).__name__}: {problem}")
             self.server.malformed(self.client_address[0], text)
-            body = xmlrpc.client.dumps(xmlrpc.client.Fault(1, text), methodresponse=True)
-        self._answer(body.encode("utf-8", "replace"))
+            body = _written(xmlrpc.client.Fault(1, text))
+        self._answer(body)
 
     def _request(self) -> Tuple[str, Tuple[Any, ...]]:
         length = int(self.headers["Content-Length"] or "")
@@ -199,13 +213,18 @@ class _Handler(BaseHTTPRequestHandler):
         except TypeError as problem:
             raise Refused(plain(f"{name}: {problem}")) from None
 
-    def _answer(self, body: bytes) -> None:
+    def _answer(self, body: Union[bytes, Ready]) -> None:
         self.protocol_version = "HTTP/1.1" if self._kept else "HTTP/1.0"
         self.close_connection = not self._kept
         self.send_response(200)
         self.send_header("Content-Type", "text/xml")
-        if len(body) > _COMPRESS and "gzip" in self.headers.get("Accept-Encoding", ""):
-            body = gzip.compress(body, 1)
+        packs = "gzip" in self.headers.get("Accept-Encoding", "")
+        if isinstance(body, Ready):
+            body, packed = (body.packed, True) if packs else (gzip.decompress(body.packed), False)
+        else:
+            packed = packs and len(body) > _COMPRESS
+            body = gzip.compress(body, 1) if packed else body
+        if packed:
             self.send_header("Content-Encoding", "gzip")
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()

@@ -117,7 +117,7 @@ class Served:
 
     def _differences(
         self, told: Told, caller: str, may_wait: bool, filters: Any, epoch: Any, revision: Any, wait: Any
-    ) -> List[Any]:
+    ) -> Any:
         """Tell the news since a revision: [epoch, revision, whole, document, gone, digest]. Waits for it, so many seconds at most."""
         if not isinstance(epoch, str) or not isinstance(revision, int) or not isinstance(wait, (int, float)):
             raise Refused(f"{DIFFERENCES} takes a filter, an epoch (text), a revision (number) and a wait (seconds)")

@@ -20,6 +20,7 @@ from ..edge.rpc_server import Refused
 LONGEST_WAIT = 60.0  # seconds
 MOST_FILTERS, MOST_TEXT = 512, 1 << 22  # filters that are remembered, and their characters
 FILTERS_PER_CALLER = 8
+MOST_READY = 8  # whole states that are kept as they are sent, packed
 
 Key = Tuple[str, str]  # caller, epoch
 
@@ -34,8 +35,8 @@ class Look(NamedTuple):
 class Told:
     """The answers to questions for differences. Asked in threads of the server, which wait here."""
 
-    def __init__(self, current: Callable[[], Any]) -> None:
-        """`current()` raises Refused while there is no state to tell."""
+    def __init__(self, current: Callable[[], Any], ready: Callable[[List[Any]], Any] = list) -> None:
+        """`current()` raises Refused while there is no state to tell. `ready(answer)`: a whole state as it is kept and sent."""
         self._current, self._start = current, os.urandom(6).hex()
         self._changed = threading.Condition()
         self._history = History()
@@ -45,6 +46,8 @@ class Told:
         self._own = 0  # revision of the last one
         self._filters: OrderedDict[Key, Tuple[Rules, int]] = OrderedDict()
         self._digests: Dict[Tuple[str, int], str] = {}  # of the present revision
+        self._ready, self._making = ready, threading.Lock()
+        self._wholes: OrderedDict[Tuple[int, Hashable], Any] = OrderedDict()  # by revision and rules
 
     def news(self, state: State, secret: Any) -> None:
         """Take the state and what is secret now, and wake who waits where either is another, and not only what is of others."""
@@ -82,7 +85,7 @@ class Told:
 
     def answer(
         self, caller: str, wanted: Rules, look: Callable[[], Look], known: str, revision: int, seconds: float
-    ) -> List[Any]:
+    ) -> Any:
         """[epoch, revision, whole, document, gone, digest]: as soon as something is new, or after these seconds.
 
         `look()` is asked again each time, since the rules for the caller may have changed.
@@ -101,7 +104,7 @@ class Told:
             found = told(state, undo, seeing.document) if epoch == known and undo is not None else None
             if found is None:
                 self._remember(caller, epoch, wanted)
-                return [epoch, now, True, seeing.document(state), [[], [], []], ""]
+                return self._whole(epoch, now, state, seeing)
             begun_at = state.local_stamp if begun_at is None else begun_at
             if found or asked < own or state.local_stamp != begun_at:
                 return [epoch, now, False, *found, ""]
@@ -109,6 +112,16 @@ class Told:
             if not self._wait(seen, until):
                 nothing = nothing_new(state, [stamp_text(state.stamp), stamp_text(state.local_stamp)])
                 return [epoch, now, False, *nothing, self._digest(epoch, now, state, seeing)]
+
+    def _whole(self, epoch: str, now: int, state: State, seeing: Look) -> Any:
+        """A whole state, made once for all who ask by the same rules: those of a fleet that meets ask all at once."""
+        key = (now, seeing.rules)
+        with self._making:
+            if key not in self._wholes:
+                while len(self._wholes) >= MOST_READY:
+                    self._wholes.popitem(last=False)
+                self._wholes[key] = self._ready([epoch, now, True, seeing.document(state), [[], [], []], ""])
+            return self._wholes[key]
 
     def _wait(self, seen: int, until: float) -> bool:
         """Wait for news; False where there are none until then."""
