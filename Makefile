@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup lab demo lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop checkout format house readme lock copies shipped
+.PHONY: help setup lab demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop checkout format house readme lock copies shipped
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -22,7 +22,10 @@ lab: setup ## build the images of the lab's computers
 demo: lab ## robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer or multi_computer)
 	@$(PYTHON) lab/demo.py --layout $(LAYOUT)
 
-lab-down: setup ## remove everything that the lab made: containers, networks, the image
+rehearse: lab ## your own inventory on real systems (INVENTORY=<folder>; FAULTS=no_forwarding,...; see docs/rehearse.md)
+	@$(PYTHON) lab/rehearse.py --inventory "$(INVENTORY)" --faults "$(FAULTS)" --suites "$(SUITES)" $(if $(OVERLAP),--overlap) $(if $(KEEP),--keep)
+
+lab-down: setup ## remove everything that the lab made: containers, networks, the image; also of a rehearsal
 	@$(PYTHON) lab/lab.py down --all
 
 test: lab ## every test

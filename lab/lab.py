@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -36,6 +37,13 @@ def _mount(text: str) -> tuple[str, str]:
     return name, mount
 
 
+def _name(text: str) -> str:
+    """A name of a lab. One with a dot is a rehearsal's (rehearsal.py), which may be shown or removed here."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*|rehearse\.[a-z0-9_]+", text):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a name of letters, digits, hyphens and underscores")
+    return text
+
+
 def _extras(options: argparse.Namespace) -> dict[str, Extra]:
     """What was asked for beyond the inventory, by host."""
     names = dict.fromkeys(name for name, _given in [*options.extra, *options.mount])
@@ -55,7 +63,9 @@ def _parser() -> argparse.ArgumentParser:
     def command(name: str, text: str, *, inventory: bool = False, lab: bool = True) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=text, description=text)
         if lab:
-            sub.add_argument("--name", metavar="LAB", default="demo", help="name of the lab (default: demo)")
+            sub.add_argument(
+                "--name", metavar="LAB", type=_name, default="demo", help="name of the lab (default: demo)"
+            )
         if inventory:
             sub.add_argument("--inventory", metavar="DIR", type=Path, required=True, help="the shipped inventory")
             sub.add_argument(

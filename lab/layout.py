@@ -70,16 +70,21 @@ def read_inventory(inventory: Path) -> dict[str, Any]:
     if not program:
         raise LabError("ansible-inventory was not found: run 'make setup' and use .work/venv/bin/python.")
     done = subprocess.run(
-        [program, "-i", str(inventory), "--list"], capture_output=True, text=True, check=False, env=_plain_environment()
+        [program, "-i", str(inventory), "--list"], capture_output=True, text=True, check=False, env=plain_environment()
     )
     if done.returncode:
         raise LabError(f"ansible-inventory cannot read {inventory}: {done.stderr.strip()}")
     return json.loads(done.stdout)
 
 
-def _plain_environment() -> dict[str, str]:
-    """Without an ANSIBLE_INVENTORY of the caller, whose hosts would come on top."""
-    return {name: value for name, value in os.environ.items() if name != "ANSIBLE_INVENTORY"}
+def plain_environment() -> dict[str, str]:
+    """Without an ANSIBLE_INVENTORY of the caller, whose hosts would come on top, and without passwords that no lab needs."""
+    passwords = ("ANSIBLE_VAULT_", "ANSIBLE_BECOME", "ANSIBLE_ASK_")
+    return {
+        name: value
+        for name, value in os.environ.items()
+        if name != "ANSIBLE_INVENTORY" and not name.startswith(passwords)
+    }
 
 
 def _hosts_below(listing: Mapping[str, Any], group: str) -> Iterator[str]:
@@ -157,7 +162,7 @@ def hosts_of(listing: Mapping[str, Any], extras: Mapping[str, Extra] | None = No
 
     # The report's common network has a router at its first address. The lab's may have nobody there; what counts is the
     # default route, without which no multicast leaves a computer.
-    gateways = {common: str(common[1])}
+    gateways = {common: variables[robots[0]].get("multimaster_router") or str(common[1])}
     gateways.update({port.network: str(port.ip) for name in routers for port in addresses.ports(name)})
     return [
         Host(

@@ -279,6 +279,7 @@ SUITES = [
         labs=(
             *("long-links", "long-fuzz", "long-alone", "long-hostile", "long-strangers", "long-roscore", "long-soak"),
             *("long-firewall", "long-firewall-broken-off", "long-gateways", "long-watch", "long-adopt"),
+            *("long-seeded", "rehearse.long"),
         ),
         limit=LONG_LIMIT,
     ),
