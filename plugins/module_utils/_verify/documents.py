@@ -36,6 +36,10 @@ class TooLarge(ValueError):
     """A document that costs more than is taken; its text says which limit was hit."""
 
 
+_is_ascii: typing.Callable[[str], bool] = getattr(str, "isascii", lambda text: max(text) < "\x80")  # Python 3.7
+_start, _end = xmlrpc.client.Unmarshaller.start, xmlrpc.client.Unmarshaller.end
+
+
 class _Reader(xmlrpc.client.Unmarshaller):
     """Makes values of a document, as long as it is neither deep nor dear."""
 
@@ -44,34 +48,43 @@ class _Reader(xmlrpc.client.Unmarshaller):
         self._depth, self._left, self._size, self._wide = 0, dear, 0, False
         self._most = dear
 
+    # These three are called for each element, of which a state has thousands: they call as little as can be.
+
     def start(self, tag: str, attrs: typing.Dict[str, str]) -> None:
         self._depth, self._size, self._wide = self._depth + 1, 0, False
         if self._depth > _NESTING:
             raise ValueError(f"more than {_NESTING} elements within each other")
-        self._pay(_ELEMENT + (_STRUCT if tag == "struct" else 0))
-        xmlrpc.client.Unmarshaller.start(self, tag, attrs)
+        self._left -= _ELEMENT + _STRUCT if tag == "struct" else _ELEMENT
+        if self._left < 0:
+            self._refuse()
+        _start(self, tag, attrs)
 
     def data(self, text: str) -> None:
-        if not self._wide and max(text) > "\uffff":
-            self._wide = True  # one such character makes all of a text wide
-            self._pay(3 * self._size)
-        self._size += len(text)
-        self._pay(len(text) * (4 if self._wide else 1))
+        cost = len(text)
+        self._size += cost
+        if not _is_ascii(text):
+            if not self._wide and max(text) > "\uffff":
+                self._wide = True  # one such character makes all of a text wide
+                cost += 3 * (self._size - cost)
+            cost += 3 * len(text) if self._wide else 0
+        elif self._wide:
+            cost *= 4
+        self._left -= cost
+        if self._left < 0:
+            self._refuse()
         if self._size > _TEXT:
             raise ValueError(f"a text of more than {_TEXT} bytes")
-        xmlrpc.client.Unmarshaller.data(self, text)
+        self._data.append(text)
 
     def end(self, tag: str) -> None:
         self._depth -= 1
         if self._size > _NUMBER and tag.split(":")[-1] in _NUMBERS:
             raise ValueError(f"a number of more than {_NUMBER} digits")
-        xmlrpc.client.Unmarshaller.end(self, tag)
+        _end(self, tag)
         self._size = 0
 
-    def _pay(self, cost: int) -> None:
-        self._left -= cost
-        if self._left < 0:
-            raise TooLarge(f"its values take more than {self._most >> 20} MiB of memory")
+    def _refuse(self) -> None:
+        raise TooLarge(f"its values take more than {self._most >> 20} MiB of memory")
 
 
 def _no_document_type(*_declaration: typing.Any) -> None:

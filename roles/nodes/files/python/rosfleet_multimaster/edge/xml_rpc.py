@@ -36,6 +36,7 @@ class TooLarge(ValueError):
     """A document that costs more than is taken; its text says which limit was hit."""
 
 
+_is_ascii: typing.Callable[[str], bool] = getattr(str, "isascii", lambda text: max(text) < "\x80")  # Python 3.7
 _start, _end = xmlrpc.client.Unmarshaller.start, xmlrpc.client.Unmarshaller.end
 
 
@@ -61,7 +62,7 @@ class _Reader(xmlrpc.client.Unmarshaller):
     def data(self, text: str) -> None:
         cost = len(text)
         self._size += cost
-        if not text.isascii():
+        if not _is_ascii(text):
             if not self._wide and max(text) > "\uffff":
                 self._wide = True  # one such character makes all of a text wide
                 cost += 3 * (self._size - cost)
