@@ -97,6 +97,7 @@ msg:
 """
 
 from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import asked_for
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.run import carry_out
 

@@ -962,6 +962,7 @@ problems:
 import typing
 
 from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import (
     commands,
