@@ -309,6 +309,7 @@ members:
       ping_large: {ok: true, rtt_ms: 0.5, error: ""}
       loss: 0.0
       tcp: ""
+      silent: false
       neighbour: 02:42:c0:a8:01:ef
       neighbour_fixed: false
       user_addresses: [192.168.1.239]
@@ -402,6 +403,38 @@ members:
           returned: always
           type: str
           sample: ""
+    discovery_route:
+      description:
+        - The route to RV(members[].name)'s O(members[].discovery_address), as RV(members[].route); null where that is its address.
+      returned: for every other computer
+      type: dict
+      sample: {device: eth0, source: 192.168.1.229, gateway: null, metric: null, error: ""}
+      contains:
+        device:
+          description: The interface, or null without a route.
+          returned: always
+          type: str
+          sample: eth0
+        source:
+          description: The address from which packets leave, or null without a route.
+          returned: always
+          type: str
+          sample: 192.168.1.229
+        gateway:
+          description: The next hop, or null in the own network.
+          returned: always
+          type: str
+          sample: 192.168.1.201
+        metric:
+          description: The metric of the route, or null where it has none.
+          returned: where there is a route
+          type: str
+          sample: "100"
+        error:
+          description: The kernel's words where there is no route, or empty.
+          returned: always
+          type: str
+          sample: ""
     ping_large:
       description:
         - The same for packets to the planned address that are as large as this computer's interface allows, 1500 bytes at
@@ -440,6 +473,13 @@ members:
       returned: for every other computer
       type: str
       sample: ""
+    silent:
+      description:
+        - Whether no ping was answered, and within 3.5 seconds nobody on the way told why, neither this computer's kernel nor
+          a gateway. Where nobody has the next address on the way, they would.
+      returned: for every other computer
+      type: bool
+      sample: false
     user_addresses:
       description: The IPv4 addresses that its name has for the user C(nobody), or null where that was not looked up.
       returned: always
@@ -456,6 +496,32 @@ members:
       returned: for every other computer
       type: str
       sample: 02:42:c0:a8:01:ef
+claims:
+  description:
+    - Who answers for an address on the networks of this computer, asked by ARP without an address of its own, so that it
+      changes nothing. The own addresses, for which nobody else is to answer, and those of O(members) and of gateways, for
+      which one computer is. Empty where the kernel does not allow it, and without an interface of Ethernet.
+  returned: when O(state=collected)
+  type: list
+  elements: dict
+  sample: [{address: 192.168.1.239, interface: eth0, macs: ["02:42:c0:a8:01:ef"]}]
+  contains:
+    address:
+      description: The address that was asked for.
+      returned: always
+      type: str
+      sample: 192.168.1.239
+    interface:
+      description: The interface by which was asked.
+      returned: always
+      type: str
+      sample: eth0
+    macs:
+      description: The hardware addresses of all who answered; of the own address nobody is to answer.
+      returned: always
+      type: list
+      elements: str
+      sample: ["02:42:c0:a8:01:ef"]
 name_sources:
   description: Who is asked for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf) says it. Empty where it says nothing.
   returned: when O(state=collected), but not for the router
@@ -506,6 +572,8 @@ forwarding:
         mtu: 1500
         mac: '02:42:c0:a8:01:c9'
         state: up
+        carrier_changes: 2
+        last: ""
   contains:
     ip_forward:
       description: C(net.ipv4.ip_forward), or null where it cannot be read.
@@ -532,6 +600,8 @@ forwarding:
           mtu: 1500
           mac: '02:42:c0:a8:01:c9'
           state: up
+          carrier_changes: 2
+          last: ""
       contains:
         interface:
           description: The interface.
@@ -580,6 +650,16 @@ forwarding:
           returned: always
           type: str
           sample: up
+        carrier_changes:
+          description: How often its link came or went since the interface is there, or null where the kernel does not count.
+          returned: always
+          type: int
+          sample: 2
+        last:
+          description: Of an interface that is down, the last line of the journal about its link, with its time, or empty.
+          returned: always
+          type: str
+          sample: "2026-11-22T09:12:44+0000 kobuki2computer kernel: eth0: Link is Down"
 masters:
   description: The discovery node of every master.
   returned: when O(state=collected)
@@ -1087,20 +1167,32 @@ disks:
       returned: always
       type: int
       sample: 300000
-name_files:
-  description: When the files were changed by which names are looked up.
+changes:
+  description:
+    - When this computer was changed last, as far as its files and its services tell it. What a kernel was told by hand has
+      no time of its own; it is after the last start.
   returned: when O(state=collected)
   type: list
   elements: dict
-  sample: [{path: /etc/hosts, when: 2026-11-22 09:12:44 UTC}]
+  sample: [{about: names, what: /etc/hosts, how: was changed, when: 2026-11-22 09:12:44 UTC}]
   contains:
-    path:
-      description: The file.
+    about:
+      description: What it decides, V(names), V(settings) of the kernel, V(network), V(filter), or V(start) of the computer.
+      returned: always
+      type: str
+      sample: names
+    what:
+      description: The file, the service, or the computer.
       returned: always
       type: str
       sample: /etc/hosts
+    how:
+      description: V(was changed) or V(was started).
+      returned: always
+      type: str
+      sample: was changed
     when:
-      description: When its content was changed.
+      description: The time, of a service as systemd writes it.
       returned: always
       type: str
       sample: 2026-11-22 09:12:44 UTC
@@ -1256,6 +1348,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._boot import 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
+    changes,
+    claims,
     exchange,
     masters,
     multicast,
@@ -1312,6 +1406,14 @@ def look_members(params: Params, ros: Ros, deadline: float) -> typing.List[Resul
     return network.members(tried(params), params["name"], not params["is_router"])
 
 
+def look_claims(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    """Ask who has the own addresses, and those of the others on the same networks."""
+    others = [member for member in tried(params) if member["name"] != params["name"]]
+    return claims.claims(
+        address for member in others for address in (member["address"], member["discovery_address"]) if address
+    )
+
+
 def look_masters(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
     """Look at the discovery nodes of all masters; only those of computers that take part are waited for."""
     awaited = present(params)
@@ -1361,6 +1463,7 @@ def look_multicast(params: Params, ros: Ros, deadline: float) -> typing.Optional
 PARTS = (
     Part("multicast", look_multicast, None, commands=True),  # first: it waits most
     Part("members", look_members, [], router=True),
+    Part("claims", look_claims, [], router=True),
     Part("name_sources", lambda params, ros, deadline: network.name_sources(), []),
     Part("default_routes", lambda params, ros, deadline: network.default_routes(), [], router=True),
     Part(
@@ -1392,7 +1495,7 @@ PARTS = (
         settled=True,
     ),
     Part("clock", lambda params, ros, deadline: resources.clock(), {"synchronised": None}),
-    Part("name_files", lambda params, ros, deadline: resources.changed(), []),
+    Part("changes", lambda params, ros, deadline: changes.changes(), [], router=True),
     Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], router=True),
     Part("ros_missing", lambda params, ros, deadline: ros.missing(), "not looked at"),
     Part("next_boot", look_next_boot, [], router=True),

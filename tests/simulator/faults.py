@@ -123,6 +123,16 @@ def link(choose=links, **fields):
     return inject
 
 
+def losing(state, random):
+    """A link that loses a third more than it does."""
+    names = links(state)
+    if not names:
+        return None
+    name = random.choice(names)
+    before = state.world.links[name]
+    return replace(state, world=state.world.with_link(replace(before, loss=1 - (1 - before.loss) * 0.7))), name
+
+
 # Interfaces
 
 
@@ -266,17 +276,16 @@ def rule(chain, protocol="", **fields):
 
 def _ports(state, one, which):
     """The ports of a word: those of discovery, of its RPC, of the roscore or of nodes."""
+    if which is None:
+        return 0, 65535
     plan = state.fleet.computers[one.name]
     rpc = [master.rpc_port for master in state.fleet.masters if master.computer == one.name]
     port = {
-        None: 0,
         "nodes": NODE_PORTS,
         "udp": state.fleet.multicast_port,
         "rpc": rpc[0] if rpc else None,
         "roscore": plan.roscore_port,
     }[which]
-    if port == 0:
-        return 0, 65535
     return port if isinstance(port, tuple) or port is None else (port, port)
 
 
@@ -315,6 +324,14 @@ def service_down(state, random, one):
     return replace(state, down={**state.down, one.name: (random.choice(services),)}) if services else None
 
 
+def group_not_passed_on(state, random, one):
+    """The service that passes the group on between the networks of a gateway does not run."""
+    if not one.groups:
+        return None
+    down = {**state.down, one.name: (*state.down.get(one.name, ()), "multicast-routing")}
+    return replace(state.with_machine(replace(one, groups=frozenset())), down=down)
+
+
 def without_login(state, random, one):
     return replace(state, shut=state.shut | {one.name})
 
@@ -329,7 +346,10 @@ def full(state, random, one):
 
 def clock(state, random, one):
     """Its time server is gone, and it runs away."""
-    return replace(state.with_machine(replace(one, clock=2.0)), undisciplined=state.undisciplined | {one.name})
+    return replace(
+        state.with_machine(replace(one, clock=random.choice((2.0, -2.0)))),
+        undisciplined=state.undisciplined | {one.name},
+    )
 
 
 def switched_off(state, random):
@@ -442,7 +462,7 @@ FAULTS = (
     Fault("clients kept apart", link(apart=True), (("network", "dead"),)),
     Fault("group pruned", pruned, (("network", "multicast"),)),
     Fault("large packets lost", link(largest=1000), (("network", "large"),)),
-    Fault("a third lost", link(loss=0.3), (("network", "loss"),)),
+    Fault("a third lost", losing, (("network", "loss"),)),
     Fault("a third lost at a computer", on(computers, lossy), (("link", "loss"),)),
     Fault("clock off", on(masters, clock), (("clock", "off"),)),
     Fault("environment not the file's", on(masters, differing), (("environment", "service"),)),
@@ -473,6 +493,7 @@ FAULTS = (
     Fault("names for root alone", on(computers, hidden), (("names", "rights"),)),
     Fault("disk full", on(computers, full), (("computer", "disk"),)),
     Fault("a service down", on(computers, service_down), (("service", "down"),)),
+    Fault("group not passed on", on(gateways, group_not_passed_on), (("service", "down"),)),
     Fault("ghosts", on(masters, ghost), (("registration", "ghost"),)),
     Fault("node names twice", twin, (("registration", "twin"),)),
     Fault("other message definitions", definitions, (("messages", "differ"),)),

@@ -54,7 +54,13 @@ class Network:
 
     def chance(self, *key):
         """A number from 0 to 1, the same for the same key."""
-        return zlib.crc32(f"{self.seed} {key}".encode()) / 2**32
+        number = zlib.crc32(f"{self.seed} {key}".encode())
+        for shift, factor in (
+            (16, 0x85EBCA6B),
+            (13, 0xC2B2AE35),
+        ):  # a checksum of similar texts is similar; this is MurmurHash3's end
+            number = (number ^ number >> shift) * factor & 0xFFFFFFFF
+        return (number ^ number >> 16) / 2**32
 
     # Names
 
@@ -112,6 +118,11 @@ class Network:
                 entry = replace(
                     entry,
                     route=self.route(computer, member.address),
+                    discovery_route=(
+                        self.route(computer, member.discovery_address)
+                        if member.discovery_address not in (None, member.address)
+                        else None
+                    ),
                     ping_address=self.ping(computer, member.address),
                     ping_name=self.ping(computer, addresses[0]) if addresses else unknown,
                 )
@@ -123,16 +134,40 @@ class Network:
         """What only a closer look shows: whether large packets arrive, and the neighbour's hardware address."""
         there = self.echo(computer, Packet("icmp", address, size=28)).there
         near = entry.route.gateway is None and there.by != computer
-        found = {"neighbour": self.mac(there.by, there.device) if near else ""}
+        way = self.echo(computer, Packet("icmp", address, size=28))
+        lost = way.loss(self.world) if way.ok else 1.0
+        missed = sum(self.chance("more", computer, address, n) < lost for n in range(PROBES))
+        found = {"neighbour": self.mac(there.by, there.device) if near else "", "loss": round(missed / PROBES, 3)}
         if entry.ping_address.ok:
-            lost = self.echo(computer, Packet("icmp", address, size=28)).loss(self.world)
-            missed = sum(self.chance("more", computer, address, n) < lost for n in range(PROBES))
-            found["loss"] = round(missed / PROBES, 3)
             found["ping_large"] = self.large(computer, address, entry.route.device)
         else:
             error, _machine = self.connect(computer, address, UNUSED)
             found["tcp"] = "refused" if error == "Connection refused" else error
+            found["silent"] = not way.ok and entry.ping_address.error.startswith("no answer")
         return found
+
+    def claims(self, computer):
+        """Who answers for the addresses of the fleet on the networks of a computer, and for its own."""
+        found = []
+        known = [
+            address for plan in self.fleet.computers.values() for address in (entry.address for entry in plan.networks)
+        ]
+        known += [
+            address for gateway in self.fleet.gateways.values() for address in (gateway.address, gateway.common_address)
+        ]
+        for interface in self.world.machines[computer].interfaces:
+            link = self.world.links.get(interface.link)
+            if not interface.up or link is None:
+                continue
+            own = [entry.ip for entry in interface.addresses]
+            near = (address for address in known if any(address in entry.network for entry in interface.addresses))
+            for address in dict.fromkeys([*own, *near]):
+                there = [] if link.apart or not link.up else self.world.holders(interface.link, address)
+                macs = [
+                    self.mac(one.name, its.name) for one, its in there if one.name != computer and one.on and its.up
+                ]
+                found.append(seen.Claim(str(address), interface.name, tuple(macs)))
+        return tuple(found)
 
     def large(self, computer, address, device):
         """Whether a packet as large as the own interface takes arrives; a router that says what fits is as good."""

@@ -51,6 +51,7 @@ def _filter(state, name):
 def _network(network, name, by_name):
     return {
         "members": network.members_seen(name, by_name),
+        "claims": network.claims(name),
         "default_routes": network.default_routes(name),
         "forwarding": network.forwarding(name),
     }
@@ -83,10 +84,14 @@ def _probe(state, network, ros, name, started):
         parameters=ros.parameters(name) if plan.is_master else seen.NodeParameters(),
         clock=seen.Clock(name not in state.undisciplined),
         disks=(seen.Disk("/var/log", 0 if name in state.full else 10**9, 10**6),),
-        services=tuple(_service(state, name, service) for service in plan.services),
+        services=tuple(_service(state, name, service) for service in _services(plan)),
         talker=seen.Talker(talks, "" if talks else missing or "ERROR: Unable to communicate with master!"),
         ros_missing=missing,
     )
+
+
+def _services(plan):
+    return (*plan.services, *(("multicast-routing",) if plan.multicast_routing else ()))
 
 
 def _service(state, name, service):

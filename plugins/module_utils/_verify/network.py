@@ -19,13 +19,17 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.changes import carrier
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import TOO_LARGE, echo, echo_request
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
 ANSWER = 1.0  # seconds that an echo reply may take
+TOLD = 3.5  # seconds until a kernel that passes packets on has told their sender that nobody has the next address (3, arp(7))
 COUNTED, PACE = 20, 0.025  # echo requests in a row, and the seconds between two of them
 MOST_COUNTED = 32  # computers to which they are sent
+NO_ANSWER = "no answer"
+DOWN = ("down", "lowerlayerdown", "notpresent", "dormant")  # operational states of RFC 2863 in which nothing passes
 UNUSED = 9  # a TCP port that nobody uses: discard (RFC 863)
 PERMANENT = 0x4  # the flag of a neighbour that somebody has set (ATF_PERM)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
@@ -75,16 +79,10 @@ def members(
             asked += [member["address"]] + addresses[:1]
     pings = ping(asked)
     strange = [entry for entry in found if entry["name"] != own]
-    routes = concurrently(
-        lambda entry: machine.route_to(entry["address"]),
-        strange,
-        15.0,
-        lambda entry: machine.RouteTo(entry["address"], error="ip gave no answer"),
-    )
-    for entry, route in zip(strange, routes):
+    _add_routes(strange, {member["name"]: member.get("discovery_address") or "" for member in others})
+    for entry in strange:
         unknown = {"ok": False, "rtt_ms": None, "error": "the name has no address"}
         entry.update(
-            route=route_to_plain(route),
             ping_address=pings[entry["address"]],
             ping_name=pings[entry["addresses"][0]] if entry["addresses"] else unknown,
         )
@@ -92,8 +90,20 @@ def members(
     return found
 
 
+def _add_routes(strange: typing.List[typing.Dict[str, typing.Any]], second: typing.Dict[str, str]) -> None:
+    """Add the route to each computer, and to the second address of those that have one."""
+    asked = [address for entry in strange for address in (entry["address"], second[entry["name"]]) if address]
+    routes = concurrently(
+        machine.route_to, asked, 15.0, lambda address: machine.RouteTo(address, error="ip gave no answer")
+    )
+    found = {address: route_to_plain(route) for address, route in zip(asked, routes)}
+    for entry in strange:
+        address, other = entry["address"], second[entry["name"]]
+        entry.update(route=found[address], discovery_route=found[other] if other not in ("", address) else None)
+
+
 def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
-    """Add what only those show that have answered: whether large packets arrive, and at which hardware address they are."""
+    """Add whether large packets arrive, how many are lost, at which hardware address who is, and why somebody is silent."""
     mtus = {interface.name: interface.mtu for interface in machine.interfaces()}
     sizes = {
         entry["address"]: min(mtus.get(entry["route"]["device"]) or LARGEST, LARGEST)
@@ -102,14 +112,26 @@ def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
     }
     large = ping(sizes, sizes=sizes)
     known = neighbours()
-    lost = losses(some(list(sizes)))
+    lost = losses(some([entry["address"] for entry in answered]))
     silent = [entry["address"] for entry in answered if entry["address"] not in sizes]
     tcp = dict(zip(silent, concurrently(unused_port, silent, 10.0, lambda address: "no answer")))
+    late = ping(silent, tries=1, answer=TOLD)
     for entry in answered:
         address = entry["address"]
         hardware, fixed = known.get(address, ("", False))
         entry.update(ping_large=large.get(address), neighbour=hardware, neighbour_fixed=fixed)
-        entry.update(loss=lost.get(address), tcp=tcp.get(address, ""))
+        entry.update(loss=lost.get(address), tcp=tcp.get(address, ""), silent=False)
+        if address in late:
+            _add_late(entry, late[address])
+
+
+def _add_late(entry: typing.Dict[str, typing.Any], late: typing.Dict[str, typing.Any]) -> None:
+    """Add what came only after a while: an answer, or somebody who says why there is none. Or nothing at all came."""
+    before = entry["ping_address"]["error"]
+    said = not late["ok"] and not late["error"].startswith(NO_ANSWER)
+    if said and before.startswith(NO_ANSWER):
+        entry["ping_address"]["error"] = late["error"]
+    entry["silent"] = not (late["ok"] or said) and before.startswith(NO_ANSWER)
 
 
 def some(addresses: typing.List[str]) -> typing.List[str]:
@@ -118,7 +140,7 @@ def some(addresses: typing.List[str]) -> typing.List[str]:
 
 
 def losses(addresses: typing.Sequence[str]) -> typing.Dict[str, float]:
-    """Send ICMP echo requests in a row to addresses that answer, and return the share of each that has no answer."""
+    """Send ICMP echo requests in a row to addresses, and return the share of each that has no answer."""
     got: typing.Dict[str, typing.Set[int]] = {address: set() for address in addresses}
     if not addresses:
         return {}
@@ -237,7 +259,7 @@ def ping(
         _ask(link, results, tries, answer, sizes or {})
     for entry in results.values():
         if not entry["ok"]:
-            entry["error"] = entry["error"] or f"no answer to {tries} requests"
+            entry["error"] = entry["error"] or f"{NO_ANSWER} to {tries} requests"
     return results
 
 
@@ -317,24 +339,32 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
 
     found = []
     for interface in machine.interfaces():
-        addresses = [entry.address for entry in interface.addresses if entry.family == "inet"]
+        name, addresses = interface.name, [entry for entry in interface.addresses if entry.family == "inet"]
         if addresses and not interface.loopback:
-            name = interface.name
-            found.append(
-                {
-                    "interface": name,
-                    "addresses": addresses,
-                    "forwarding": value("conf", name, "forwarding"),
-                    "rp_filter": larger(name, "rp_filter"),
-                    "send_redirects": larger(name, "send_redirects"),
-                    "prefixes": [entry.prefix for entry in interface.addresses if entry.family == "inet"],
-                    "mtu": interface.mtu or None,
-                    "mac": text(f"/sys/class/net/{name}/address").strip(),
-                    "state": text(f"/sys/class/net/{name}/operstate").strip(),
-                }
-            )
-    settings = {name: value(name) for name in ("ip_forward", "icmp_echo_ignore_all")}
-    return {**settings, "interfaces": found}
+            settings = {
+                "forwarding": value("conf", name, "forwarding"),
+                "rp_filter": larger(name, "rp_filter"),
+                "send_redirects": larger(name, "send_redirects"),
+            }
+            places = {"addresses": [one.address for one in addresses], "prefixes": [one.prefix for one in addresses]}
+            found.append(dict(link_of(name), interface=name, mtu=interface.mtu or None, **settings, **places))
+    switches = {name: value(name) for name in ("ip_forward", "icmp_echo_ignore_all")}
+    return {**switches, "interfaces": found}
+
+
+def link_of(interface: str) -> typing.Dict[str, typing.Any]:
+    """Read what the kernel tells of the link of an interface; of one that is down also what the journal says last."""
+
+    def read(name: str) -> str:
+        return text(f"/sys/class/net/{interface}/{name}").strip()
+
+    state, count = read("operstate"), read("carrier_changes")
+    return {
+        "mac": read("address"),
+        "state": state,
+        "carrier_changes": int(count) if count.isdigit() else None,
+        "last": carrier(interface) if state in DOWN else "",
+    }
 
 
 def call(addresses: typing.Sequence[str], port: int) -> str:

@@ -5,14 +5,12 @@
 
 import ctypes
 import os
-import time
 import typing
 
 UNSYNCHRONISED = 5  # TIME_ERROR of adjtimex(2)
 TIMEX = 1024  # bytes, more than struct timex has anywhere; all zero, it only asks
 # Where programs of ROS and services write, beside the state of the services themselves.
 FOLDERS = ("/var/lib", "/var/log", "/tmp", "/run")
-FILES = ("/etc/hosts", "/etc/nsswitch.conf")
 STATE = "/var/lib/private/multimaster-{}"
 
 
@@ -23,18 +21,6 @@ def clock() -> typing.Dict[str, typing.Optional[bool]]:
     except (OSError, AttributeError):  # no such function in this C library
         return {"synchronised": None}
     return {"synchronised": None if state < 0 else state != UNSYNCHRONISED}
-
-
-def changed(paths: typing.Sequence[str] = FILES) -> typing.List[typing.Dict[str, str]]:
-    """Tell when files by which names are looked up were changed."""
-    found = []
-    for path in paths:
-        try:
-            when = time.gmtime(os.stat(path).st_mtime)
-        except OSError:
-            continue
-        found.append({"path": path, "when": time.strftime("%Y-%m-%d %H:%M:%S UTC", when)})
-    return found
 
 
 def disks(

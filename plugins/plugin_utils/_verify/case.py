@@ -76,6 +76,11 @@ class Participant:
         )
 
     @property
+    def services(self) -> tuple[str, ...]:
+        """The services that are to run, with the one of a gateway that passes the group on."""
+        return (*self.plan.services, *(("multicast-routing",) if self.plan.multicast_routing else ()))
+
+    @property
     def without_ros(self) -> bool:
         """True for the router, and for a second computer of a robot without ROS; a master's computer needs ROS."""
         return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))

@@ -45,9 +45,8 @@ def _way(case: Case, one: str, other: str) -> Parts:
     parts = set(of("filter", both(one, other), "pair"))
     for computer in (one, other):
         parts |= of("computer", computer, "off") | of("interface", computer, "address", "prefix")
+    parts |= duplicates(case, one, other)
     for asks, answers in pairwise(dict.fromkeys(place for place, _network in links(case, one, other))):
-        # of two that have an address, chance says which one a neighbour gets
-        parts |= of("interface", answers, "duplicate", what=asks) | of("interface", asks, "duplicate", what=answers)
         parts |= of("neighbour", asks, "fixed", what=answers) | of("neighbour", answers, "fixed", what=asks)
     for place, network in links(case, one, other):
         parts |= of("link", place, "down", what=network) | of("network", network, "dead")
@@ -55,6 +54,17 @@ def _way(case: Case, one: str, other: str) -> Parts:
         parts |= of("computer", gateway, "off") | of("forwarding", gateway, "off") | of("filter", gateway, "forward")
         parts |= of("reverse_path", gateway, "strict")
     return frozenset(parts | _routes(case, one, other))
+
+
+def duplicates(case: Case, one: str, other: str) -> Parts:
+    """List the addresses on the way that somebody else may have, too. Of two, chance says which one a neighbour gets."""
+    pairs = pairwise(dict.fromkeys(place for place, _network in links(case, one, other)))
+    return joined(
+        of("interface", place, "duplicate", what=what)
+        for asks, answers in pairs
+        for place, other_one in ((answers, asks), (asks, answers))
+        for what in (other_one, "")
+    )
 
 
 def _routes(case: Case, one: str, other: str) -> Parts:
@@ -143,6 +153,23 @@ def large(case: Case, one: str, other: str) -> Parts:
     return frozenset(parts)
 
 
+def asked_for(case: Case, one: str, other: str) -> Parts:
+    """List what stands between two computers where nobody answers the question who has the next address on the way.
+
+    Whoever passes packets on tells that to their sender ("host unreachable"); of devices of another make nobody knows it.
+    """
+    parts: set[Part] = set()
+    for (place, network), (following, beyond) in pairwise(links(case, one, other)):
+        if network == beyond and place in case.fleet.computers:
+            parts |= (
+                of("computer", following, "off")
+                | of("network", network, "dead")
+                | of("interface", following, "address")
+            )
+            parts |= of("link", place, "down", what=network) | of("link", following, "down", what=network)
+    return frozenset(parts)
+
+
 def losing(case: Case, one: str, other: str) -> Parts:
     """List the parts that lose some packets on the way."""
     parts: set[Part] = set()
@@ -157,6 +184,22 @@ def translated(case: Case, one: str, other: str) -> Parts:
     return joined(
         of("translation", place, "on", what=network) for (before, _came), (place, network) in crossed if before == place
     )
+
+
+def translating(case: Case, one: str, other: str) -> Parts:
+    """List those of them that may really have: their address has called the other end, as far as that has listened."""
+    hearer = case.run.get(other)
+    heard = hearer.seen.multicast if hearer else None
+    parts = translated(case, one, other)
+    if hearer is None or heard is None or not heard.udp:
+        return parts
+    return frozenset(part for part in parts if _leaves_from(case, part) & hearer.callers)
+
+
+def _leaves_from(case: Case, part: Part) -> frozenset[str]:
+    """Return the address of a gateway on the network by which it translates."""
+    found = (gateway for gateway in case.ways.gateways.values() if gateway.title == part.place)
+    return frozenset(str(one.common_address if part.what == COMMON else one.address) for one in found)
 
 
 def passes(one: str, other: str, *whats: str) -> Parts:
@@ -175,11 +218,19 @@ def multicast(case: Case, hearer: str, speaker: str) -> Parts:
     parts |= of("interface", hearer, "multicast") | of("interface", speaker, "multicast")
     for place, network in links(case, speaker, hearer):
         parts |= of("link", place, "down", what=network) | of("network", network, "dead", "multicast")
-    for gateway in gateways(case, speaker, hearer):
-        parts |= of("computer", gateway, "off") | of(
-            "service", gateway, "down", what="multimaster-multicast-routing.service"
-        )
-    return frozenset(parts | of("computer", speaker, "off") | of("filter", both(hearer, speaker), "pair"))
+    for gateway in _passing_on(case, hearer, speaker):
+        parts |= of("computer", gateway, "off") | of("filter", gateway, "forward")
+        parts |= of("service", gateway, "down", what="multimaster-multicast-routing.service")
+    sends = of("computer", speaker, "off") | of("interface", speaker, "address")
+    return frozenset(parts | sends | of("filter", both(hearer, speaker), "pair"))
+
+
+def _passing_on(case: Case, one: str, other: str) -> list[str]:
+    """List who passes the group on between two computers: a gateway also what it says itself, or hears, on its other side."""
+    found = gateways(case, one, other)
+    if not found and _robot(case, one) == _robot(case, other):
+        return [place for place in (one, other) if (plan := case.fleet.computers.get(place)) and plan.multicast_routing]
+    return found
 
 
 # Names, and ROS on a computer
@@ -230,12 +281,13 @@ def heartbeats(case: Case, own: str, its: str) -> Parts:
     """
     if own == its:
         return NONE
-    translating = translated(case, its, own)
+    changed = translating(case, its, own)
     if _arrive(case, its, own):
-        return translating | of("interface", own, "multicast") | of("interface", its, "multicast")
+        return changed | of("interface", own, "multicast") | of("interface", its, "multicast")
     members = [case.ways.members.get(name) for name in (own, its)]
-    together = all(member is not None and member.multicast for member in members)
-    return passes(its, own, "udp", "group") | translating | (multicast(case, own, its) if together else NONE)
+    grouped = case.fleet.transport != "unicast" and all(member is not None and member.multicast for member in members)
+    to_itself = passes(its, own, "udp") | changed
+    return to_itself | passes(its, own, "group") | multicast(case, own, its) if grouped else to_itself
 
 
 def _arrive(case: Case, sender: str, hearer: str) -> bool:

@@ -57,6 +57,7 @@ class SeenMember:
     addresses: tuple[str, ...] = ()
     resolve_error: str = ""
     route: Route | None = None
+    discovery_route: Route | None = None  # to its other address, at which its discovery node is; None without one
     ping_address: Ping | None = None
     ping_name: Ping | None = None
     ping_large: Ping | None = None  # as large as the observer's interface allows; None where no small one was answered
@@ -66,6 +67,16 @@ class SeenMember:
     user_addresses: tuple[str, ...] | None = None
     loss: float | None = None  # the share of further small ones without an answer, 0 to 1; None where none were sent
     tcp: str = ""  # where no ping was answered: what a port that nobody uses says, "refused" or why not
+    silent: bool = False  # no ping was answered, and nobody on the way said why, though that was waited for
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Who answers for an address on a network of the computer: the hardware addresses of all but the computer itself."""
+
+    address: str
+    interface: str = ""
+    macs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -81,6 +92,8 @@ class ForwardingInterface:
     mtu: int | None = None
     mac: str = ""
     state: str = ""  # the kernel's operational state: up, down, unknown and so on
+    carrier_changes: int | None = None  # how often its link came or went
+    last: str = ""  # where it is down: the last line of the journal about its link
 
 
 @dataclass(frozen=True)
@@ -266,9 +279,11 @@ class Clock:
 
 @dataclass(frozen=True)
 class Changed:
-    """A file of the system, and when its content was changed."""
+    """Something that was changed or started, and when."""
 
-    path: str
+    about: str  # names, settings, network, filter or start
+    what: str  # a file, a service or the computer
+    how: str = "was changed"
     when: str = ""
 
 
@@ -320,6 +335,7 @@ class Probe:
 
     members: tuple[SeenMember, ...] = ()
     default_routes: tuple[DefaultRoute, ...] = ()
+    claims: tuple[Claim, ...] = ()
     name_sources: tuple[str, ...] = ()  # who is asked for a name, in this order; empty where nobody knows
     forwarding: Forwarding = Forwarding()
     masters: tuple[SeenMaster, ...] = ()
@@ -331,7 +347,7 @@ class Probe:
     parameters: NodeParameters = NodeParameters()
     clock: Clock = Clock()
     disks: tuple[Disk, ...] = ()
-    name_files: tuple[Changed, ...] = ()
+    changes: tuple[Changed, ...] = ()
     services: tuple[Service, ...] = ()
     next_boot: tuple[AfterBoot, ...] = ()
     talker: Talker | None = None

@@ -176,6 +176,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "{place} has not the address of the plan, or packets leave from another one",
         f"correct the interface, or multimaster_address; see {ADDRESSES}",
         ADDRESSES,
+        cost=2.0,
     ),
     ("interface", "prefix"): Fault(
         "the network of an interface of {place} is larger or smaller than planned",
@@ -230,7 +231,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("network", "dead"): Fault(
         "{place} carries nothing between its computers, as an access point that keeps its clients apart",
         "switch client isolation off on the access point, and look at the switch",
-        cost=2.5,
+        cost=2.0,
     ),
     ("network", "loss"): Fault(
         "{place} loses packets", "look at the signal, or at the load of the network", cost=4.0, hard=False
@@ -535,6 +536,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
 # What follows from another fault of the same place, though it was read by itself: fault -> the faults before it.
 FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("set_up", "by_hand"): (("set_up", "others"),),
+    ("roscore", "dead"): (("interface", "duplicate"),),  # it is the other one that refuses
     ("discovery", "dead"): (("roscore", "dead"),),
     ("sync", "dead"): (("roscore", "dead"),),
     ("names", "unknown"): (("names", "order"),),

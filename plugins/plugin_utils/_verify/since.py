@@ -1,15 +1,39 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Since when a part is broken, where a machine tells: pure, a part and what was seen at its place in, a text out."""
+"""Since when a part is broken, where a machine tells: pure, a part and what was seen at its place in, a text out.
+
+A service has a time of its own. Of a kernel's settings, routes and filters nobody has noted it: there the files that decide
+them, and the last start of the computer, bound it.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Probe, Service
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import Part
 
 SERVICES = ("roscore", "discovery", "sync")
-NAMES = ("/etc/hosts", "/etc/nsswitch.conf")
+# Kind of part -> which changes of the computer bound the time; a kind with a mode goes before the kind alone.
+BOUNDS = {
+    ("names", ""): ("names",),
+    ("boot", "names"): ("names",),
+    ("boot", "sysctl"): ("settings",),
+    ("boot", "route"): ("network",),
+    ("forwarding", "off"): ("settings", "start"),
+    ("reverse_path", ""): ("settings", "start"),
+    ("redirects", ""): ("settings", "start"),
+    ("setting", "icmp_group"): ("settings", "start"),
+    ("route", ""): ("network", "start"),
+    ("interface", "address"): ("network", "start"),
+    ("interface", "prefix"): ("network", "start"),
+    ("interface", "mtu"): ("network", "start"),
+    ("filter", ""): ("filter", "start"),
+    ("translation", ""): ("filter", "start"),
+    ("forwarding", "large"): ("filter", "start"),
+    ("link", "down"): ("start",),
+}
 
 
 def since(part: Part, probe: Probe | None) -> str:
@@ -22,9 +46,8 @@ def since(part: Part, probe: Probe | None) -> str:
         return _of_service([entry for entry in probe.services if entry.unit == part.what], "dead")
     if (part.kind, part.mode) == ("environment", "service"):
         return _of_service([entry for entry in probe.services if entry.differing], "runs")
-    if part.kind == "names":
-        return "; ".join(f"{entry.path} was changed {entry.when}" for entry in probe.name_files if entry.path in NAMES)
-    return ""
+    told = [*(_of_link(probe) if part.kind == "link" else ()), *_bounds(part, probe)]
+    return "; ".join(told)
 
 
 def _of_service(services: list[Service], mode: str) -> str:
@@ -33,3 +56,21 @@ def _of_service(services: list[Service], mode: str) -> str:
     if not times:
         return ""
     return f"it ended {times[0]}" if mode == "dead" else f"it was started {times[0]}"
+
+
+def _of_link(probe: Probe) -> Iterable[str]:
+    """What the journal says last about an interface that is down, and how often a link came and went."""
+    for entry in probe.forwarding.interfaces:
+        if entry.last:
+            yield f"the journal's last line about {entry.interface}: {entry.last}"
+        elif (entry.carrier_changes or 0) > FEW:
+            yield f"the link of {entry.interface} came or went {entry.carrier_changes} times"
+
+
+FEW = 4  # changes of a link that are usual: it comes when the computer starts
+
+
+def _bounds(part: Part, probe: Probe) -> Iterable[str]:
+    wanted = BOUNDS.get((part.kind, part.mode)) or BOUNDS.get((part.kind, ""), ())
+    for about in wanted:
+        yield from (f"{entry.what} {entry.how} {entry.when}" for entry in probe.changes if entry.about == about)

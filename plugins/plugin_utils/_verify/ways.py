@@ -62,6 +62,7 @@ class Ways:
         self._at = {str(entry.address): name for name, plan in fleet.computers.items() for entry in plan.networks}
         for gateway in self.gateways.values():
             self._at.update({str(gateway.address): gateway.title, str(gateway.common_address): gateway.title})
+        self.titles = frozenset(gateway.title for gateway in self.gateways.values())
         self.master_at: Mapping[str, Master] = {master.computer: master for master in fleet.masters}
         self.parts: dict[tuple[str, str], frozenset[Part]] = {}  # between two computers, as needs.way finds them
 

@@ -55,6 +55,7 @@ REPORTS = {
     OFF: "host unreachable",
     DOWN: "host unreachable",
     LINK_DOWN: "host unreachable",
+    APART: "host unreachable",
     REJECTED: "communication administratively prohibited",
     CIRCLE: "time to live exceeded: the routers pass it round in a circle",
 }

@@ -123,11 +123,11 @@ REACHABLE = Check(
 
 
 def _has_services(case: Case) -> bool:
-    return case.probe is not None and bool(case.observer.plan.services)
+    return case.probe is not None and bool(case.observer.services)
 
 
 def _services(case: Case) -> Judgement | None:
-    planned = case.observer.plan.services
+    planned = case.observer.services
     if case.probe is None or not planned:
         return None
     states = {entry.name: entry for entry in case.probe.services}
@@ -153,7 +153,7 @@ def _state(entry: Service) -> str:
 def _services_evidence(case: Case) -> Parts:
     found, name = NONE, case.observer.name
     states = {entry.name: entry for entry in (case.probe.services if case.probe else ())}
-    for service in case.observer.plan.services:
+    for service in case.observer.services:
         entry, unit = states.get(service), f"multimaster-{service}.service"
         if entry is None or entry.active_state != "active":
             missing = entry is not None and entry.load_state == "not-found"
@@ -172,7 +172,7 @@ def _down(computer: str, service: str, unit: str) -> Parts:
 def _running(case: Case) -> Parts:
     name = case.observer.name
     return frozenset().union(
-        *(_down(name, service, f"multimaster-{service}.service") for service in case.observer.plan.services)
+        *(_down(name, service, f"multimaster-{service}.service") for service in case.observer.services)
     )
 
 

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from ipaddress import IPv4Address
+
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     FAILED,
@@ -22,6 +24,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs
     Parts,
     between_masters,
     discovery,
+    duplicates,
     gateways,
     heartbeats,
     joined,
@@ -33,9 +36,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs
     roscore,
     talks,
     translated,
+    translating,
     way,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import ListedMaster
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import ListedMaster, Route
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import host_of, same_uri
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON
 
@@ -160,8 +164,8 @@ UDP_UNICAST = Check(
     needs=_unicast_needs,
     suspects=lambda case: (
         _unicast_needs(case)
-        | translated(case, case.observer.name, case.target)
-        | translated(case, case.target, case.observer.name)
+        | translating(case, case.observer.name, case.target)
+        | translating(case, case.target, case.observer.name)
         | passes(case.target, case.observer.name, "udp")  # the counts come back by the same port
     ),
     evidence=lambda case: _translator(case, case.observer.name) if _translated_here(case) else NONE,
@@ -193,6 +197,7 @@ SOURCE = Check(
         "pair between networks", "datagrams arrive from the planned address: no gateway translates it (warning)", "4.2"
     ),
     needs=lambda case: _unicast_needs(case) | translated(case, case.observer.name, case.target),
+    suspects=lambda case: _unicast_needs(case) | translating(case, case.observer.name, case.target),
 )
 
 
@@ -272,8 +277,9 @@ def _port_needs(case: Case) -> Parts:
 
 def _port_suspects(case: Case) -> Parts:
     """A computer that refuses is there; one that says nothing would refuse if nobody listened on the port."""
-    if _refused(case):
-        return of("discovery", case.target, "dead", "port") | of("roscore", case.target, "dead")
+    if _refused(case):  # or somebody else has its address
+        node = of("discovery", case.target, "dead", "port") | of("roscore", case.target, "dead")
+        return node | duplicates(case, case.observer.name, case.target)
     filtered = of(
         "filter", case.target, "rpc in", "rpc"
     )  # one for all interfaces also drops what a computer sends itself
@@ -306,50 +312,77 @@ RPC_PORT = Check(
 # The route to a discovery node
 
 
-def _hops(case: Case) -> frozenset[str]:
-    """The next hops that packets to a master's address may have; an empty text is none."""
-    plan, address = case.observer.plan, case.master.address
+def _hops(case: Case, address: IPv4Address) -> frozenset[str]:
+    """The next hops that packets to the address of a discovery node may have; an empty text is none."""
+    plan = case.observer.plan
     if any(address in entry.network for entry in plan.networks):
         return frozenset([""])
     gateway = None if plan.common_address else case.ways.gateways.get(plan.robot)
     return frozenset([str(gateway.address)]) if gateway else case.way.hops
 
 
-def _master_route(case: Case) -> Judgement | None:
-    entry = case.observer.masters.get(case.target)
-    if entry is None or entry.route is None or case.target == case.observer.name:
+def _by_hops(route: Route | None, hops: frozenset[str]) -> Judgement | None:
+    if route is None:
         return None
-    hops = _hops(case)
     expected = " or ".join(f"a route by {hop}" if hop else "a route without a gateway" for hop in sorted(hops))
-    if entry.route.error:
-        return Judgement(FAILED, expected, entry.route.error)
-    by = entry.route.gateway or ""
+    if route.error:
+        return Judgement(FAILED, expected, route.error)
+    by = route.gateway or ""
     return Judgement(OK if by in hops else FAILED, expected, f"by {by}" if by else "without a gateway")
 
 
-def _master_route_evidence(case: Case) -> Parts:
-    entry, name = case.observer.masters.get(case.target), case.observer.name
-    if entry is None or entry.route is None or _hops(case) == {""}:
+def _route_shows(case: Case, route: Route | None, address: IPv4Address) -> Parts:
+    if route is None or _hops(case, address) == {""}:
         return NONE  # on one network: the checks of addresses and routes tell it
-    return of("route", name, "missing" if entry.route.error else "other", what=_beyond(case))
+    return of("route", case.observer.name, "missing" if route.error else "other", what=_beyond(case, address))
 
 
-def _beyond(case: Case) -> str:
-    """The network of a master's address, as seen from the observer."""
-    return COMMON if case.master.address in case.fleet.common_network else case.ways.network(case.master.robot)
+def _beyond(case: Case, address: IPv4Address) -> str:
+    """The network of the address of a discovery node, as seen from the observer."""
+    return COMMON if address in case.fleet.common_network else case.ways.network(case.robots[1])
+
+
+def _to_master(case: Case) -> Route | None:
+    entry = case.observer.masters.get(case.target)
+    return entry.route if entry and case.target != case.observer.name else None
 
 
 MASTER_ROUTE = Check(
     id="master_route",
     title="route to the discovery node",
     scope=MASTER,
-    judge=_master_route,
+    judge=lambda case: _by_hops(_to_master(case), _hops(case, case.master.address)),
     documented=Documented(
         "to masters", "packets to the address of its discovery node leave by the planned gateway", "4.2"
     ),
-    needs=lambda case: of("route", case.observer.name, "missing", "other", what=_beyond(case)),
+    needs=lambda case: of("route", case.observer.name, "missing", "other", what=_beyond(case, case.master.address)),
     suspects=lambda case: of("interface", case.observer.name, "prefix", "address"),
-    evidence=_master_route_evidence,
+    evidence=lambda case: _route_shows(case, _to_master(case), case.master.address),
+)
+
+
+# The same for the other address of a gateway, which is no master: its datagrams are measured there
+
+
+def _outer(case: Case) -> IPv4Address:
+    return case.planned.discovery_address if case.planned else case.fleet.common_network.network_address
+
+
+def _to_outer(case: Case) -> Route | None:
+    return case.member.discovery_route if case.member else None
+
+
+OUTER_ROUTE = Check(
+    id="outer_route",
+    title="route to the other address of a gateway",
+    scope=MEMBER,
+    judge=lambda case: _by_hops(_to_outer(case), _hops(case, _outer(case))),
+    documented=Documented(
+        "to gateways", "packets to its address in the common network leave by the planned gateway", "4.2"
+    ),
+    needs=lambda case: of("route", case.observer.name, "missing", "other", what=_beyond(case, _outer(case))),
+    suspects=lambda case: of("interface", case.observer.name, "prefix", "address"),
+    evidence=lambda case: _route_shows(case, _to_outer(case), _outer(case)),
 )
 
 
@@ -463,8 +496,11 @@ def _asked(case: Case) -> Parts:
 def _list_needs(case: Case) -> Parts:
     """A master stays in the list for a while, and one of two transports is enough: so little is cleared."""
     own, its = case.masters[0], case.target
-    group = of("discovery", own, "group") | of("discovery", its, "group") if own != its else NONE
-    return _asked(case) | group | of("roscore", its, "name")
+    if own == its:
+        return _asked(case) | of("roscore", its, "name")
+    group = of("discovery", own, "group") | of("discovery", its, "group")
+    # the address of its heartbeats is in the list
+    return _asked(case) | group | of("roscore", its, "name") | translated(case, its, own)
 
 
 def _list_suspects(case: Case) -> Parts:
@@ -508,6 +544,7 @@ CHECKS = (
     ICMP_ROUNDS,
     RPC_PORT,
     MASTER_ROUTE,
+    OUTER_ROUTE,
     ROSCORE_PORT,
     CLOCK,
     LIST_MASTERS,

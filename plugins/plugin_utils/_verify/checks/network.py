@@ -13,6 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case 
     wrong_prefixes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
+    COMPUTER,
     FAILED,
     ITSELF_TOO,
     MEMBER,
@@ -25,7 +26,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import (
     NONE,
     Parts,
+    asked_for,
     is_in,
+    joined,
     large,
     links,
     losing,
@@ -35,6 +38,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs
     way,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Ping
+
+LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
 
 # The name
 
@@ -194,6 +199,11 @@ def _pinged(case: Case) -> Parts:
     return way(case, one, other) | passes(one, other, "icmp") | of("setting", other, "icmp_all")
 
 
+def _answers_sometimes(case: Case) -> bool:
+    """Of further requests some were answered: packets get lost, and nobody keeps them back."""
+    return case.member is not None and case.member.loss is not None and case.member.loss < 1.0
+
+
 def _ping_evidence(case: Case) -> Parts:
     """Whoever says that a packet has been passed on too often sends it back to where it came from; or he has no route."""
     reporter, said, error = _ping_error(case).partition(" reports")
@@ -205,13 +215,16 @@ def _ping_evidence(case: Case) -> Parts:
 
 def _ping_suspects(case: Case) -> Parts:
     """An ICMP error tells who has sent it, and why; see _verify/packets.py of the modules."""
+    if _answers_sometimes(case):
+        return losing(case, case.observer.name, case.target)
     error = _ping_error(case)
     reporter = case.ways.at(error.partition(" reports")[0]) if " reports" in error else ""
     if "prohibited" in error:
         return of("filter", reporter or case.target, "forward") | passes(case.observer.name, case.target, "icmp")
     if "host unreachable" in error and reporter:
         return _unreachable(case, reporter)
-    return _pinged(case)
+    silent = case.member is not None and case.member.silent
+    return _pinged(case) - asked_for(case, case.observer.name, case.target) if silent else _pinged(case)
 
 
 def _unreachable(case: Case, reporter: str) -> Parts:
@@ -294,6 +307,11 @@ PING_NAME = Check(
     judge=_ping_name,
     documented=Documented("pair", "one of three ICMP echo requests to what its name means is answered", "3.2, 4.2"),
     needs=lambda case: _pinged(case) | names(case.observer.name, case.target),
+    suspects=lambda case: (
+        losing(case, case.observer.name, case.target)
+        if _answers_sometimes(case) and case.address in _addresses(case)[:1]
+        else _pinged(case) | names(case.observer.name, case.target)
+    ),
 )
 
 
@@ -303,6 +321,8 @@ PING_NAME = Check(
 def _ping_large(case: Case) -> Judgement | None:
     """Judge by warnings: some devices drop only large pings. Where large packets are lost, other checks fail, too."""
     judged = _judged(case.member.ping_large if case.member else None, f"an answer of {case.address} to a large packet")
+    if judged is not None and judged.verdict != OK and case.member and (case.member.loss or 0.0) > LOST:
+        return None  # small ones are lost, too: the size need not be the reason
     return judged if judged is None or judged.verdict == OK else judged._replace(verdict=WARNING)
 
 
@@ -321,12 +341,10 @@ PING_LARGE = Check(
 
 # Lost packets
 
-LOST = 0.2  # of those to one computer: in a wireless network some are always lost, and few are sent
-
 
 def _ping_loss(case: Case) -> Judgement | None:
     loss = case.member.loss if case.member else None
-    if loss is None:
+    if loss is None or loss == 1.0:  # nothing at all arrives: that is another check
         return None
     return Judgement(WARNING if loss > LOST else OK, f"less than {LOST:.0%} of the pings are lost", f"{loss:.0%}")
 
@@ -372,7 +390,61 @@ NEIGHBOUR = Check(
 )
 
 
+# Whose an address is
+
+
+def _twice(case: Case) -> dict[str, list[str]]:
+    """List the addresses on the observer's networks for which another one answers, too: address -> hardware addresses.
+
+    A computer with two interfaces in one network answers by both, so its own are left out.
+    """
+    found = {}
+    own = {str(entry.address) for entry in case.observer.plan.networks}
+    for claim in case.probe.claims if case.probe else ():
+        holder = case.run.get(case.ways.at(claim.address))
+        known = case.observer.macs if claim.address in own else holder.macs if holder else frozenset()
+        strange = [mac for mac in claim.macs if mac.lower() not in known]
+        if case.ways.at(claim.address) and len(strange) > (0 if known else 1):
+            found[claim.address] = strange
+    return found
+
+
+def _address_once(case: Case) -> Judgement | None:
+    if case.probe is None or not case.probe.claims:
+        return None
+    twice = _twice(case)
+    found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
+    return Judgement(FAILED if twice else OK, "one computer answers for each address", found or "one for each")
+
+
+def _doubled(case: Case) -> Parts:
+    return joined(of("interface", case.ways.at(address), "duplicate") for address in _twice(case))
+
+
+def _not_doubled(case: Case) -> Parts:
+    """Whoever asks for its own address in vain is alone with it, for all who ask."""
+    name = case.observer.name
+    return of("interface", name, "duplicate") | joined(
+        of("interface", name, "duplicate", what=other) for other in (*case.ways.members, *case.ways.titles)
+    )
+
+
+ADDRESS_ONCE = Check(
+    id="address_once",
+    title="nobody else answers for an address",
+    scope=COMPUTER,
+    judge=_address_once,
+    documented=Documented(
+        "computer, its networks",
+        "asked by ARP, one hardware address answers for each address of the fleet, none for its own",
+    ),
+    needs=_not_doubled,
+    evidence=_doubled,
+)
+
+
 CHECKS = (
+    ADDRESS_ONCE,
     NAME,
     USER_NAME,
     ROUTE,

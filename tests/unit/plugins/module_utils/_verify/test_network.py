@@ -6,6 +6,7 @@
 import json
 import os
 import pathlib
+import shutil
 import socket
 import subprocess
 import sys
@@ -88,7 +89,9 @@ def test_large_packets_and_the_neighbour_between_two_hosts(hosts, theirs, arrive
     assert forwarding["icmp_echo_ignore_all"] == 0
     assert nobody["ping_large"] is None and nobody["neighbour"] == ""
     assert (there["loss"], there["tcp"]) == (0.0, "")
-    assert nobody["loss"] is None and nobody["tcp"] not in ("", "refused")
+    assert nobody["loss"] == 1.0 and nobody["tcp"] not in ("", "refused")
+    assert nobody["ping_address"]["error"] == "10.99.0.1 reports: host unreachable" and not nobody["silent"]
+    assert not there["silent"]
     (own,) = forwarding["interfaces"]
     assert (own["addresses"], own["prefixes"], own["mtu"], len(own["mac"])) == (["10.99.0.1"], [24], 1500, 17)
 
@@ -105,6 +108,22 @@ def test_a_neighbour_that_was_set_by_hand_is_told(tmp_path):
         "10.99.0.2": ("02:00:00:00:00:02", False),
         "10.99.0.3": ("02:00:00:00:00:03", True),
     }
+
+
+@root
+@pytest.mark.skipif(not shutil.which("nft"), reason="needs nft")
+def test_whoever_is_there_and_drops_pings_is_silent_and_nobody_says_why(hosts):
+    rules = "table ip t { chain c { type filter hook input priority 0; icmp type echo-request drop; }; }"
+    subprocess.run(["ip", "netns", "exec", hosts[1], "nft", rules], check=True)
+    output = subprocess.run(
+        ["ip", "netns", "exec", hosts[0], sys.executable, "-c", LARGE, "10.99.0.2"],
+        check=True,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[6])},
+    ).stdout
+    ((there,), _forwarding) = json.loads(output)
+    assert there["silent"] and (there["loss"], there["tcp"]) == (1.0, "refused")
+    assert there["ping_address"]["error"] == "no answer to 3 requests"
 
 
 def test_no_answer_is_a_loss_and_a_large_fleet_is_not_flooded():

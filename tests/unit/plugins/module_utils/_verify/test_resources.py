@@ -36,12 +36,3 @@ def test_a_full_file_system(tmp_path):
         subprocess.run(["umount", str(full)], check=True)
     assert [entry["path"] for entry in found] == [str(tmp_path), str(full)]
     assert found[1]["free_bytes"] == 0
-
-
-def test_when_files_were_changed(tmp_path):
-    hosts = tmp_path / "hosts"
-    hosts.write_text("127.0.0.1 localhost\n")
-    os.utime(hosts, (0, 1_000_000_000))
-    assert resources.changed([str(hosts), str(tmp_path / "missing")]) == [
-        {"path": str(hosts), "when": "2001-09-09 01:46:40 UTC"}
-    ]

@@ -18,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import OK
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     Caller,
+    Claim,
     Clock,
     Connection,
     Datagrams,
@@ -149,6 +150,7 @@ def network_part(fleet, own):
                 str(other.address),
                 addresses=(str(other.address),),
                 route=Route("eth0", source=str(way.source), gateway=str(way.next_hop) if way.next_hop else None),
+                discovery_route=_outer_route(fleet, own, other),
                 ping_address=Ping(True, 0.4),
                 ping_name=Ping(True, 0.4),
                 ping_large=Ping(True, 0.5),
@@ -172,9 +174,19 @@ def network_part(fleet, own):
     ]
     return {
         "members": (SeenMember(own.computer, str(own.address), addresses=(str(own.address),)), *members),
+        "claims": tuple(Claim(str(entry.address), f"eth{number}") for number, entry in enumerate(own.networks)),
         "default_routes": (DefaultRoute("eth0", gateway="192.168.1.254"),),
         "forwarding": Forwarding(int(own.is_gateway or own.is_router), tuple(interfaces), 0),
     }
+
+
+def _outer_route(fleet, own, other):
+    """The route to the other address of a gateway; its own computers leave by it, as to everybody else outside."""
+    if other.discovery_address == other.address:
+        return None
+    direct = any(other.discovery_address in entry.network for entry in own.networks)
+    hop = None if direct else str(fleet.gateways[own.robot].address)
+    return Route("eth0", source=str(own.address), gateway=hop)
 
 
 def router_probe(fleet, own):
@@ -238,7 +250,7 @@ def good_probe(fleet, me, own):
         ),
         services=tuple(
             Service(service, f"multimaster-{service}.service", "loaded", "active", "running")
-            for service in own.services
+            for service in (*own.services, *(("multicast-routing",) if own.multicast_routing else ()))
         ),
         exchange=exchange(fleet, own.robot) if own.is_master else Exchange(error="not looked at"),
         talker=Talker(),
@@ -393,7 +405,7 @@ def silent(seen, observers, targets):
 def _silent(seen, observer, target):
     probe, multicast = seen[observer].probe, seen[observer].multicast
     member = of(probe.members, target)
-    update(member, ping_address=no_answer(), ping_name=no_answer(), ping_large=None)
+    update(member, ping_address=no_answer(), ping_name=no_answer(), ping_large=None, loss=1.0)
     for entry in probe.topics:
         if entry.computer == target:
             update(entry, heard=False, error="nothing")

@@ -45,6 +45,7 @@ def _deaf(seen):
             update(
                 of(seen[name].probe.members, "car-nav"),
                 ping_address=no_answer(),
+                loss=1.0,
                 ping_name=no_answer(),
                 ping_large=None,
             )

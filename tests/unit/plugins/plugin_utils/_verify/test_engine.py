@@ -35,7 +35,7 @@ from fleets import (
 
 def test_everything_is_checked_and_good():
     findings = evaluate()
-    between_networks = {"forwarding", "reverse_path", "redirects", "next_boot_route"}
+    between_networks = {"forwarding", "reverse_path", "redirects", "next_boot_route", "outer_route"}
     only_where_something_failed = {"tcp_answer"}
     assert {finding.check for finding in findings} == {check.id for check in CHECKS} - (
         between_networks | only_where_something_failed
@@ -57,6 +57,7 @@ def test_everything_is_good_between_three_robot_networks():
         "forwarding",
         "reachable",
         "measured",
+        "address_once",
         "addresses",
         "mtu",
         "reverse_path",
@@ -69,6 +70,7 @@ def test_everything_is_good_between_three_robot_networks():
     } | {
         "default_routes",
         "route",
+        "outer_route",
         "ping_address",
         "source",
         "ping_large",

@@ -62,7 +62,9 @@ def test_a_fault_in_a_sampled_fleet_is_named():
     for name, computer in seen.items():
         for member in computer.probe.members:
             if victim in (name, member.name) and name != member.name:
-                fleets.update(member, ping_address=Ping(error="no answer to 3 requests"), ping_name=Ping(error="none"))
+                fleets.update(
+                    member, ping_address=Ping(error="no answer to 3 requests"), ping_name=Ping(error="none"), loss=1.0
+                )
     verification = diagnosis.Verification(diagnosis.CHECKS, fleet, seen, pairs.AUTO)
     summary = report.summarised(verification, list(seen), len(seen))
     some, everything = summary.pairs

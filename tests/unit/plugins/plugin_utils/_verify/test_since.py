@@ -4,7 +4,13 @@
 """Since when something is broken, as far as a machine tells."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Changed, Probe, Service
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    Changed,
+    Forwarding,
+    ForwardingInterface,
+    Probe,
+    Service,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.since import since
 
@@ -15,7 +21,19 @@ PROBE = Probe(
         Service("address", "multimaster-address.service", since=WHEN),
         Service("sync", "multimaster-sync.service", differing=("ROS_IP",), since=WHEN),
     ),
-    name_files=(Changed("/etc/hosts", "2026-11-22 09:12:44 UTC"), Changed("/etc/other", "2026-11-22 09:12:44 UTC")),
+    changes=(
+        Changed("names", "/etc/hosts", when="2026-11-22 09:12:44 UTC"),
+        Changed("settings", "/etc/sysctl.d/9.conf", when="2026-11-22 09:12:45 UTC"),
+        Changed("filter", "docker.service", "was started", WHEN),
+        Changed("start", "the computer", "was started", "2026-11-22 08:00:00 UTC"),
+    ),
+    forwarding=Forwarding(
+        1,
+        (
+            ForwardingInterface("eth0", state="down", last="2026-11-22T09:12:44+0000 a kernel: eth0: Link is Down"),
+            ForwardingInterface("wlan0", state="up", carrier_changes=77),
+        ),
+    ),
 )
 
 
@@ -28,7 +46,21 @@ PROBE = Probe(
         (("environment", "a", "service", "ROS_IP"), f"it was started {WHEN}"),
         (("names", "a", "loopback", "b"), "/etc/hosts was changed 2026-11-22 09:12:44 UTC"),
         (("roscore", "a", "dead"), ""),  # not among the services
-        (("link", "a", "down"), ""),  # the kernel does not tell
+        (
+            ("forwarding", "a", "off"),
+            "/etc/sysctl.d/9.conf was changed 2026-11-22 09:12:45 UTC; the computer was started 2026-11-22 08:00:00 UTC",
+        ),
+        (
+            ("filter", "a", "icmp in"),
+            f"docker.service was started {WHEN}; the computer was started 2026-11-22 08:00:00 UTC",
+        ),
+        (("route", "a", "missing"), "the computer was started 2026-11-22 08:00:00 UTC"),
+        (
+            ("link", "a", "flapping"),
+            "the journal's last line about eth0: 2026-11-22T09:12:44+0000 a kernel: eth0: Link is Down; "
+            "the link of wlan0 came or went 77 times",
+        ),
+        (("computer", "a", "off"), ""),
     ],
 )
 def test_since(part, expected):

@@ -168,6 +168,7 @@ def test_a_computer_that_is_down_is_named_once():
         probe, multicast = seen[name].probe, seen[name].multicast
         for ping in (of(probe.members, TWO).ping_address, of(probe.members, TWO).ping_name):
             update(ping, ok=False, error="no answer")
+        update(of(probe.members, TWO), loss=1.0)
         update(of(probe.masters, TWO, "computer"), open=False, error="no answer", clock_offset_s=None)
         update(probe.list_masters, masters=without(probe.list_masters.masters, TWO))
         update(probe, topics=without(probe.topics, TWO, "computer"))

@@ -5,7 +5,11 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import ListMasters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    Claim,
+    ListMasters,
+    Observation,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import Ways
 from fleets import (
     INNER_CAR,
@@ -17,11 +21,13 @@ from fleets import (
     evaluate,
     fig12,
     lost_route,
+    mac,
     no_answer,
     notable,
     of,
     outside,
     parts,
+    plan,
     second_default_route,
     silent,
     update,
@@ -69,7 +75,7 @@ def test_a_refused_connection_tells_that_a_computer_without_pings_is_there(tcp, 
         for name, one in seen.items():
             for entry in one.probe.members if one.probe else ():
                 if entry.name == INNER_TIBI[-1] != name:
-                    update(entry, ping_address=no_answer(), ping_name=no_answer(), ping_large=None, loss=None, tcp=tcp)
+                    update(entry, ping_address=no_answer(), ping_name=no_answer(), ping_large=None, loss=1.0, tcp=tcp)
             topics = one.probe.topics if one.probe else ()
             update(one.probe or one, **({"topics": without(topics, INNER_TIBI[-1], "computer")} if topics else {}))
         update(seen[INNER_TIBI[-1]], unreachable=True, probe=None, multicast=None)
@@ -86,7 +92,7 @@ def _small(seen):
 
 def _no_icmp(seen):
     """The second computer drops ICMP that comes in; all else arrives."""
-    update(of(seen[ONE].probe.members, TWO), ping_address=no_answer(), ping_name=no_answer())
+    update(of(seen[ONE].probe.members, TWO), ping_address=no_answer(), ping_name=no_answer(), loss=1.0)
 
 
 def _another_has_it(seen):
@@ -121,6 +127,14 @@ FAULTS = [
     (_large_lost, "ping_large", WARNING, "network", "the common network", "large"),
     (_no_icmp, "ping_address", FAILED, "filter", TWO, "icmp in"),
 ]
+
+
+def _twin_answers(seen):
+    """Somebody else has the address of TWO, and chance gives his to nobody yet."""
+    update(seen[ONE].probe, claims=(Claim("192.168.1.2", "eth0", (mac(TWO), "02:00:00:00:00:77")),))
+
+
+FAULTS.append((_twin_answers, "address_once", FAILED, "interface", TWO, "duplicate"))
 
 
 @pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), FAULTS)
@@ -166,7 +180,12 @@ def _refused(error):
         wall(seen)
         for name in [*outside("tibi"), "router"]:
             for target in INNER_TIBI:
-                update(of(seen[name].probe.members, target), ping_address=no_answer(error), ping_name=no_answer(error))
+                update(
+                    of(seen[name].probe.members, target),
+                    ping_address=no_answer(error),
+                    ping_name=no_answer(error),
+                    loss=1.0,
+                )
 
     return change
 
@@ -202,9 +221,82 @@ def test_each_fault_between_networks_is_named(change, check, verdict, kind, plac
     assert_told(change, check, verdict, kind, place, mode, fleet=fig12())
 
 
+@pytest.mark.parametrize(
+    ("macs", "twice"),
+    [
+        ((), False),
+        (("02:00:00:00:00:77",), True),  # of the own address nobody else is to answer
+        ((mac(ONE),), False),  # its other interface in the same network
+    ],
+)
+def test_who_answers_for_the_own_address(macs, twice):
+    def change(seen):
+        update(seen[ONE].probe, claims=(Claim("192.168.1.1", "eth0", macs),))
+
+    assert parts(diagnosed(change)) == ([("interface", ONE, "duplicate")] if twice else [])
+
+
+@pytest.mark.parametrize(
+    ("macs", "twice"), [(("02:00:00:00:00:77",), False), (("02:00:00:00:00:77", "02:00:00:00:00:78"), True)]
+)
+def test_of_a_computer_that_nobody_looked_at_two_have_to_answer(macs, twice):
+    fleet = plan(robots=3)
+
+    def change(seen):
+        seen[TWO] = Observation(problem="it was not looked at")
+        update(seen[ONE].probe, claims=(Claim("192.168.1.2", "eth0", macs),))
+
+    assert (("interface", TWO, "duplicate") in parts(diagnosed(change, fleet))) == twice
+
+
+@pytest.mark.parametrize("silence", [False, True])
+def test_of_who_is_off_somebody_says_so_and_nobody_says_that_a_gateway_drops(silence):
+    """From the outside, behind a gateway that nobody looked at."""
+    fleet = fig12()
+
+    def change(seen):
+        others = [*outside("tibi"), "router"]
+        silent(seen, others, INNER_TIBI)
+        for observer in others:
+            for target in INNER_TIBI:
+                update(of(seen[observer].probe.members, target), silent=silence)
+        for name in set(seen) - set(others):
+            del seen[name]
+
+    first = diagnosed(change, fleet).findings[0]
+    kinds = {(part.kind, part.mode) for part in first.candidates}
+    assert ("forwarding", "off") in kinds and (("link", "down") in kinds) == (not silence)
+
+
+@pytest.mark.parametrize(("hop", "mode"), [("192.168.11.254", "other"), (None, "missing")])
+def test_a_route_to_the_other_address_of_a_gateway(hop, mode):
+    def change(seen):
+        route = of(seen["tibi-nav"].probe.members, "dabo-visio").discovery_route
+        update(route, gateway=hop, error="" if hop else "Network is unreachable")
+
+    first = diagnosed(change, fig12()).findings[0]
+    assert first.part == ("route", "tibi-nav", mode, "the common network") and first.proof[0].check == "outer_route"
+
+
+def test_lost_large_pings_beside_lost_small_ones_say_nothing_of_their_size():
+    def change(seen):
+        for one, other in ((ONE, TWO), (TWO, ONE)):
+            update(of(seen[one].probe.members, other), ping_large=no_answer(), loss=0.4)
+
+    assert {part.mode for entry in diagnosed(change).findings for part in entry.candidates} == {"loss"}
+
+
+def test_who_answers_some_pings_drops_none():
+    def change(seen):
+        for one, other in ((ONE, TWO), (TWO, ONE)):
+            update(of(seen[one].probe.members, other), ping_address=no_answer(), ping_name=no_answer(), loss=0.8)
+
+    assert {part.mode for entry in diagnosed(change).findings for part in entry.candidates} == {"loss"}
+
+
 def test_a_single_ping_that_fails_beside_all_else_is_not_explained():
     found = diagnosed(
-        lambda seen: update(of(seen["car-nav"].probe.members, "tibi-nav"), ping_address=no_answer()), fig12()
+        lambda seen: update(of(seen["car-nav"].probe.members, "tibi-nav"), ping_address=no_answer(), loss=1.0), fig12()
     )
     assert not found.findings
     assert [row[:3] for row in found.unexplained] == [("ping_address", "car-nav", "tibi-nav")]
@@ -285,6 +377,11 @@ def test_a_gateway_without_a_route_looks_for_the_target_in_a_network_of_its_own(
             update(of(seen["car-visio"].probe.members, target).route, gateway="192.168.1.254")
             for name in INNER_CAR:
                 text = "192.168.1.203 reports: host unreachable"
-                update(of(seen[name].probe.members, target), ping_address=no_answer(text), ping_name=no_answer(text))
+                update(
+                    of(seen[name].probe.members, target),
+                    ping_address=no_answer(text),
+                    ping_name=no_answer(text),
+                    loss=1.0,
+                )
 
     assert parts(diagnosed(change, fig12())) == [("route", "car-visio", "missing")]

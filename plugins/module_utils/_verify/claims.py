@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Who answers for an address on the networks of this computer: two that do have the same one (RFC 826, RFC 5227).
+
+A question from 0.0.0.0 changes nothing in anybody's table. All answer it, while the kernel takes the first answer alone.
+"""
+
+import fcntl
+import ipaddress
+import select
+import socket
+import struct
+import sys
+import time
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text
+
+ARP, REQUEST, REPLY = 0x0806, 1, 2
+ETHERNET, IPV4 = 1, 0x0800
+HARDWARE_ADDRESS = 0x8927  # SIOCGIFHWADDR, netdevice(7)
+EVERYBODY = b"\xff" * 6
+MESSAGE = struct.Struct("!HHBBH6s4s6s4s")
+TRIES, ANSWER = 2, 0.7  # questions for each address, and the seconds in which all answers are waited for
+MOST = 128  # addresses that are asked for
+MOST_ANSWERS = 8  # hardware addresses that are kept of one address
+
+Question = typing.Tuple[str, str]  # interface, address
+Answers = typing.Dict[Question, typing.List[str]]
+
+
+def claims(addresses: typing.Iterable[str], path: str = "/proc/net/route") -> typing.List[typing.Dict[str, typing.Any]]:
+    """Ask who has the own addresses, and who has those of these and of the gateways that are on a network of this computer."""
+    asked = questions(network.interfaces(), [*addresses, *gateways(text(path))])
+    return [
+        {"address": address, "interface": interface, "macs": macs}
+        for (interface, address), macs in ask(asked[:MOST]).items()
+    ]
+
+
+def questions(interfaces: typing.Iterable[network.Interface], addresses: typing.Iterable[str]) -> typing.List[Question]:
+    """List which address is asked for on which interface: the own ones first."""
+    own, others = [], []
+    wanted = [ipaddress.IPv4Address(address) for address in dict.fromkeys(addresses)]
+    for interface in interfaces:
+        if interface.up and not interface.loopback:
+            networks = [entry.interface for entry in interface.addresses if entry.family == "inet"]
+            own += [(interface.name, str(entry.ip)) for entry in networks]
+            near = (address for address in wanted if any(address in entry.network for entry in networks))
+            others += [(interface.name, str(address)) for address in near]
+    return list(dict.fromkeys(own + others))
+
+
+def gateways(table: str, byteorder: typing.Any = sys.byteorder) -> typing.List[str]:
+    """List the gateways in the content of /proc/net/route; the kernel prints an address as a number of the machine."""
+    rows = (line.split() for line in table.splitlines()[1:])
+    found = (int(row[2], 16).to_bytes(4, byteorder) for row in rows if len(row) > 2)
+    return sorted({socket.inet_ntoa(address) for address in found if any(address)})
+
+
+def ask(asked: typing.Sequence[Question]) -> Answers:
+    """Send the questions, and collect the hardware addresses of all who answer; empty where this is not allowed here."""
+    found: Answers = {question: [] for question in asked}
+    try:
+        link = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(ARP))
+    except (OSError, AttributeError):
+        return {}
+    with link:
+        link.setblocking(False)
+        for unused in range(TRIES if asked else 0):
+            for interface, address in asked:
+                _send(link, interface, address)
+            _gather(link, found, time.monotonic() + ANSWER)
+    return found
+
+
+def _send(link: socket.socket, interface: str, address: str) -> None:
+    try:
+        told = fcntl.ioctl(link, HARDWARE_ADDRESS, struct.pack("256s", interface.encode()[:15]))
+        kind, mac = struct.unpack("=H", told[16:18])[0], told[18:24]
+        if kind == ETHERNET:
+            link.sendto(question(mac, address), (interface, ARP, 0, ETHERNET, EVERYBODY))
+    except OSError:
+        pass  # it is down now: nobody answers there
+
+
+def question(mac: bytes, address: str) -> bytes:
+    """Make the question who has an address, of somebody without one."""
+    return MESSAGE.pack(ETHERNET, IPV4, 6, 4, REQUEST, mac, bytes(4), bytes(6), socket.inet_aton(address))
+
+
+def answer(message: bytes) -> typing.Optional[typing.Tuple[str, str]]:
+    """Read the address and the hardware address out of an answer; None where it is none."""
+    if len(message) < MESSAGE.size:
+        return None
+    hardware, protocol, _six, _four, kind, mac, address, _to, _for = MESSAGE.unpack(message[: MESSAGE.size])
+    if (hardware, protocol, kind) != (ETHERNET, IPV4, REPLY):
+        return None
+    return socket.inet_ntoa(address), ":".join(f"{byte:02x}" for byte in mac)
+
+
+def _gather(link: socket.socket, found: Answers, deadline: float) -> None:
+    while select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]:
+        try:
+            message, sender = link.recvfrom(256)
+        except OSError:
+            return
+        told = answer(message)
+        macs = found.get((sender[0], told[0])) if told else None
+        if told and macs is not None and told[1] not in macs and len(macs) < MOST_ANSWERS:
+            macs.append(told[1])

@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Who answers for an address: real questions on a real network of three computers, and what is read of messages."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import claims
+
+from tests.unit.plugins.modules import namespaces
+
+ASK = """
+import json, sys
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import claims
+print(json.dumps(claims.claims(sys.argv[1:])))
+"""
+ROUTES = """Iface\tDestination\tGateway \tFlags\tRefCnt\tUse\tMetric\tMask\t\tMTU\tWindow\tIRTT
+eth0\t00000000\t0101A8C0\t0003\t0\t0\t0\t00000000\t0\t0\t0
+eth0\t0001A8C0\t00000000\t0001\t0\t0\t0\t00FFFFFF\t0\t0\t0
+"""
+
+
+@pytest.fixture
+def computers(tmp_path):
+    if namespaces.why_not():
+        pytest.skip(namespaces.why_not())
+    found = namespaces.Network(3, tmp_path)
+    yield found.hosts
+    found.end()
+
+
+def asked(host, *addresses):
+    output = host.run(
+        sys.executable, "-c", ASK, *addresses, env={**namespaces.os.environ, "PYTHONPATH": str(namespaces.COLLECTIONS)}
+    )
+    return {entry["address"]: entry["macs"] for entry in json.loads(output)}
+
+
+def mac(host):
+    return json.loads(host.run("ip", "-json", "link", "show", "eth0"))[0]["address"]
+
+
+def test_two_computers_with_one_address_are_both_heard_by_others_and_by_each_other(computers):
+    one, twin, third = computers
+    assert asked(third, one.address) == {third.address: [], one.address: [mac(one)]}
+    twin.run("ip", "address", "add", f"{one.address}/24", "dev", "eth0")
+    assert sorted(asked(third, one.address)[one.address]) == sorted([mac(one), mac(twin)])
+    assert asked(one)[one.address] == [mac(twin)]
+
+
+def test_a_gateway_is_asked_for_too_and_the_questions_change_no_table(computers):
+    one, gateway, _third = computers
+    one.run("ip", "route", "add", "10.0.0.0/8", "via", gateway.address)
+    assert asked(one) == {one.address: [], gateway.address: [mac(gateway)]}
+    assert gateway.run("ip", "neighbour", "show") == ""
+
+
+def test_where_the_kernel_does_not_allow_it_nothing_is_known():
+    command = ["runuser", "-u", "nobody", "--", sys.executable, "-c", ASK, "127.0.0.1"]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, env={"PYTHONPATH": str(namespaces.COLLECTIONS)}
+        )
+    except OSError:
+        pytest.skip("needs runuser")
+    if done.returncode:
+        pytest.skip("the user nobody cannot read the collection here")
+    assert json.loads(done.stdout) == []
+
+
+def test_the_own_addresses_are_asked_for_first_and_only_those_on_a_network():
+    wired = Interface("eth0", up=True, addresses=(Address("192.168.1.5", 24, "inet"), Address("fe80::1", 64, "inet6")))
+    off = Interface("eth1", up=False, addresses=(Address("10.0.0.1", 8, "inet"),))
+    found = claims.questions([wired, off], ["192.168.1.9", "10.0.0.2", "192.168.1.9", "192.168.1.5"])
+    assert found == [("eth0", "192.168.1.5"), ("eth0", "192.168.1.9")]
+
+
+def test_gateways_are_read_out_of_the_kernels_table():
+    assert claims.gateways(ROUTES, "little") == ["192.168.1.1"]
+    assert claims.gateways("") == []
+
+
+def test_an_answer_is_read_and_anything_else_is_none():
+    question = claims.question(bytes(range(6)), "192.168.1.9")
+    assert len(question) == 28 and claims.answer(question) is None
+    told = question[:7] + b"\x02" + question[8:14] + bytes([192, 168, 1, 9]) + question[18:]
+    assert claims.answer(told + bytes(18)) == ("192.168.1.9", "00:01:02:03:04:05")
+    assert claims.answer(told[:20]) is None and claims.answer(b"") is None
