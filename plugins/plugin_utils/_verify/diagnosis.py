@@ -27,6 +27,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import NONE, Parts, losing
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.offsets import offset
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import FOLLOWS, Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.since import since
 
@@ -165,7 +166,7 @@ class _Diagnosis:
             if by_chance[number]:
                 self.broken[min(by_chance[number])].rows.append(self.open[number][0])
         unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
-        found = (replace(entry, since=self._since(entry)) for entry in _findings(self.broken))
+        found = (replace(_measured(entry), since=self._since(entry)) for entry in _findings(self.broken))
         return Diagnosis(tuple(found), unexplained)
 
     def _since(self, entry: Found) -> str:
@@ -271,6 +272,15 @@ def _findings(broken: Mapping[Part, _Broken]) -> list[Found]:
         )
     found = [_joined(group) for group in groups.values()]
     return sorted(found, key=_importance)
+
+
+def _measured(entry: Found) -> Found:
+    """Say of clocks by how much they are off."""
+    parts = [
+        part._replace(what=offset(part, entry.rows) or part.what) if part.kind == "clock" else part
+        for part in entry.candidates
+    ]
+    return replace(entry, part=parts[0], rivals=tuple(parts[1:]))
 
 
 def _importance(entry: Found) -> tuple[int, bool, int, Part]:

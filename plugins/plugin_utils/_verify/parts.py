@@ -212,7 +212,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "the link of {place} to {what} is down, or its interface has no address there",
         f"switch its interface on, or look at the cable; see {ADDRESSES}",
         what="its network",
-        cost=2.0,
+        cost=1.9,
     ),
     ("link", "loss"): Fault(
         "{place} loses packets on {what}",

@@ -85,7 +85,7 @@ def _no_files(seen):
 def _ignores_pings(seen):
     """The first computer's kernel answers no pings; all else arrives."""
     update(seen[ONE].probe.forwarding, icmp_echo_ignore_all=1)
-    update(of(seen[TWO].probe.members, ONE), ping_address=no_answer(), ping_name=no_answer(), tcp="refused")
+    update(of(seen[TWO].probe.members, ONE), ping_address=no_answer(), ping_name=no_answer(), tcp="refused", loss=1.0)
 
 
 # The change, a check that tells it, its verdict, and the part that is named.
