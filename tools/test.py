@@ -175,7 +175,7 @@ SECONDS = {
 #: In this order: the first tests of `faults` need a lab that site.yml has not seen yet, the README ends with the teardown,
 #: and `kernel_settings`, `cloud_init` and `roscore` boot a computer.
 IN_COMMON = {
-    "robots": ("faults", "router_config", "strangers", "readme"),
+    "robots": ("faults", "router_config", "strangers", "bundle", "readme"),
     "services": ("sandbox", "root", "kernel_settings", "cloud_init", "roscore"),
 }
 

@@ -8,51 +8,49 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import platform
 import re
 import shutil
+import stat
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from ansible import constants
 from ansible.plugins.action import ActionBase
 from ansible.release import __version__ as ansible_version
 from ansible.utils.display import Display
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import LARGEST, Unreadable, unpacked
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import JUDGED, Bundle, read
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.gather import verdict
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     LINE,
     plain,
     plain_data,
     plain_lines,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound, FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import junit
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.matrices import Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import page
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import Diagnosis, explained
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, Row, Verification
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
-    Multicast,
-    Observation,
-    PacketFilter,
-    Probe,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.pairs import ALL
-
-OPTIONS = ("fleet", "multicast", "probe", "earlier", "path", "packet_filter", "plan", "pairs", "machine", "junit")
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import Diagnosis
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED
 
 AUTO = "auto"  # the folder of the user
 NAME = "%Y-%m-%dT%H%M%S"  # of the files of a run
 PATTERN = "[0-9][0-9][0-9][0-9]-[0-9][0-9]-[0-9][0-9]T[0-9][0-9][0-9][0-9][0-9][0-9].*"
 KEPT = 20  # runs
-LARGEST = 100_000_000  # bytes of an earlier document
+LARGEST_DATA = 100_000_000  # bytes of an earlier document
 OWN_MODE, NAMED_MODE = 0o600, 0o644  # they hold the addresses of the fleet
+STRANGE = (ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, RuntimeError, TypeError, ValueError)
+CONTRADICTION = "contradicts itself, so nothing can be judged; expected a bundle as verify has written it (verify_bundle): ask for another one."
 COLOURS = {
     "Findings": "COLOR_ERROR",
     "FAILED": "COLOR_ERROR",
@@ -61,94 +59,59 @@ COLOURS = {
     "PASSED": "COLOR_OK",
 }
 
-T = TypeVar("T")
+
+class NotWritten(ValueError):
+    """A file that was asked for cannot be written; a sentence."""
 
 
 class ActionModule(ActionBase):
     """Judges the results of the whole run, prints what is wrong, and writes the report."""
 
-    _VALID_ARGS = frozenset(OPTIONS)
+    _VALID_ARGS = frozenset((*gather.OPTIONS, "path", "junit", "bundle", "each"))
     _requires_connection = False
 
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
         result: dict[str, Any] = super().run(tmp, task_vars)
-        task_vars = task_vars or {}
-        hostvars = task_vars["hostvars"]
-        plain_fleet, multicast, probe, earlier, path, packet_filter, plan, pairs, machine, cases = (
-            self._task.args.get(option) or "" for option in OPTIONS
-        )
+        task_vars, bundle = task_vars or {}, str(self._task.args.get("bundle") or "")
         try:
-            fleet = from_plain(FleetPlan, plain_fleet)
-            observations = {
-                host: observation(hostvars[host], multicast, probe, earlier, packet_filter, plan)
-                for host in fleet.computers
-                if host in task_vars["ansible_play_hosts_all"]
-            }
-        except Mismatch as problem:
-            result.update(failed=True, msg=f"The plan of the fleet cannot be read: {problem}")
-            return result
-        files = Files.at(path, task_vars.get("inventory_dir"))
-        judged = judge(Verification(CHECKS, fleet, observations, pairs or ALL), files, bool(cases))
-        infos = {host: registered(hostvars[host], machine) for host in observations}
-        document = {**judged.document(), **about(fleet, observations, infos)}
+            seen = opened(bundle) if bundle else run_of(self._task.args, task_vars)
+            place = os.path.abspath(bundle) if bundle else str(task_vars.get("inventory_dir") or "")
+            result.update(self._told(seen, place))
+        except (Mismatch, Unreadable, NotWritten) as problem:
+            result.update(failed=True, msg=str(problem))
+        except STRANGE:  # of a bundle, which may be anybody's
+            if not bundle:
+                raise
+            result.update(failed=True, msg=f"{bundle} {CONTRADICTION}")
+        return result
+
+    def _told(self, seen: Bundle, place: str) -> dict[str, Any]:
+        """Judge, write and print. Raises NotWritten."""
+        path, cases = (str(self._task.args.get(option) or "") for option in ("path", "junit"))
+        files = Files.at(path, place)
+        judged = verdict(seen, bool(files or cases), bool(files and not files.own))
         written = ""
         try:
-            written = kept(files, cases, fleet, document, judged.matrices)
+            written = kept(files, cases, seen.fleet, gather.document(seen, judged), judged.matrices)
         except OSError as problem:
             said = f"The report cannot be written to {problem.filename or path}: {problem.strerror}; name another file."
             if cases or not (files and files.own):
-                result.update(failed=True, msg=said)
-                return result
+                raise NotWritten(said) from None
             Display().display(plain_lines(said))  # nobody asked for this one
         show(judged.summary, judged.diagnosis, written)
-        result.update(
-            changed=False,
-            passed=not judged.summary.number(FAILED),
-            msg=report.verdict_line(judged.summary),
-            report=written,
-            checks=report.counts(judged.summary),
-            pairs=report.sampled(judged.summary),
-            findings=plain_data(report.findings(judged.diagnosis)),
-            unexplained=plain_data([row._asdict() for row in judged.diagnosis.unexplained]),
-        )
-        return result
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A judgement, and as much of it as the files keep."""
-
-    summary: report.Summary
-    diagnosis: Diagnosis
-    rows: Sequence[Row]
-    matrices: Matrices | None
-    seconds: float
-
-    def document(self) -> dict[str, Any]:
-        """The document without what is known of the fleet."""
+        findings = plain_data(report.findings(judged.diagnosis))
+        wanted = self._task.args.get("each")
         return {
-            "result": report.verdict_line(self.summary),
-            "judged_in": round(self.seconds, 2),
-            **report.document(self.summary, self.diagnosis, self.rows),
+            "changed": False,
+            "passed": not judged.summary.number(FAILED),
+            "msg": report.verdict_line(judged.summary),
+            "report": written,
+            "checks": report.counts(judged.summary),
+            "pairs": report.sampled(judged.summary),
+            "findings": findings,
+            "each": findings[: report.SENTENCES] if wanted == "always" or (wanted == "auto" and recorded()) else [],
+            "unexplained": plain_data([row._asdict() for row in judged.diagnosis.unexplained]),
         }
-
-
-def judge(verification: Verification, files: Files | None, cases: bool) -> Judged:
-    """Judge everything; without files only what is not ok is kept."""
-    began = time.monotonic()
-    fleet, computers = verification.fleet, list(verification.run)
-    if files is None and not cases:
-        summary = report.summarised(verification, computers, len(fleet.computers))
-        return Judged(summary, explained(verification, summary.notable), (), None, time.monotonic() - began)
-    matrices = Matrices(fleet)
-    rows = matrices.passing(verification.rows())
-    everything: list[Row] = []
-    if matrices.single or (files and not files.own):  # a file that somebody names has every result
-        everything = list(rows)
-        rows = iter(everything)
-    summary = report.summarise(rows, computers, len(fleet.computers), verification.pairs)
-    diagnosis = explained(verification, summary.notable)
-    return Judged(summary, diagnosis, everything or summary.notable, matrices, time.monotonic() - began)
 
 
 def kept(files: Files | None, cases: str, fleet: FleetPlan, document: dict[str, Any], matrices: Matrices | None) -> str:
@@ -158,17 +121,40 @@ def kept(files: Files | None, cases: str, fleet: FleetPlan, document: dict[str, 
     return files.write(fleet, document, matrices) if files and matrices else ""
 
 
-def about(
-    fleet: FleetPlan, observations: Mapping[str, Observation], infos: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
-    """Say what was looked at, when, and with what."""
-    return {
+def recorded() -> bool:
+    """Say whether callbacks are set up beside that of the terminal: ARA and ansible-navigator name a folder of theirs."""
+    _value, origin = constants.config.get_config_value_and_origin("DEFAULT_CALLBACK_PLUGIN_PATH")
+    return origin != "default" or bool(constants.config.get_config_value("CALLBACKS_ENABLED"))
+
+
+def run_of(given: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Bundle:
+    """Read what the tasks of this run have registered. Raises Mismatch."""
+    about = {
         "time": time.strftime("%Y-%m-%d %H:%M:%S %z"),
         "collection": collection_version(),
         "ansible": ansible_version,
-        "robots": content.robots(fleet, observations),
-        "machines": content.machines(fleet, observations, infos),
+        "python": platform.python_version(),
     }
+    try:
+        return gather.gathered(given, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], about)
+    except Mismatch as problem:
+        raise Mismatch(f"The plan of the fleet cannot be read: {problem}") from None
+
+
+def opened(path: str) -> Bundle:
+    """Read a bundle. Raises Unreadable, with a sentence."""
+    try:
+        descriptor = os.open(os.path.expanduser(path), os.O_RDONLY | os.O_NONBLOCK)  # a FIFO does not keep us waiting
+        with open(descriptor, "rb") as stream:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise Unreadable("is no file")
+            data = stream.read(LARGEST + 1)
+        return read(unpacked(data, JUDGED))
+    except OSError as problem:
+        said = f"cannot be read: {problem.strerror}"
+    except Unreadable as problem:
+        said = plain(str(problem), LINE)
+    raise Unreadable(f"{path} {said}; expected a bundle that verify has written (verify_bundle): name another file.")
 
 
 def collection_version() -> str:
@@ -194,13 +180,13 @@ class Files:
     own: bool  # nobody named a place: they are in a folder of ours, which keeps the last ones
 
     @classmethod
-    def at(cls, path: str, inventory: Any) -> Files | None:
+    def at(cls, path: str, inventory: str) -> Files | None:
         """Read the option `path`: empty, auto, a folder or a file."""
         if not path:
             return None
         name = time.strftime(NAME) + ".json"
         if path == AUTO:
-            return cls(folder_of(str(inventory or "")) / name, own=True)
+            return cls(folder_of(inventory) / name, own=True)
         place = Path(os.path.abspath(os.path.expanduser(path)))
         return cls(place / name if path.endswith("/") or place.is_dir() else place, own=False)
 
@@ -228,7 +214,7 @@ class Files:
         earlier = [self.data] if self.data.exists() else sorted(self.data.parent.glob(PATTERN))
         for path in [path for path in earlier if path.suffix == ".json" or path == self.data][-1:]:
             try:
-                if path.stat().st_size <= LARGEST:
+                if path.stat().st_size <= LARGEST_DATA:
                     found = json.loads(path.read_text(encoding="utf-8"))
                     return plain_data(found) if isinstance(found, dict) else {}
             except (OSError, ValueError, RecursionError):
@@ -255,67 +241,12 @@ def show(summary: report.Summary, diagnosis: Diagnosis, written: str) -> None:
     display.display(plain_lines(f"Report: {written}\n" if written else ""))
 
 
-def observation(
-    variables: Mapping[str, Any],
-    multicast: str,
-    probe: str,
-    earlier: Sequence[str],
-    packet_filter: str = "",
-    plan: str = "",
-) -> Observation:
-    """Read the registered results of one computer; the message of the first one that failed is its problem."""
-    results = [registered(variables, name) for name in (*earlier, multicast, probe)]
-    bad = [entry for entry in results if entry.get("unreachable") or entry.get("failed")]
-    problem = plain(" ".join(str(bad[0].get("msg", "")).split()), LINE) if bad else ""
-    unreachable = any(entry.get("unreachable") for entry in bad)
-    try:
-        return Observation(
-            multicast=complete(Multicast, variables, multicast, "udp"),
-            probe=complete(Probe, variables, probe, "members"),
-            unreachable=unreachable,
-            problem=problem,
-            packet_filter=complete(PacketFilter, variables, packet_filter, "members"),
-            found=as_found(variables, plan),
-            services=services(variables, plan),
-        )
-    except Mismatch as found:  # what one computer was told by strangers must not cost the others their report
-        return Observation(
-            unreachable=unreachable, problem=problem or plain(f"its results cannot be read: {found}", LINE)
-        )
-
-
-def complete(kind: type[T], variables: Mapping[str, Any], name: str, part: str) -> T | None:
-    """Read a registered result; None where the task gave none, or not this part. Raises Mismatch."""
-    result = registered(variables, name)
-    return from_plain(kind, plain_data(result)) if part in result else None
-
-
-def registered(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Return a registered result, or with a dot in the name a part of one; empty where there is none."""
-    found: Any = variables
-    for key in name.split("."):
-        found = found[key] if isinstance(found, Mapping) and key in found else {}
-    return found if isinstance(found, Mapping) else {}
-
-
-def services(variables: Mapping[str, Any], name: str) -> tuple[str, ...] | None:
-    """Read which services can run there, as preflight found; None where it did not look."""
-    found = registered(variables, name).get("services")
-    return tuple(map(str, found)) if isinstance(found, (list, tuple)) else None
-
-
-def as_found(variables: Mapping[str, Any], name: str) -> AsFound | None:
-    """Read what preflight found, out of the variable with the computer's plan; None where there is none. Raises Mismatch."""
-    plan = registered(variables, name)
-    return from_plain(AsFound, plain_data(plan["found"])) if "found" in plan else None
-
-
-def write(path: str, text: str, mode: int) -> None:
+def write(path: str, content: str | bytes, mode: int) -> None:
     """Write a file by rename, so that a reader never sees half of a report. Raises OSError."""
     descriptor, temporary = tempfile.mkstemp(dir=os.path.dirname(path), prefix=".report-")
     try:
-        with open(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(text)
+        with open(descriptor, "wb") as stream:
+            stream.write(content.encode() if isinstance(content, str) else content)
         os.chmod(temporary, mode)
         os.replace(temporary, path)
     except BaseException:

@@ -20,20 +20,31 @@ description:
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
 options:
+  bundle:
+    description:
+      - A file that M(rosfleet.multimaster.fleet_bundle) has written, for example V(bundle.zip), which is judged in place of what this run has
+        seen. It may be anybody's, nothing of it is unpacked or run, and what is too large is refused.
+      - One of this and O(fleet), O(multicast) and O(probe) is needed.
+    type: str
+    default: ""
+  each:
+    description:
+      - Whether the findings are returned once more in RV(each), for a task for each of them (M(rosfleet.multimaster.fleet_finding)).
+      - V(auto) does so where callbacks are set up beside that of the terminal, as ARA and C(ansible-navigator) do.
+    type: str
+    choices: [auto, always, never]
+    default: never
   fleet:
     description: The return of M(rosfleet.multimaster.fleet_plan).
     type: dict
-    required: true
   multicast:
     description: The name of the variable that every computer registered from C(multicast_verify), for example
       V(verify_multicast); where C(multimaster_verify) has measured that, too, for example V(verify_probe.multicast).
     type: str
-    required: true
   probe:
     description: The name of the variable that every computer registered from C(multimaster_verify), for example
       V(verify_probe).
     type: str
-    required: true
   packet_filter:
     description: The name of the variable that computers registered from C(firewall) in check mode, for example V(verify_filter);
       empty for none.
@@ -87,6 +98,8 @@ author:
 seealso:
   - module: rosfleet.multimaster.multicast_verify
   - module: rosfleet.multimaster.multimaster_verify
+  - module: rosfleet.multimaster.fleet_bundle
+  - module: rosfleet.multimaster.fleet_finding
 """
 
 EXAMPLES = r"""
@@ -253,6 +266,12 @@ findings:
       returned: always
       type: int
       sample: 3
+each:
+  description: The first twenty of RV(findings) where O(each) says so; else none.
+  returned: success
+  type: list
+  elements: dict
+  sample: []
 unexplained:
   description: The results that are not as expected, and that no broken part explains, as after lost packets.
   returned: success

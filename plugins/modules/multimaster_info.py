@@ -48,7 +48,7 @@ options:
     description:
       - What is looked at, for example only V(environment) to read back what shells see. A part that is not listed is
         not returned.
-      - The part V(system) returns RV(hostname), RV(python), RV(os) and RV(systemd); every other part returns the value
+      - The part V(system) returns RV(hostname), RV(python), RV(kernel), RV(os) and RV(systemd); every other part returns the value
         of its name.
       - The part V(masters) is not looked at by default, since it asks roscores and nodes.
     type: list
@@ -138,6 +138,11 @@ python:
   returned: with the part V(system)
   type: str
   sample: 3.11.2
+kernel:
+  description: The release of the kernel.
+  returned: with the part V(system)
+  type: str
+  sample: 6.1.0-28-amd64
 os:
   description: The operating system, as C(/etc/os-release) says.
   returned: with the part V(system)
@@ -1007,7 +1012,13 @@ class Part(typing.NamedTuple):
     options: typing.Tuple[str, ...] = ()  # the arguments of `look`
 
 
-NO_SYSTEM = {"hostname": "", "python": "", "os": {}, "systemd": {"running": False, "version": 0, "net_admin": True}}
+NO_SYSTEM = {
+    "hostname": "",
+    "python": "",
+    "kernel": "",
+    "os": {},
+    "systemd": {"running": False, "version": 0, "net_admin": True},
+}
 NO_ROS: typing.Dict[str, typing.Any] = {"found": [], "chosen": None, "problem": "ROS could not be looked for."}
 NO_SSHD = {
     "installed": False,

@@ -45,7 +45,12 @@ DOORS = {
         "write to a standard stream": {  # JSON for the module that runs them, which reads and ends with it
             "module_utils/_verify/message_types.py"
         },
-        "display": {"action/fleet_predict.py", "action/fleet_report.py", "action/fleet_watch.py"},
+        "display": {
+            "action/fleet_bundle.py",
+            "action/fleet_predict.py",
+            "action/fleet_report.py",
+            "action/fleet_watch.py",
+        },
         "warning": set(),
     },
     NODES: {

@@ -37,6 +37,7 @@ ROOMS = {
         "_world": {"_plan", "_fleet"},
         "_verify": {"_plan", "_fleet"},
         "_report": {"_verify", "_plan", "_fleet"},
+        "_bundle": {"_report", "_verify", "_plan", "_fleet"},
         "_adopt": {"_fleet"},
     },
     NODES: {

@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.comm
 
 
 def system(root: str = "/") -> typing.Dict[str, typing.Any]:
-    """Read the host name, Python, operating system (os-release(5)) and systemd."""
+    """Read the host name, Python, kernel, operating system (os-release(5)) and systemd."""
     release = {}
     for word in _words(text(os.path.join(root, "etc/os-release"))):
         name, _equals, value = word.partition("=")
@@ -22,6 +22,7 @@ def system(root: str = "/") -> typing.Dict[str, typing.Any]:
     return {
         "hostname": os.uname().nodename,
         "python": platform.python_version(),
+        "kernel": os.uname().release,
         "os": {
             "id": release.get("ID", ""),
             "version": release.get("VERSION_ID", ""),

@@ -16,6 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris 
 OWN_TOPICS = "/multimaster_verify/"  # of the verification itself
 MOST = 2000  # names of a robot that are kept
 NAMED = 6  # names in a sentence
+NOTHING = dict.fromkeys(("system", "kernel", "python", "ros", "provider", "list_masters", "topics"), "")  # of a machine
 PRIVATE = ("/get_loggers", "/set_logger_level")  # services that every node has
 
 
@@ -125,6 +126,8 @@ def machines(
         asked = probe.list_masters.seconds if probe and not probe.list_masters.error else 0.0
         found[name] = {
             "system": _text(info, "os", "name"),
+            "kernel": _text(info, "kernel"),
+            "python": _text(info, "python"),
             "ros": _text(info, "ros", "chosen", "distro"),
             "provider": "" if fleet.computers[name].is_router else fleet.computers[name].provider,
             "list_masters": f"{asked:.2f} s" if asked else "",

@@ -42,7 +42,7 @@ def reported(fleet, change=None, pairs="all", since=None, **more):
         "file": "/home/operator/report.json",
         "robots": content.robots(fleet, seen),
         "machines": {
-            name: {"system": "Debian 12", "ros": "noetic", "provider": "bundled", "list_masters": "", "topics": ""}
+            name: {**content.NOTHING, "system": "Debian 12", "ros": "noetic", "provider": "bundled"}
             for name in fleet.computers
         },
         **more,

@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The report as a person reads it, as a file, and what the action reads of registered results."""
+"""The report as a person reads it, as a file."""
 
 import json
 
-from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import Diagnosis, Found
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
@@ -14,11 +13,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     UNKNOWN,
     WARNING,
     Row,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
-    Multicast,
-    Observation,
-    Probe,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import Part
 
@@ -152,43 +146,6 @@ def test_document_has_every_row_and_finding_as_plain_data():
         "failed": 1,
         "unknown": 0,
     } in document["checks"]
-
-
-def test_registered_results_become_an_observation():
-    good = {"verify_multicast": {"udp": []}, "verify_probe": {"members": []}, "multimaster_info": {"changed": False}}
-    seen = fleet_report.observation(good, "verify_multicast", "verify_probe", ["multimaster_info"])
-    assert seen == Observation(Multicast(), Probe())
-    together = {"verify_probe": {"members": [], "multicast": {"udp": []}}, "multimaster_info": {"changed": False}}
-    assert fleet_report.observation(together, "verify_probe.multicast", "verify_probe", ["multimaster_info"]) == seen
-    half = {"verify_probe": {"members": [], "multicast": {"failed": True, "msg": "No helper."}}}
-    assert fleet_report.observation(half, "verify_probe.multicast", "verify_probe", []) == Observation(
-        probe=Probe(), problem="No helper."
-    )
-    filtered = {**good, "verify_filter": {"members": [], "changed": True, "msg": "would be changed"}}
-    seen = fleet_report.observation(filtered, "verify_multicast", "verify_probe", [], "verify_filter")
-    assert (seen.packet_filter.changed, seen.packet_filter.msg) == (True, "would be changed")
-    skipped = {**good, "verify_filter": {"changed": False, "skipped": True}}
-    assert (
-        fleet_report.observation(skipped, "verify_multicast", "verify_probe", [], "verify_filter").packet_filter is None
-    )
-    down = {"multimaster_info": {"unreachable": True, "msg": "no route\n to host"}}
-    assert fleet_report.observation(down, "verify_multicast", "verify_probe", ["multimaster_info"]) == Observation(
-        unreachable=True, problem="no route to host"
-    )
-    broken = {
-        **good,
-        "verify_talker": {"failed": True, "msg": "Cannot start."},
-        "verify_probe": {"failed": True, "msg": "x"},
-    }
-    assert fleet_report.observation(broken, "verify_multicast", "verify_probe", ["verify_talker"]) == Observation(
-        Multicast(), problem="Cannot start."
-    )
-
-
-def test_an_answer_of_strangers_costs_one_computer_its_result_and_no_other_the_report():
-    odd = {"verify_probe": {"members": 3}}
-    seen = fleet_report.observation(odd, "verify_multicast", "verify_probe", [])
-    assert seen.probe is None and seen.problem.startswith("its results cannot be read: members is 3")
 
 
 def test_without_the_table_only_what_is_wrong_is_told():

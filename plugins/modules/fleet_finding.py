@@ -1,0 +1,89 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: fleet_finding
+short_description: Tell a finding as the result of a task
+version_added: "0.1.0"
+description:
+  - Returns a finding of M(rosfleet.multimaster.fleet_report), for what records the results of tasks, such as ARA, the replay of
+    C(ansible-navigator) or the callback P(ansible.builtin.junit#callback).
+  - Fails where RV(verdict) is V(failed), so use it with C(ignore_errors).
+  - Runs on the controller and connects to no host.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.info
+options:
+  finding:
+    description: An entry of C(findings) or C(each), which M(rosfleet.multimaster.fleet_report) returns.
+    type: dict
+    required: true
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.fleet_report
+"""
+
+EXAMPLES = r"""
+- name: Tell each finding
+  rosfleet.multimaster.fleet_finding:
+    finding: "{{ item }}"
+  loop: "{{ verification.findings }}"
+  loop_control:
+    label: "{{ item.sentence }}"
+  run_once: true
+  ignore_errors: true
+"""
+
+RETURN = r"""
+kind:
+  description: What the broken part is, such as V(names), V(route) or V(filter).
+  returned: always
+  type: str
+  sample: names
+place:
+  description: Where it is, a computer, a robot, a network, or two of them.
+  returned: always
+  type: str
+  sample: kobuki1computer
+mode:
+  description: How it is broken.
+  returned: always
+  type: str
+  sample: loopback
+what:
+  description: What of it is concerned, or empty.
+  returned: always
+  type: str
+  sample: kobuki2computer
+verdict:
+  description: The worst of what follows from it, V(failed), V(warning) or V(unknown).
+  returned: always
+  type: str
+  sample: failed
+sentence:
+  description: The same in a sentence.
+  returned: always
+  type: str
+  sample: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
+remedy:
+  description: What to do.
+  returned: always
+  type: str
+  sample: run site.yml, which also keeps cloud-init from writing the line again at boot
+decide:
+  description: The command that shows whether it is this part.
+  returned: always
+  type: str
+  sample: "on kobuki1computer: getent ahostsv4 kobuki2computer; cat /etc/hosts"
+since:
+  description: Since when it is so, where the computer tells; else empty.
+  returned: always
+  type: str
+  sample: /etc/hosts was changed 2026-11-22 09:12:44 UTC
+msg:
+  description: The sentence with the remedy.
+  returned: always
+  type: str
+  sample: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface; run site.yml
+"""

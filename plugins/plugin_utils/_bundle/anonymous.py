@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Names and addresses, replaced everywhere by the same others: robot1, robot1-computer2, host3, user1. Pure.
+
+The names of the plan are known. Hosts of URIs and owners of home folders are learned from the texts before.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from ipaddress import AddressValueError, IPv4Address, IPv4Network, IPv6Address
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.addresses import Addresses
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+
+# What the collection and ROS call themselves stays, whatever a robot is called.
+_OURS = (
+    r"master_discovery|master_sync|rosfleet(?:[_.-]multimaster)?|rosout|roscore|rosmaster|ros_comm|multimaster_verify(?:_talker|_listener)?"
+    r"|multimaster[_-](?:address|roscore|discovery|sync|connections|multicast-routing|verify)"
+)
+_PUBLIC = {"localhost", "wiki.ros.org", "www.ros.org", "docs.ros.org", "answers.ros.org", "github.com", "www.w3.org"}
+_URI = re.compile(r"(?:https?|rosrpc)://(?:[^/@\s]{1,200}@)?([A-Za-z0-9][A-Za-z0-9.-]{0,200})(?=[:/\s\"'\])]|$)")
+_HOME = re.compile(r"/home/([A-Za-z0-9._-]{1,64})")
+_IPV4 = re.compile(r"(?<![\d.])(\d{1,3})([._-])(\d{1,3})\2(\d{1,3})\2(\d{1,3})(?!\d|\.\d)(?:/(\d{1,2})(?!\d))?")
+_MAC = re.compile(r"(?<![0-9A-Fa-f:])(?:[0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}(?![0-9A-Fa-f:])")
+_IPV6 = re.compile(r"(?<![0-9A-Za-z:.])[0-9A-Fa-f]{0,4}(?::[0-9A-Fa-f]{0,4}){2,7}(?![0-9A-Za-z:.])")
+
+
+class Anonymous:
+    """What replaces names and addresses. `aliases` are more names of computers, `users` names of persons, `texts` are learned from."""
+
+    def __init__(
+        self,
+        fleet: FleetPlan,
+        aliases: Mapping[str, Iterable[str]] | None = None,
+        users: Iterable[str] = (),
+        texts: Iterable[str] = (),
+    ) -> None:
+        self._addresses = Addresses(_networks(fleet))
+        self._names = _names(fleet, aliases or {})
+        hosts, people = set[str](), set(users) - {"root", "nobody", ""}
+        for text in texts:
+            hosts |= {host for host in _URI.findall(text) if not _IPV4.fullmatch(host)}
+            people |= set(_HOME.findall(text))
+        for host in sorted(host for host in hosts if host.lower() not in _PUBLIC | self._names.keys()):
+            self._add(host, f"host{1 + sum(new.startswith('host') for new in self._names.values())}")
+        self._people = {name: f"user{number}" for number, name in enumerate(sorted(people), 1)}
+        self._seen: dict[tuple[str, str], str] = {}  # hardware addresses, and addresses of IPv6
+        self._pattern = _pattern(self._names)
+        self._persons = _persons(self._people)
+
+    def _add(self, old: str, new: str) -> None:
+        self._names.setdefault(old.lower(), new)
+        self._names.setdefault(_label(old).lower(), _label(new))
+
+    def text(self, text: str) -> str:
+        """Return a text in other words."""
+        text = _MAC.sub(lambda found: self._counted("mac", found[0], "02:00:00:00:{0:02x}:{1:02x}"), text)
+        text = _IPV6.sub(self._ipv6, text)
+        text = _IPV4.sub(self._ipv4, text)
+        if self._persons:
+            text = self._persons.sub(lambda found: found[1] + self._people[found[2]], text)
+        return self._pattern.sub(lambda found: found[1] or self._names[found[0].lower()], text)
+
+    def data(self, value: Any) -> Any:
+        """Return plain data or dataclasses in other words; the fields of dataclasses keep their names."""
+        if isinstance(value, str):
+            return self.text(value)
+        if isinstance(value, IPv4Address):
+            return self._addresses.address(value)
+        if isinstance(value, IPv4Network):
+            return self._addresses.network(value)
+        if isinstance(value, Mapping):
+            return {key if key.isupper() else self.text(key): self.data(part) for key, part in value.items()}
+        if isinstance(value, (list, tuple)):
+            return type(value)(self.data(part) for part in value)
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            return dataclasses.replace(
+                value, **{field.name: self.data(getattr(value, field.name)) for field in dataclasses.fields(value)}
+            )
+        return value
+
+    def _ipv4(self, found: re.Match[str]) -> str:
+        *parts, length = found.group(1, 3, 4, 5, 6)
+        try:
+            old = IPv4Address(".".join(parts))
+            if length and found[2] == "." and IPv4Network((old, int(length)), strict=False).network_address == old:
+                return str(self._addresses.network(IPv4Network((old, int(length)))))
+        except ValueError:
+            return found[0]
+        return str(self._addresses.address(old)).replace(".", found[2]) + (f"/{length}" if length else "")
+
+    def _ipv6(self, found: re.Match[str]) -> str:
+        try:
+            old = IPv6Address(found[0])
+        except AddressValueError:  # a time of day
+            return found[0]
+        if old.is_loopback or old.is_unspecified or old.is_multicast:
+            return found[0]
+        return self._counted(
+            "link" if old.is_link_local else "ipv6",
+            str(old),
+            "fe80::{2:x}" if old.is_link_local else "2001:db8::{2:x}",
+        )
+
+    def _counted(self, kind: str, old: str, new: str) -> str:
+        key = kind, old.lower()
+        if key not in self._seen:
+            number = 1 + sum(1 for entry in self._seen if entry[0] == kind)
+            self._seen[key] = new.format(number // 256 % 256, number % 256, number)
+        return self._seen[key]
+
+
+def _networks(fleet: FleetPlan) -> list[IPv4Network]:
+    own = [network for entry in fleet.networks for network in (entry.network, IPv4Network(entry.common_address))]
+    of_computers = [interface.network for plan in fleet.computers.values() for interface in plan.networks]
+    return [fleet.common_network, *own, *of_computers, *fleet.belonging.allow, *fleet.let_in]
+
+
+def _names(fleet: FleetPlan, aliases: Mapping[str, Iterable[str]]) -> dict[str, str]:
+    """Return the new names of robots and computers, by their old ones in small letters."""
+    robots = {robot: f"robot{number}" for number, robot in enumerate(fleet.master_of, 1)}
+    computers = _computers(fleet, robots)
+    found = {name.lower(): new for name, new in {**robots, **computers}.items()}
+    for name, new in _others(fleet, robots, computers, aliases):
+        if name and name.lower() not in found and not _IPV4.fullmatch(name):
+            found[name.lower()] = f"{new}-name{1 + sum(other.startswith(f'{new}-name') for other in found.values())}"
+    return {**{_label(old): _label(new) for old, new in found.items()}, **found}
+
+
+def _computers(fleet: FleetPlan, robots: Mapping[str, str]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    count = dict.fromkeys(robots, 0)
+    for name, plan in fleet.computers.items():
+        if plan.robot in count:
+            count[plan.robot] += 1
+            found[name] = f"{robots[plan.robot]}-computer{count[plan.robot]}"
+        else:
+            found[name] = "router"
+    return found
+
+
+def _others(
+    fleet: FleetPlan, robots: Mapping[str, str], computers: Mapping[str, str], aliases: Mapping[str, Iterable[str]]
+) -> Iterator[tuple[str, str]]:
+    """List more names, each with the new name of whose it is."""
+    at = {
+        str(address): computers[name]
+        for name, plan in fleet.computers.items()
+        for address in (plan.address, plan.common_address)
+    }
+    for entry in fleet.hosts_entries:
+        yield from ((name, at.get(str(entry.address), "host")) for name in entry.names)
+    for computer, names in aliases.items():
+        yield from ((name, computers.get(computer, "host")) for name in names)
+    for robot in fleet.belonging.robots:
+        yield from ((name, robots.get(robot.robot, "router")) for name in robot.hosts)
+
+
+def _label(name: str) -> str:
+    """Return a name as it is part of a ROS name."""
+    return re.sub(r"\W", "_", name)
+
+
+def _pattern(names: Mapping[str, str]) -> re.Pattern[str]:
+    longest = sorted(names, key=lambda name: (-len(name), name))
+    inner = "|".join(map(re.escape, longest)) or r"(?!)"
+    return re.compile(rf"(?<![A-Za-z0-9])(?:({_OURS})|{inner})(?![A-Za-z0-9])", re.IGNORECASE)
+
+
+def _persons(people: Mapping[str, str]) -> re.Pattern[str] | None:
+    """Return where the name of a person stands: a home folder, `user anna`, `anna@`."""
+    if not people:
+        return None
+    inner = "|".join(map(re.escape, sorted(people, key=lambda name: (-len(name), name))))
+    return re.compile(rf"(/home/|\b[Uu]ser(?:name)?[ =:]+[\"']?|(?<![\w.-])(?=[\w.-]+@))({inner})(?![\w-])")

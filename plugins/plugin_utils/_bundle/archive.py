@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The file of a bundle: texts by name in a ZIP archive. Pure: bytes in or out, and nothing is ever unpacked to a disk.
+
+A bundle that is read may come from anybody. Only members that are asked for by name are read, each up to a bound, so a path,
+a link or a bomb in the archive leads nowhere.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Iterable, Mapping
+
+LARGEST = 50_000_000  # bytes of an archive that is read
+UNPACKED = 200_000_000  # bytes of its members together
+MODE = 0o600 << 16
+FOLDER = "rosfleet-bundle/"
+
+
+class Unreadable(ValueError):
+    """An archive that is no bundle; one sentence without its name."""
+
+
+def packed(texts: Mapping[str, str], time: tuple[int, int, int, int, int, int]) -> bytes:
+    """Pack texts."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name, text in texts.items():
+            member = zipfile.ZipInfo(FOLDER + name, time)
+            member.external_attr, member.compress_type = MODE, zipfile.ZIP_DEFLATED
+            archive.writestr(member, text.encode("utf-8", "replace"))
+    return stream.getvalue()
+
+
+def unpacked(data: bytes, names: Iterable[str]) -> dict[str, str]:
+    """Return the texts of these names. Raises Unreadable."""
+    if len(data) > LARGEST:
+        raise Unreadable(f"has more than {LARGEST // 1_000_000} MB")
+    left = UNPACKED
+    found = {}
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            for name in names:
+                text = _member(archive, name, left)
+                left -= len(text)
+                found[name] = text.decode("utf-8", "replace")
+    except KeyError as problem:
+        raise Unreadable(f"has no {problem.args[0] if problem.args else 'content'}") from None
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        OSError,
+        RuntimeError,
+        ValueError,
+        NotImplementedError,
+    ) as problem:
+        if isinstance(problem, Unreadable):
+            raise
+        raise Unreadable(f"is no ZIP archive, or a damaged one ({problem})") from None
+    return found
+
+
+def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
+    """Read a member up to a bound: its own word about its size is not believed."""
+    try:
+        member = archive.getinfo(FOLDER + name)
+    except KeyError:
+        raise KeyError(FOLDER + name) from None
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise Unreadable(f"has {FOLDER + name} in a packing that is not used for bundles")
+    with archive.open(member) as stream:
+        content = stream.read(most + 1)
+    if len(content) > most:
+        raise Unreadable(f"unpacks to more than {UNPACKED // 1_000_000} MB")
+    return content

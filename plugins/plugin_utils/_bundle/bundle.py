@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What is in a bundle: what the fleet is planned to be, what was seen of it, what ran there, and the last lines of the logs. Pure.
+
+`texts` and `read` are the two directions; only what the judgement needs is read again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.anonymous import Anonymous
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import Unreadable
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import Secrets
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain, to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
+
+FORMAT = 1
+ABOUT, PLAN, OBSERVATIONS = "about.json", "plan.json", "observations.json"
+JUDGED = (ABOUT, PLAN, OBSERVATIONS)  # what is read again
+COMPUTERS = 2000
+LOGS = 4_000_000  # letters of all logs
+LOG = 60_000  # of one computer
+README = """\
+This is what `verify` of the Ansible collection rosfleet.multimaster {collection} has seen of a fleet, {time}.
+
+report.html         what is wrong, for people; report.json is the same as data
+about.json          versions, of this computer and of each computer of the fleet
+plan.json           what the fleet is to be
+observations.json   what each computer has seen of the others
+logs/               the last lines of what the services of the collection said, for each computer
+
+Passwords, keys and tokens were taken out where they could be recognised: by their names, their form, or because the inventory has
+them. {names}Topics and services of the robots are listed by name. Read it before you give it to others.
+
+The same findings, without a robot: ansible-playbook rosfleet.multimaster.report -e bundle=FILE
+"""
+KEPT = "Names and addresses are those of the fleet. "
+REPLACED = "Names of robots and computers, users and addresses were replaced by others. "
+
+
+@dataclasses.dataclass(frozen=True)
+class Bundle:
+    """All that is told of a fleet. `about` has the time and the versions of the controller, `machines` those of each computer."""
+
+    fleet: FleetPlan
+    observations: Mapping[str, Observation]
+    machines: Mapping[str, Mapping[str, str]]
+    about: Mapping[str, str]
+    logs: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    def without(self, secrets: Secrets) -> Bundle:
+        """Return it without secrets."""
+        logs = {name: secrets.text(text) for name, text in self.logs.items()}
+        return dataclasses.replace(
+            self,
+            fleet=secrets.data(self.fleet),
+            observations={name: secrets.data(seen) for name, seen in self.observations.items()},
+            machines=secrets.data(self.machines),
+            logs=_last(logs),
+        )
+
+    def renamed(self, aliases: Mapping[str, list[str]], users: set[str]) -> Bundle:
+        """Return it with other names and addresses."""
+        known = (
+            json.dumps([to_plain(self.fleet), {name: to_plain(seen) for name, seen in self.observations.items()}]),
+        )
+        other = Anonymous(self.fleet, aliases, users, [*known, *self.logs.values()])
+        return dataclasses.replace(
+            self,
+            fleet=other.data(self.fleet),
+            observations=other.data(self.observations),
+            machines=other.data(self.machines),
+            logs=other.data(self.logs),
+            about={**self.about, "names": "replaced"},
+        )
+
+    def texts(self, page: str, document: Mapping[str, Any]) -> dict[str, str]:
+        """Return the files of the bundle."""
+        about = {"format": FORMAT, **self.about, "computers": dict(self.machines)}
+        names = REPLACED if self.about.get("names") else KEPT
+        logs = {f"logs/{re.sub(r'[^A-Za-z0-9._-]', '_', name)}.txt": text for name, text in self.logs.items() if text}
+        return {
+            "README.txt": README.format(collection=self.about["collection"], time=self.about["time"], names=names),
+            ABOUT: _json(about),
+            PLAN: _json(to_plain(self.fleet)),
+            OBSERVATIONS: _json({name: to_plain(seen) for name, seen in self.observations.items()}),
+            "report.json": _json(document),
+            "report.html": page,
+            **logs,
+        }
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, indent=1, ensure_ascii=False) + "\n"
+
+
+def _last(logs: Mapping[str, str]) -> dict[str, str]:
+    """Cut logs to their last lines, so that all together have room."""
+    most = min(LOG, LOGS // max(1, len(logs)))
+    return {name: text if len(text) <= most else text[-most:].partition("\n")[2] for name, text in logs.items()}
+
+
+def read(texts: Mapping[str, str]) -> Bundle:
+    """Read a bundle, which anybody may have written. Raises Unreadable."""
+    about, plan, observations = (_loaded(name, texts[name]) for name in JUDGED)
+    if about.get("format") != FORMAT:
+        raise Unreadable(f"has the format {plain(about.get('format'), 20)}; this version reads {FORMAT}")
+    if len(observations) > COMPUTERS or len(plan.get("computers", ())) > COMPUTERS:
+        raise Unreadable(f"has more than {COMPUTERS} computers")
+    try:
+        fleet = from_plain(FleetPlan, plan)
+        seen = {name: from_plain(Observation, entry) for name, entry in observations.items()}
+    except (Mismatch, RecursionError) as problem:
+        raise Unreadable(f"does not fit: {plain(problem, LINE)}") from None
+    machines = about.get("computers")
+    return Bundle(
+        fleet,
+        {name: entry for name, entry in seen.items() if name in fleet.computers},
+        {name: _strings(entry) for name, entry in machines.items()} if isinstance(machines, dict) else {},
+        {name: text for name, text in about.items() if isinstance(text, str)},
+    )
+
+
+def _strings(entry: Any) -> dict[str, str]:
+    return {name: text for name, text in entry.items() if isinstance(text, str)} if isinstance(entry, dict) else {}
+
+
+def _loaded(name: str, text: str) -> dict[str, Any]:
+    try:
+        found = json.loads(text, parse_constant=_no_number)
+        found = plain_data(found)
+    except (ValueError, RecursionError):
+        raise Unreadable(f"has a {name} that is no JSON, or too deep") from None
+    if not isinstance(found, dict):
+        raise Unreadable(f"has a {name} that is no mapping")
+    return found
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(text)

@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A bundle of what a run has registered, and what the report says about one. Pure: Ansible's variables and plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import Bundle
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.judged import Judged, judge
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import observation, registered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.pairs import ALL, AUTO
+
+OPTIONS = ("fleet", "multicast", "probe", "earlier", "packet_filter", "plan", "pairs", "machine")
+
+
+def gathered(
+    given: Mapping[str, Any], hostvars: Mapping[str, Any], hosts: Collection[str], about: Mapping[str, str]
+) -> Bundle:
+    """Read what the tasks of a run registered; `given` are the OPTIONS of an action. Raises Mismatch."""
+    fleet = from_plain(FleetPlan, given.get("fleet"))
+    names = {option: given.get(option) or "" for option in (*OPTIONS, "logs")}
+    seen = {
+        host: observation(
+            hostvars[host], names["multicast"], names["probe"], names["earlier"], names["packet_filter"], names["plan"]
+        )
+        for host in fleet.computers
+        if host in hosts
+    }
+    infos = {host: registered(hostvars[host], names["machine"]) for host in seen}
+    logs = {host: _lines(registered(hostvars[host], names["logs"])) for host in seen} if names["logs"] else {}
+    machines = content.machines(fleet, seen, infos)
+    return Bundle(fleet, seen, machines, {**about, "pairs": names["pairs"] or ALL}, logs)
+
+
+def _lines(result: Mapping[str, Any]) -> str:
+    """Return the logs of a computer as one text."""
+    parts = [f"problem: {problem}" for problem in plain_data(result.get("problems") or [])]
+    if result.get("msg") and not result.get("logs"):
+        parts.append(f"problem: {plain_data(str(result['msg']), 500)}")
+    for service, lines in plain_data(dict(result.get("logs") or {})).items():
+        parts += [f"== {service}", *(lines if isinstance(lines, list) else ())]
+    return "".join(f"{part}\n" for part in parts)
+
+
+def verdict(bundle: Bundle, pages: bool, everything: bool) -> Judged:
+    """Judge what is in a bundle."""
+    pairs = AUTO if bundle.about.get("pairs") == AUTO else ALL
+    return judge(Verification(CHECKS, bundle.fleet, bundle.observations, pairs), pages, everything)
+
+
+def document(bundle: Bundle, judged: Judged) -> dict[str, Any]:
+    """Return all that the report says, as data."""
+    return {
+        **judged.document(),
+        "time": bundle.about.get("time", ""),
+        "collection": bundle.about.get("collection", ""),
+        "ansible": bundle.about.get("ansible", ""),
+        "robots": content.robots(bundle.fleet, bundle.observations),
+        "machines": {name: {**content.NOTHING, **bundle.machines.get(name, {})} for name in bundle.observations},
+    }

@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A judgement, and as much of it as the report keeps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.matrices import Matrices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import Diagnosis, explained
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import Row, Verification
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A judgement, and as much of it as the files keep."""
+
+    summary: report.Summary
+    diagnosis: Diagnosis
+    rows: Sequence[Row]
+    matrices: Matrices | None
+    seconds: float
+
+    def document(self) -> dict[str, Any]:
+        """The document without what is known of the fleet."""
+        return {
+            "result": report.verdict_line(self.summary),
+            "judged_in": round(self.seconds, 2),
+            **report.document(self.summary, self.diagnosis, self.rows),
+        }
+
+
+def judge(verification: Verification, pages: bool, everything: bool) -> Judged:
+    """Judge all. Without `pages` only what is not ok is kept; in a large fleet also with them, where not `everything` is wanted."""
+    began = time.monotonic()
+    fleet, computers = verification.fleet, list(verification.run)
+    if not pages:
+        summary = report.summarised(verification, computers, len(fleet.computers))
+        return Judged(summary, explained(verification, summary.notable), (), None, time.monotonic() - began)
+    matrices = Matrices(fleet)
+    rows = matrices.passing(verification.rows())
+    kept: list[Row] = []
+    if matrices.single or everything:
+        kept = list(rows)
+        rows = iter(kept)
+    summary = report.summarise(rows, computers, len(fleet.computers), verification.pairs)
+    diagnosis = explained(verification, summary.notable)
+    return Judged(summary, diagnosis, kept or summary.notable, matrices, time.monotonic() - began)

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Other names and addresses: the same ones everywhere, and none of the old ones."""
+
+import json
+
+import fleets
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.anonymous import Anonymous
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
+
+
+@pytest.fixture(name="other", scope="module")
+def _other():
+    return Anonymous(
+        fleets.fig12(),
+        {"tibi-nav": ["upstairs-nuc.lab.example.org"]},
+        {"anna", "root"},
+        ["http://annas-laptop:11311/ and /home/bert/ws", "http://wiki.ros.org/x"],
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("tibi-nav", "robot1-computer1"),
+        ("TIBI-NAV is online; car is not", "robot1-computer1 is online; robot3 is not"),
+        ("/multimaster_verify/tibi_nav of /tibi/base", "/multimaster_verify/robot1_computer1 of /robot1/base"),
+        ("/tibi_base cart scar", "/robot1_base cart scar"),
+        ("http://tibi-visio:11311/", "http://robot1-computer2:11311/"),
+        ("upstairs-nuc.lab.example.org", "robot1-computer1-name1"),
+        ("annas-laptop, annas_laptop", "host1, host1"),
+        ("http://wiki.ros.org/x", "http://wiki.ros.org/x"),
+        (
+            "/home/bert/x /home/anna; user anna; anna@x; the anna",
+            "/home/user2/x /home/user1; user user1; user1@x; the anna",
+        ),
+        (
+            "user root, master_sync, multimaster-sync.service, /rosout",
+            "user root, master_sync, multimaster-sync.service, /rosout",
+        ),
+        ("at 12:31:05, ::1, 127.0.0.1 and 226.0.0.0", "at 12:31:05, ::1, 127.0.0.1 and 226.0.0.0"),
+        ("aa:bb:cc:dd:ee:ff AA:BB:CC:DD:EE:FF", "02:00:00:00:00:01 02:00:00:00:00:01"),
+        ("via inet6 fe80::a8bb:ccff:fedd:eeff on eth0", "via inet6 fe80::1 on eth0"),
+        ("2001:4c80::7", "2001:db8::1"),
+        ("1.2.3.4.5, 999.1.1.1, 2026-11-22", "1.2.3.4.5, 999.1.1.1, 2026-11-22"),
+    ],
+)
+def test_words(text, expected):
+    fresh = Anonymous(
+        fleets.fig12(),
+        {"tibi-nav": ["upstairs-nuc.lab.example.org"]},
+        {"anna", "root"},
+        ["http://annas-laptop:11311/ and /home/bert/ws", "http://wiki.ros.org/x"],
+    )
+    assert fresh.text(text) == expected
+
+
+def test_addresses_in_texts_are_those_of_the_plan(other):
+    fleet = fleets.fig12()
+    new = other.data(fleet)
+    for name, plan in fleet.computers.items():
+        changed = new.computers[other.text(name)]
+        assert other.text(f"from {plan.address}: x_{str(plan.address).replace('.', '_')}") == (
+            f"from {changed.address}: x_{str(changed.address).replace('.', '_')}"
+        )
+        assert other.text(str(plan.network)) == str(changed.network) and changed.address in changed.network
+
+
+@pytest.mark.parametrize("fleet", [fleets.fig12(), fleets.plan(12)], ids=["fig12", "plan"])
+def test_nothing_of_the_old_names_and_addresses_is_left(fleet):
+    seen = fleets.observed(fleet)
+    other = Anonymous(fleet)
+    text = json.dumps([to_plain(other.data(fleet)), [to_plain(entry) for entry in other.data(seen).values()]])
+    before = json.dumps([to_plain(fleet), [to_plain(entry) for entry in seen.values()]])
+    for name, plan in fleet.computers.items():
+        for old in (name, plan.robot, str(plan.address), str(plan.common_address or plan.address)):
+            if old not in ("", "router"):
+                assert old in before and f'"{old}"' not in text and f"/{old}:" not in text, old
+    assert "kobuki" not in text and "tibi" not in text
+
+
+def test_a_robot_with_a_word_of_the_verification_as_its_name_leaves_our_own_names(other):
+    fleet = fleets.plan(2)
+    assert "master_discovery" in Anonymous(fleet, {"kobuki1computer": ["master"]}).text("master_discovery of master")

@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A bundle: what is read again is judged as before; what somebody changed in it is refused in a sentence."""
+
+import json
+
+import fleets
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import Unreadable
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import Secrets
+
+ABOUT = {"time": "2026-11-22 14:02:00", "collection": "0.1.0", "ansible": "2.19.0", "pairs": "all"}
+
+
+def bundled(fleet, *changes, logs=None):
+    seen = fleets.observed(fleet)
+    for change in changes:
+        change(seen)
+    return bundles.Bundle(fleet, seen, {name: {"ros": "noetic"} for name in seen}, ABOUT, logs or {})
+
+
+def again(bundle):
+    return bundles.read(bundle.texts("", {}))
+
+
+def kinds(bundle):
+    found = gather.verdict(bundle, pages=False, everything=False).diagnosis.findings
+    return sorted((entry.part.kind, entry.part.mode, entry.verdict, len(entry.rows)) for entry in found)
+
+
+@pytest.mark.parametrize("changes", [(), (fleets.wall,), (fleets.wall, fleets.second_default_route)])
+def test_what_is_read_again_is_what_was_written(changes):
+    bundle = bundled(fleets.fig12(), *changes)
+    found = again(bundle)
+    assert found.fleet == bundle.fleet and found.observations == bundle.observations
+    assert found.machines == bundle.machines and found.about["pairs"] == "all"
+    assert gather.verdict(found, False, False).diagnosis == gather.verdict(bundle, False, False).diagnosis
+
+
+@pytest.mark.parametrize(
+    "changes", [(fleets.wall,), (fleets.second_default_route,), (fleets.wall, fleets.second_default_route)]
+)
+def test_with_other_names_and_without_secrets_the_findings_are_of_the_same_kinds(changes):
+    bundle = bundled(fleets.fig12(), *changes, logs={"tibi-nav": "tibi-nav: password=x1y2 at 192.168.11.100\n"})
+    assert len(kinds(bundle)) == len(changes)
+    other = bundle.without(Secrets()).renamed({}, set())
+    assert kinds(again(other)) == kinds(bundle)
+    assert "tibi" not in json.dumps(other.texts("", {})) and "names" in other.about
+    assert other.logs["robot1-computer1"].startswith("robot1-computer1: password=(removed) at 10.")
+
+
+def test_logs_have_the_last_lines_and_a_file_each():
+    bundle = bundled(fleets.plan(2), logs={"kobuki1computer": "line\n" * 40_000 + "the last\n", "kobuki2computer": ""})
+    files = bundle.without(Secrets()).texts("", {})
+    log = files["logs/kobuki1computer.txt"]
+    assert len(log) <= bundles.LOG and log.endswith("line\nthe last\n") and log.startswith("line\n")
+    assert "logs/kobuki2computer.txt" not in files and "0.1.0" in files["README.txt"]
+
+
+def test_the_name_of_a_computer_is_no_path():
+    bundle = bundled(fleets.plan(2))
+    texts = bundles.dataclasses.replace(bundle, logs={"../../etc/passwd": "x"}).texts("", {})
+    assert "logs/.._.._etc_passwd.txt" in texts
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("plan.json", "{", "has a plan.json that is no JSON"),
+        ("plan.json", "[" * 100_000, "has a plan.json that is no JSON, or too deep"),
+        ("plan.json", "[]", "has a plan.json that is no mapping"),
+        ("plan.json", '{"common_network": NaN}', "no JSON"),
+        ("plan.json", '{"common_network": "x"}', "does not fit: common_network is 'x'"),
+        ("about.json", '{"format": 7}', "has the format 7; this version reads 1"),
+        ("observations.json", '{"kobuki1computer": {"probe": 3}}', "does not fit: probe is 3"),
+        ("observations.json", json.dumps(dict.fromkeys(map(str, range(3000)), {})), "has more than 2000 computers"),
+        ("plan.json", json.dumps({"common_network": "10.0.0.0/8", "computers": [1]}), "does not fit"),
+    ],
+)
+def test_what_somebody_changed(name, text, said):
+    files = bundled(fleets.plan(2)).texts("", {})
+    with pytest.raises(Unreadable) as problem:
+        bundles.read({**files, name: text})
+    assert said in str(problem.value)
+
+
+def test_computers_that_the_plan_does_not_have_are_left_out_and_texts_are_plain():
+    files = bundled(fleets.plan(2)).texts("", {})
+    seen = json.loads(files["observations.json"])
+    seen["stranger"] = {}
+    seen["kobuki1computer"]["problem"] = "\x1b[2Jx\n{{ 7 * 7 }}"
+    found = bundles.read({**files, "observations.json": json.dumps(seen)})
+    assert set(found.observations) == set(found.fleet.computers)
+    assert found.observations["kobuki1computer"].problem == "\\x1b[2Jx {{ 7 * 7 }}"
