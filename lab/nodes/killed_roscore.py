@@ -215,7 +215,7 @@ class Test:
     # A kill
 
     def round(self):
-        """One kill; how long it took from there until all was right."""
+        """One kill; how long it took from there until all was right, and until the first answer."""
         self.complete()
         stop = threading.Event()
         thread = threading.Thread(target=self.churn, args=(stop,))
@@ -232,13 +232,14 @@ class Test:
         for node in dead:
             node.die()
         self.start()
+        answered = time.monotonic() - killed
         self.until_right(lambda: self.wrong(dead))
         took = time.monotonic() - killed
         for node in self.real:
             roscore().setParam("/test", f"{node.name}/word", f"of kill {self.kills}")
             self.until_right(lambda node=node: [] if node.heard(f"of kill {self.kills}") else [f"{node.name} is deaf"])
         self.mend()
-        return took
+        return took, answered
 
     def complete(self):
         """Have new nodes in the place of those that died."""
@@ -332,11 +333,13 @@ class Test:
             for node in self.real:
                 node.die()
         shutil.rmtree(self.folder)
-        times.sort()
-        median, worst = (round(times[at], 3) for at in (len(times) // 2, -1))
-        print(
-            json.dumps({"kills": kills, "changes": self.changes, "nodes": self.count, "median": median, "worst": worst})
-        )
+        found = {"kills": kills, "changes": self.changes, "nodes": self.count}
+        values = {"": times, "_answer": [(answered,) for _took, answered in times]}
+        values["_after_the_answer"] = [(took - answered,) for took, answered in times]
+        for name, each in values.items():
+            ordered = sorted(value[0] for value in each)
+            found["median" + name], found["worst" + name] = (round(ordered[at], 3) for at in (len(ordered) // 2, -1))
+        print(json.dumps(found))
 
 
 if __name__ == "__main__":

@@ -149,6 +149,89 @@ def test_two_kills_in_a_row(tmp_path, quick):
         assert vars(store.read(str(folder)).registry) == state(4)
 
 
+@pytest.mark.parametrize("half", [False, True])
+def test_killed_at_any_call_after_a_kill_nothing_is_lost_either(tmp_path, quick, half):
+    """The second life goes on in the file of the first one, and writes it anew while things change."""
+    kills = step = 0
+    while True:
+        step += 1
+        folder = tmp_path / f"{step}"
+
+        def first(_answered, folder=folder):
+            roscore = Roscore(folder)
+            roscore.store._renew(rest=False)
+            for count in range(1, 5):
+                roscore.change(count)
+            os.write(roscore.store._file, b"half of a li")
+            os.kill(os.getpid(), signal.SIGKILL)
+
+        def second(answered, folder=folder, step=step):
+            found = store.read(str(folder))
+            roscore = Roscore(folder)
+            roscore.registry = found.registry
+            kill_at(step, half)
+            assert roscore.store._go_on(found)
+            for count in range(5, 8):
+                roscore.change(count)
+                answered(count)
+            roscore.store._renew()
+            roscore.change(8)
+            answered(8)
+
+        assert in_child(first)[0]
+        killed, told = in_child(second)
+        last = told[-1] if told else 4
+        assert vars(store.read(str(folder)).registry) in (state(last), state(last + 1)), f"step {step}"
+        assert not list(folder.glob("*.damaged"))
+        if not killed:
+            assert last == 8
+            break
+        kills += 1
+    assert kills > 8
+
+
+def test_a_busy_disk_keeps_no_start_after_a_kill_waiting(tmp_path, monkeypatch):
+    before = Roscore(tmp_path)
+    before.store._renew(rest=False)
+    for count in range(1, 5):
+        before.change(count)
+    os.close(before.store._guard)
+    synced = threading.Event()
+    monkeypatch.setattr(store.os, "fdatasync", lambda _file: synced.wait(20))
+    found = store.read(str(tmp_path))
+    roscore = Roscore(tmp_path)
+    roscore.registry = found.registry
+    began = time.monotonic()
+    roscore.store.start(found)
+    roscore.change(5)
+    assert time.monotonic() - began < 5, "it does not wait for the disk"
+    assert vars(store.read(str(tmp_path)).registry) == state(5), "and what changes is kept"
+    synced.set()
+
+
+@pytest.mark.parametrize("what", ["another boot", "damaged", "gone", "owned"])
+def test_a_file_that_cannot_be_gone_on_with_is_written_anew(tmp_path, monkeypatch, what):
+    before = Roscore(tmp_path)
+    before.store._renew(rest=False)
+    before.change(1)
+    path = tmp_path / remembered.FILE
+    if what == "damaged":
+        path.write_bytes(path.read_bytes() + b"nonsense\nmore\n")
+    if what == "another boot":
+        monkeypatch.setattr(store, "boot", lambda: "another")
+    if what != "owned":
+        os.close(before.store._guard)
+    found = store.read(str(tmp_path))
+    if what == "gone":
+        path.unlink()
+    roscore = Roscore(tmp_path)
+    roscore.registry = found.registry
+    assert not roscore.store._go_on(found)
+    roscore.store.start(found)
+    roscore.change(2)
+    assert vars(store.read(str(tmp_path)).registry) == state(1 if what == "owned" else 2)
+
+
 def test_the_thread_syncs_and_writes_anew(tmp_path, monkeypatch):
     monkeypatch.setattr(store.remembered, "SLACK", 2000)
     roscore = Roscore(tmp_path)

@@ -51,11 +51,12 @@ class Roscore:
 
     def run(self) -> int:
         """Serve until a signal; the exit status."""
-        before = self._before()
+        found = store.read(self._options.store) if self._options.store else None
+        before = self._before(found)
         if before is not None:
             self._master.restore(before)
         memory.settled()
-        self._keep_from_now_on()
+        self._keep_from_now_on(found)
         self._master.handed_on = self._hand_on
         self._master.left = self._survivors.look_after
         core_services.run_id(self._call)
@@ -103,9 +104,8 @@ class Roscore:
 
     # The start
 
-    def _before(self) -> Optional[Registry]:
+    def _before(self, found: Optional[store.Found]) -> Optional[Registry]:
         """The knowledge of an earlier life, as far as it counts."""
-        found = store.read(self._options.store) if self._options.store else None
         if found is None:
             return None
         if not found.another_boot:
@@ -130,10 +130,10 @@ class Roscore:
             left.apply(["delete", name])
         return left
 
-    def _keep_from_now_on(self) -> None:
+    def _keep_from_now_on(self, found: Optional[store.Found]) -> None:
         if self._options.store:
             self._store = store.Store(self._options.store, self._master.ps_lock, self._master.parts)
-            self._store.start()
+            self._store.start(found)
 
     def _serve(self) -> None:
         held = systemd.kept(SOCKET)

@@ -50,7 +50,8 @@ class Remembered(NamedTuple):
 
     registry: Registry
     boot: str
-    good: int  # bytes that count
+    good: int  # bytes that count,
+    lines: int  # and the number of the last line in them
     torn: bool  # something follows that does not count,
     damaged: bool  # and it is more than one line that was not finished
 
@@ -72,14 +73,14 @@ def read(data: bytes, special: Any = lambda value: value) -> Optional[Remembered
     first = _content(lines[0], 0, special)
     if len(lines) < 2 or not isinstance(first, dict) or first.get("format") != FORMAT:
         return None
-    registry, good = Registry(), len(lines[0]) + 1
+    registry, good, last = Registry(), len(lines[0]) + 1, 0
     for number, text in enumerate(lines[1:-1], 1):
         records = _content(text, number, special)
         if not isinstance(records, list) or not _applied(registry, records):
             break
-        good += len(text) + 1
+        good, last = good + len(text) + 1, number
     rest = data[good:]
-    return Remembered(registry, str(first.get("boot", "")), good, bool(rest), b"\n" in rest)
+    return Remembered(registry, str(first.get("boot", "")), good, last, bool(rest), b"\n" in rest)
 
 
 def _applied(registry: Registry, records: Sequence[Record]) -> bool:

@@ -29,6 +29,8 @@ class Found(NamedTuple):
 
     registry: Registry
     another_boot: bool
+    size: int  # bytes of the file that count; 0 where it is not gone on with,
+    lines: int  # and the number of its last line
 
 
 def boot() -> str:
@@ -56,7 +58,10 @@ def read(folder: str) -> Optional[Found]:
         _put_aside(path)
     elif found.torn:
         _log.info("the last change was not written to its end in %s: nobody had an answer to it", path)
-    return None if found is None else Found(found.registry, found.boot != boot())
+    if found is None:
+        return None
+    another_boot = found.boot != boot()
+    return Found(found.registry, another_boot, 0 if found.damaged or another_boot else found.good, found.lines)
 
 
 def forget(folder: str) -> bool:
@@ -94,12 +99,14 @@ class Store:
         self._guard: Optional[int] = None  # the folder, locked: one roscore has it
         self._number = self._size = self._base = 0
         self._meanwhile: Optional[List[Sequence[Record]]] = None  # what changes while a new file is written
+        self._old = False  # the file is one of an earlier life
         self._dirty = threading.Event()
         self._warned = ""
 
-    def start(self) -> None:
-        """Write a file with all there is, then sync and renew it in a thread."""
-        self._renew(rest=False)
+    def start(self, found: Optional[Found] = None) -> None:
+        """Go on in the file that was found, or write one with all there is. Then sync and renew it in a thread."""
+        if found is None or not self._go_on(found):
+            self._renew(rest=False)
         threading.Thread(target=self._keep, name="store", daemon=True).start()
 
     def add(self, records: Sequence[Record]) -> None:
@@ -133,7 +140,28 @@ class Store:
             raise OSError(f"only {written} of {len(line)} bytes could be written")
         self._number, self._size = self._number + 1, self._size + written
 
+    def _go_on(self, found: Found) -> bool:
+        """Add to the file that was found. A new one has to be on the disk first, which takes seconds where that is busy."""
+        if not found.size:
+            return False
+        try:
+            self._own()
+            file = os.open(self._path, os.O_WRONLY | os.O_CLOEXEC)
+        except OSError:
+            return False
+        try:
+            os.ftruncate(file, found.size)  # what was not written to its end
+            os.lseek(file, 0, os.SEEK_END)
+        except OSError:
+            os.close(file)
+            return False
+        self._file, self._size, self._number = file, found.size, found.lines
+        self._old = True
+        return True
+
     def _keep(self) -> None:
+        if self._old:
+            self._renew()
         while True:
             self._dirty.wait(None if self._file is not None else AGAIN)
             sleep(SYNC)
