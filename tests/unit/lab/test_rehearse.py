@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The program of a rehearsal, as far as nothing is started. tests/long/test_rehearse.py has the rest."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "rehearse")]
+
+import rehearse  # noqa: E402
+import seeded  # noqa: E402
+from podman import LabError  # noqa: E402
+from rehearsal import Rehearsed  # noqa: E402
+
+import lab  # noqa: E402
+
+
+def rehearsal():
+    return rehearse.Rehearsal("unit", rehearse.Prepared(Rehearsed({}, (), {}, {}), [], []), Path("/nowhere"))
+
+
+def test_a_mistake_ends_it_before_anything_starts(tmp_path):
+    mistake = next(found for found in seeded.load() if found.name == "same_address")
+    inventory = tmp_path / "hosts.json"
+    inventory.write_text(json.dumps(mistake.inventory()))
+    done = subprocess.run(
+        [sys.executable, "lab/rehearse.py", "--inventory", inventory, "--name", "unit"],
+        cwd=ROOT,
+        env={"PATH": "/nowhere", "HOME": str(tmp_path), "LC_ALL": "C.UTF-8"},  # no podman either
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert mistake.words[0] in done.stderr and "Traceback" not in done.stderr
+    assert "the computers start" not in done.stdout
+
+
+def test_the_command_line():
+    options = rehearse.parsed(
+        ["--inventory", "inventory/x", "--faults", "sync_dead, no_forwarding", "--suites", "a=trixie"]
+    )
+    assert options.inventory == Path.cwd() / "inventory/x"
+    assert (options.faults, options.suites) == (["sync_dead", "no_forwarding"], ["a=trixie"])
+    assert rehearse.parsed(["--inventory", "~/fleet"]).inventory == Path.home() / "fleet"
+    with pytest.raises(LabError, match="INVENTORY is not set; expected the folder"):
+        rehearse.parsed(["--inventory", ""])
+    with pytest.raises(SystemExit):
+        rehearse.parsed(["--inventory", "x", "--name", "a.b"])
+
+
+def test_what_cannot_go_on_ends_the_steps(monkeypatch):
+    run, played = rehearsal(), []
+    monkeypatch.setattr(rehearse.Rehearsal, "start", lambda self: True)
+    monkeypatch.setattr(rehearse.Rehearsal, "play", lambda self, name, variables=None: played.append(name))
+    assert run.whole() is False
+    assert played == ["site.yml"] and run.wrong == ["site.yml: make the fleet talk"]
+
+
+def test_a_step_of_the_lab_that_fails_is_told_and_the_others_go_on(monkeypatch, capsys):
+    run, steps = rehearsal(), []
+
+    def reboot(self):
+        raise LabError("ana-nav has not booted well")
+
+    monkeypatch.setattr(rehearse.Rehearsal, "reboot", reboot)
+    for name in ("start", "play", "verify", "teardown"):
+        monkeypatch.setattr(rehearse.Rehearsal, name, lambda self, *words, name=name: steps.append(name) or True)
+    assert run.whole() is False
+    assert steps == ["start", "play", "verify", "verify", "teardown"]
+    assert run.wrong == ["a reboot of all computers"] and "ana-nav has not booted well" in capsys.readouterr().out
+
+
+def test_the_path_of_the_report_is_the_last_line():
+    run = rehearsal()
+    run.seconds, run.report = {"site.yml": 12.0, "verify.yml": 3.0}, Path("/reports/reboot.html")
+    assert rehearse.told(run).splitlines()[-2:] == [
+        "rehearse: 0 computers, 15 s: all went well",
+        "/reports/reboot.html",
+    ]
+    run.wrong, run.report = ["verify.yml"], None
+    text = rehearse.told(run)
+    assert text.endswith("1 of 2 steps failed") and re.search("^  FAILED +3.0 s   verify.yml$", text, re.MULTILINE)
+
+
+def test_no_lab_has_the_name_of_a_rehearsal_by_accident():
+    assert lab._name("demo-2") == "demo-2" and lab._name("rehearse.fleet_1f3c") == "rehearse.fleet_1f3c"
+    for text in ("a.b", "rehearse.", "rehearse.a-b", "", "-a", "a/b"):
+        with pytest.raises(Exception, match="is not a name"):
+            lab._name(text)
