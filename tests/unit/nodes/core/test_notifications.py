@@ -52,7 +52,35 @@ def test_a_burst_of_ten_thousand_changes_of_one_topic_is_a_few_calls():
         told(plan, value=value)
         calls += all_of(plan, now)
     calls += all_of(plan, now + LONGEST)
-    assert len(calls) <= 10 and calls[0].arguments == ("/chatter", 0) and calls[-1].arguments == ("/chatter", 9999)
+    assert len(calls) <= 7 and calls[0].arguments == ("/chatter", 0) and calls[-1].arguments == ("/chatter", 9999)
+
+
+@pytest.mark.parametrize("takes", [0.001, 0.05, 0.2])
+def test_a_burst_is_a_few_calls_for_a_slow_subscriber_too_and_nothing_waits_longer(takes):
+    """A subscriber that is slow to answer is told less often, and not more often."""
+    plan, calls, ends, now, waits = Notifications(), [], 0.0, 0.0, 0.0
+    current, oldest = None, 0.0
+    for value in range(10000):
+        now += 0.0002
+        told(plan, value=value)
+        oldest = oldest or now
+        if current is not None and now >= ends:
+            plan.done(current, now, True)
+            current = None
+        if current is None:
+            current, _due = plan.next(now)
+            if current is not None:
+                calls.append(current)
+                ends, waits, oldest = now + takes, max(waits, now - oldest), 0.0
+    assert len(calls) <= 7 and waits <= LONGEST + takes + 0.001
+
+
+def test_a_few_changes_at_once_are_no_burst():
+    """As many as start with a launch file: a later one waits for no more than it did."""
+    plan = Notifications()
+    for value in range(4):
+        told(plan, value=value)
+        assert len(all_of(plan, value * 0.04)) == 1, "each is told at once"
 
 
 def test_ten_thousand_topics_in_a_burst_are_each_told_once():

@@ -18,7 +18,8 @@ QUICK = 8  # of which so many are younger than
 YOUNG = 0.1  # seconds: who answers does so by then
 SLOW = 4  # calls to nodes that did not answer in time
 PAUSE, LONGEST = 0.01, 0.64  # seconds between two calls of one topic: at first, and at most
-BURST = 3  # a change within so many pauses after the last call makes the pause longer
+BURST = 3  # a change within so many pauses after the last call makes the pause longer: twice as long,
+MANY = 4  # or as many times as there were so many changes since
 QUIET = 3.0  # seconds after which nothing is known of earlier calls
 RETRY, LATEST = 1.0, 16.0  # seconds until a node is asked again that did not answer, doubled up to
 PATIENCE = 60.0  # seconds after which what waits for such a node is dropped
@@ -33,6 +34,7 @@ class Call(NamedTuple):
     method: str
     arguments: Tuple[Any, ...]
     key: Key
+    changes: int = 1  # that it tells
 
 
 class _Node:
@@ -40,7 +42,7 @@ class _Node:
 
     def __init__(self, host: str) -> None:
         self.host, self.busy = host, False
-        self.waiting: OrderedDict[Key, Tuple[str, Tuple[Any, ...]]] = OrderedDict()
+        self.waiting: OrderedDict[Key, Tuple[str, Tuple[Any, ...], int]] = OrderedDict()  # the last one: changes
         self.told: Dict[Key, Tuple[float, float]] = {}  # key -> when it was told, and the pause after that
         self.silent_since: Optional[float] = None
         self.again, self.pause = 0.0, RETRY
@@ -61,8 +63,8 @@ class Notifications:
         node = self._nodes.get(uri)
         if node is None:
             node = self._nodes[uri] = _Node(host)
-        node.waiting.pop((method, name), None)
-        node.waiting[method, name] = (method, arguments)
+        before = node.waiting.pop((method, name), None)
+        node.waiting[method, name] = (method, arguments, 1 if before is None else before[2] + 1)
         if not node.busy:
             self._ready.setdefault(uri)
 
@@ -75,9 +77,9 @@ class Notifications:
             key, due = self._first(node, now)
             due = max(due, room.get(node.host, now))
             if due <= now:
-                method, arguments = node.waiting.pop(key)
+                method, arguments, changes = node.waiting.pop(key)
                 self._begin(uri, node, now)
-                return Call(uri, method, arguments, key), None
+                return Call(uri, method, arguments, key, changes), None
             earliest = due if earliest is None else min(due, earliest)
         return None, earliest
 
@@ -96,7 +98,9 @@ class Notifications:
         if answered:
             node.silent_since, node.pause = None, RETRY
             last, pause = node.told.get(call.key, (now - QUIET, PAUSE))
-            node.told[call.key] = (now, min(2 * pause, LONGEST) if now - last < BURST * pause else PAUSE)
+            burst = call.changes > MANY or now - last < BURST * pause
+            longer = min(pause * max(2, call.changes / MANY), LONGEST)
+            node.told[call.key] = (now, longer if burst else PAUSE)
         else:
             self._was_silent(node, call, now)
         if node.waiting:
@@ -156,5 +160,5 @@ class Notifications:
             node.waiting.clear()
             node.silent_since, node.pause = None, RETRY
         elif call.key not in node.waiting:  # else something newer waits already
-            node.waiting[call.key] = (call.method, call.arguments)
+            node.waiting[call.key] = (call.method, call.arguments, call.changes)
             node.waiting.move_to_end(call.key, last=False)
