@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 #
 # Puts in place what the tests and the lab need: Debian packages where they are missing, a virtual environment in .work/venv,
-# the path under which Ansible finds this checkout as the collection, and one limit of the kernel until the next boot.
+# promtool, the path under which Ansible finds this checkout as the collection, and one limit of the kernel until the next boot.
 # Does nothing, quickly, when all is there.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -70,6 +70,21 @@ make_venv() {
   echo "$inputs" >"$stamp"
 }
 
+# What looks at metrics, of Debian's package prometheus without its server. Without it one test is left out.
+get_promtool() {
+  [[ ! -x .work/bin/promtool ]] && command -v dpkg-deb >/dev/null || return 0
+  local folder
+  folder=$(mktemp -d)
+  say "fetching promtool of Debian's package prometheus ..."
+  mkdir -p .work/bin
+  if (cd "$folder" && chmod 755 . && apt-get -qq download prometheus) && dpkg-deb --fsys-tarfile "$folder"/*.deb | tar x -C "$folder" ./usr/bin/promtool; then
+    mv "$folder/usr/bin/promtool" .work/bin/
+  else
+    say "there is none: the test with it is left out"
+  fi
+  rm -rf "$folder"
+}
+
 link_collection() {
   mkdir -p .work/collections/ansible_collections/rosfleet
   ln -sfn "$PWD" .work/collections/ansible_collections/rosfleet/multimaster
@@ -78,4 +93,5 @@ link_collection() {
 install_packages
 raise_limit
 make_venv
+get_promtool
 link_collection

@@ -58,6 +58,10 @@ options:
         lines. That one remembers what is registered.
     type: str
     default: ""
+  metrics_folder:
+    description: The folder that node_exporter reads, for C(metrics), for example V(/var/lib/prometheus/node-exporter).
+    type: str
+    default: ""
 """
 
 EXAMPLES = r"""
@@ -105,6 +109,7 @@ def service_units(
     environment_digest: str,
     nodes_digest: str,
     code_digest: str = "",
+    metrics_folder: str = "",
 ) -> list[dict[str, str]]:
     """Return the units by name and content; see DOCUMENTATION."""
     known = (*units.OTHERS, *programs)
@@ -122,6 +127,7 @@ def service_units(
             units.Roscore(roscore_command, roscore_port),
             {name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
             units.Inputs.of(environment_digest, nodes_digest, code_digest if "roscore" in programs else ""),
+            metrics_folder,
         )
     except quoting.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem

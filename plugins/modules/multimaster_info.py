@@ -54,9 +54,10 @@ options:
     type: list
     elements: str
     choices:
-      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, ports, masters, exports, sshd, environment]
+      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, folders, ports, masters, exports, sshd,
+       environment]
     default:
-      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, ports, exports, sshd, environment]
+      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, folders, ports, exports, sshd, environment]
   destinations:
     description:
       - IPv4 addresses to which the ways are looked up, for example V(192.168.10.1); see RV(ways).
@@ -87,6 +88,11 @@ options:
   packages:
     description:
       - Debian packages whose versions are looked up, for example V([ros-noetic-fkie-master-sync]); see RV(packages).
+    type: list
+    elements: str
+    default: []
+  folders:
+    description: Folders that are looked for, for example V([/var/lib/prometheus/node-exporter]); see RV(folders).
     type: list
     elements: str
     default: []
@@ -566,6 +572,12 @@ ros:
           returned: always
           type: str
           sample: ""
+folders:
+  description: Those of O(folders) that are there, and are folders.
+  returned: with the part V(folders)
+  type: list
+  elements: str
+  sample: [/var/lib/prometheus/node-exporter]
 packages:
   description: The Debian packages of O(packages), and those that the collection installed.
   returned: with the part V(packages)
@@ -1041,6 +1053,7 @@ PARTS = (
     Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),
     Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
     Part("packages", fkie.packages, 30, [], options=("packages",)),
+    Part("folders", system.folders, 5, [], options=("folders",)),
     Part("ports", ports.holders, 15, [], options=("ports",)),
     Part("masters", facts.masters, 60, [], options=("ports",)),
     Part("exports", shells.exports, 5, []),
@@ -1080,6 +1093,7 @@ def main() -> None:
                 },
             },
             "packages": {"type": "list", "elements": "str", "default": []},
+            "folders": {"type": "list", "elements": "str", "default": []},
             "ports": {
                 "type": "list",
                 "elements": "dict",

@@ -28,6 +28,8 @@ ROOT = pathlib.Path(__file__).parents[2]
 NODES = "roles/nodes/files/python/rosfleet_multimaster"
 sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
 
+from rosfleet_multimaster.core import metrics  # noqa: E402
+from rosfleet_multimaster.core.health import Seen, Shown  # noqa: E402
 from rosfleet_multimaster.core.plain_text import is_plain  # noqa: E402
 from rosfleet_multimaster.edge import journal, systemd  # noqa: E402
 from rosfleet_multimaster.edge.rpc_client import Rpc  # noqa: E402
@@ -54,7 +56,7 @@ DOORS = {
         "warning": set(),
     },
     NODES: {
-        "print": {"end_connections.py", "wait_for_master.py"},
+        "print": {"end_connections.py", "publish_metrics.py", "wait_for_master.py"},
         "write to a standard stream": set(),
         "StreamHandler": {"edge/journal.py"},
         "FileHandler": set(),
@@ -202,14 +204,19 @@ def through_diagnostics(text):
 
         ros.hostname = lambda: "robot1"
         said = []
-        ros.diagnostics = MagicMock()
-        ros.diagnostics.DiagnosticStatus = lambda **fields: said.append(fields)
-        ros.diagnostics.DiagnosticStatus.__dict__.update(WARN=1, OK=0)
-        ros.diagnostics.KeyValue = lambda *pair: said.append(pair)
-        ros.SyncNode(dict).diagnose([Diagnosis(text, text, [(text, text)])], 1.0)
+        ros.diagnostic_classes = MagicMock()
+        messages = ros.diagnostic_classes.messages.return_value
+        messages.DiagnosticStatus = lambda **fields: said.append(fields)
+        messages.KeyValue = lambda *pair: said.append(pair)
+        ros.Diagnostics().publish([Diagnosis(text, text, [(text, text)])], 1.0, "robot")
         sys.modules.pop("rosfleet_multimaster.edge.ros", None)
         del sys.modules["rosfleet_multimaster.edge"].ros  # made of what is no ROS, and of no use to other tests
     return list(texts(said))
+
+
+def through_metrics(text):
+    seen = Seen(text, "http://own:11311/", True, 100.0, 0.1, 0, None)
+    return metrics.text(metrics.of_links(Shown([seen]))).split("\n")
 
 
 def through_an_answer(text):
@@ -228,6 +235,7 @@ EXITS = [
     through_print,
     through_systemd,
     through_diagnostics,
+    through_metrics,
     through_an_answer,
 ]
 

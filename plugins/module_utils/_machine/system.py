@@ -57,6 +57,11 @@ def _words(content: str) -> typing.List[str]:
 _MULTICAST_ROUTERS = ("smcroute.service", "mrouted.service", "pimd.service", "igmpproxy.service")
 
 
+def folders(wanted: typing.Iterable[str]) -> typing.List[str]:
+    """Those of these paths that are folders."""
+    return [path for path in wanted if os.path.isdir(path)]
+
+
 def multicast_routing() -> typing.Dict[str, typing.Any]:
     """Find smcrouted, and the active units of other programs that pass multicast on."""
     places = (os.path.join(folder, "smcrouted") for folder in ("/usr/sbin", "/usr/local/sbin", "/sbin"))

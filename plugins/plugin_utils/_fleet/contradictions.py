@@ -69,6 +69,27 @@ def strangers_outside(firewall: str | None, strangers: str | None) -> list[str]:
     ]
 
 
+DIAGNOSTICS = "/diagnostics"
+
+
+def diagnostics_kept(parties: Sequence[Party], diagnostics: str | None) -> list[str]:
+    """Return a sentence for each robot that names /diagnostics, where that stays on each robot. None: not known."""
+    found = []
+    for party in parties if diagnostics == "local" else ():
+        named = {
+            "multimaster_exports": [name for entry in party.exports for name in entry.topics],
+            "multimaster_filters": party.filters.get("sync_topics", ()),
+        }
+        found += [
+            f"{party.host}: {variable} has {DIAGNOSTICS}, but multimaster_diagnostics is 'local', which keeps that topic on each "
+            f"robot; expected one of the two: set multimaster_diagnostics to 'exchanged' in group_vars/robots.yml, or remove it in "
+            f"group_vars/{party.name}.yml."
+            for variable, names in named.items()
+            if DIAGNOSTICS in names
+        ]
+    return found
+
+
 def _wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> list[str]:
     computers = {host: robot for robot, hosts in robots.items() for host in hosts}
     found = []

@@ -174,6 +174,18 @@ def setup(value: Any) -> str:
     return str(value)
 
 
+_FOLDER = re.compile(r"(/[A-Za-z0-9_][A-Za-z0-9._-]*)+")
+
+
+def folder(value: Any) -> str:
+    """Read the absolute path of a folder, of letters that mean nothing to systemd."""
+    if not isinstance(value, str) or not _FOLDER.fullmatch(value):
+        raise Unexpected(
+            "the absolute path of a folder: letters, digits, '.', '_' and '-', as in /var/lib/prometheus/node-exporter"
+        )
+    return str(value)
+
+
 def filters(value: Any) -> dict[str, list[str]]:
     """Read filters: lists of patterns, by the names in FILTERS."""
     if not isinstance(value, Mapping):

@@ -335,7 +335,8 @@ def _contradictions(reading: _Reading) -> list[str]:
     outside = contradictions.strangers_outside(
         reading.shared.get("multimaster_firewall"), reading.shared.get("multimaster_strangers")
     )
-    return contradictions.problems(parties, reading.inventory.robots) + outside
+    kept = contradictions.diagnostics_kept(parties, reading.shared.get("multimaster_diagnostics"))
+    return contradictions.problems(parties, reading.inventory.robots) + outside + kept
 
 
 def _party(name: str, hosts: Sequence[str], values: Mapping[str, Values], own: Values) -> contradictions.Party:

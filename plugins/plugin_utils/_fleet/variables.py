@@ -186,6 +186,15 @@ class FleetVariables:
             "[192.168.1.77, 192.168.2.0/24]",
         )
     )
+    diagnostics: str = field(
+        metadata=row(
+            kinds.choice("local", "exchanged", "none"),
+            "local",
+            "Whether the nodes publish links, clocks and refusals on `/diagnostics`. With `local` that topic stays on each robot, "
+            "with `exchanged` it crosses as any other one. With `none` the nodes publish nothing there, and it crosses. See docs/metrics.md.",
+            "exchanged",
+        )
+    )
     heartbeat_hz: float = field(
         metadata=row(
             kinds.number(float, 0.02, 25.5),
@@ -305,6 +314,22 @@ class RobotVariables:
             "robot has (`fkie_apt`), or an installation of it that `multimaster_ros_setup` leads to (`fkie_existing`). See "
             "docs/providers.md.",
             "fkie_existing",
+        )
+    )
+    metrics: str = field(
+        metadata=row(
+            kinds.choice("none", "textfile"),
+            "none",
+            "Whether the nodes write metrics for the textfile collector of Prometheus' node_exporter. See docs/metrics.md.",
+            "textfile",
+        )
+    )
+    metrics_folder: str = field(
+        metadata=row(
+            kinds.folder,
+            "/var/lib/prometheus/node-exporter",
+            "The folder that node_exporter reads (`--collector.textfile.directory`), on the computer of the master. It must be there.",
+            "/var/lib/node_exporter",
         )
     )
 

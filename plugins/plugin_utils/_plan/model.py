@@ -170,6 +170,7 @@ class LookAt:
     destinations: tuple[IPv4Address, ...] = ()
     packages: tuple[str, ...] = ()
     nodes: tuple[Node, ...] = ()
+    folders: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))
 
 
 @dataclass(frozen=True)
@@ -246,6 +247,8 @@ class ComputerPlan:
     provider: str = "bundled"
     discovery: Parameters = field(default_factory=dict)
     sync: Parameters = field(default_factory=dict)
+    # Where node_exporter reads what the nodes measure. None: nowhere.
+    metrics_folder: str | None = field(default=None, metadata=spelling(left_out=True))
     limits: tuple[str, ...] = ()  # sentences about what the provider cannot do
     listens: bool = False  # it is one of the listeners
     # Filled in by preflight, which knows the machine.

@@ -40,10 +40,10 @@ Filters = dict[str, list[str]]
 def discovery(fleet: Fleet, robot: Robot) -> Parameters:
     """Return the parameters of a robot's master_discovery."""
     bundled = _discovery(fleet, robot)
-    parameters: Parameters = (
-        to_plain(bundled) if robot.variables.provider == "bundled" else _upstream_discovery(bundled)
-    )
-    return parameters
+    if robot.variables.provider in UPSTREAM:
+        return _upstream_discovery(bundled)
+    parameters: Parameters = to_plain(bundled)
+    return {**parameters, **_shown(fleet, robot, "discovery")}
 
 
 def sync(fleet: Fleet, robot: Robot) -> Parameters:
@@ -53,12 +53,29 @@ def sync(fleet: Fleet, robot: Robot) -> Parameters:
     if robot.variables.provider in UPSTREAM:
         return _upstream_sync(bundled)
     who = fleet.variables
-    return {**bundled, "strangers": who.strangers, "allow": [str(network) for network in who.allow]}
+    shown = _shown(fleet, robot, "sync")
+    return {**bundled, "strangers": who.strangers, "allow": [str(network) for network in who.allow], **shown}
 
 
 def with_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
     """Return the parameters of a node with the robots of the fleet, which all nodes share; upstream's nodes take none."""
     return {**parameters, "members": list(members)} if "strangers" in parameters else parameters
+
+
+# What people are shown, by both bundled nodes
+
+DIAGNOSTICS = "/diagnostics"
+
+
+def writes_metrics(robot: Robot) -> bool:
+    """Return True if the nodes of a robot write metrics."""
+    return robot.variables.metrics == "textfile" and robot.variables.provider == "bundled"
+
+
+def _shown(fleet: Fleet, robot: Robot, service: str) -> dict[str, Any]:
+    """Return the parameters that differ from the defaults. The file is in memory, in the folder of the service."""
+    shown: dict[str, Any] = {"diagnostics": False} if fleet.variables.diagnostics == "none" else {}
+    return {**shown, "metrics": f"/run/multimaster-{service}/metrics.prom"} if writes_metrics(robot) else shown
 
 
 # master_discovery, bundled
@@ -152,6 +169,8 @@ def _sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     filters = _filters(robot)
     if restricted(fleet, robot):
         filters["ignore_subscribers"] = ["*"]
+    if fleet.variables.diagnostics == "local":
+        filters.setdefault("ignore_topics", []).append(DIAGNOSTICS)
     parameters: dict[str, Any] = {**filters}
     received = _received(fleet.flows, robot.name)
     for other in fleet.robots:
@@ -312,6 +331,11 @@ def _limits(robot: Robot, bundled: Discovery) -> list[str]:
             f"{host}: multimaster_strangers is 'ignore', but multimaster_provider is '{provider}', which exchanges with whoever is "
             "heard; expected nodes that know who belongs to the fleet: keep strangers off the common network, or set "
             "multimaster_provider to 'bundled'; set multimaster_strangers to 'allow' where strangers are wanted."
+        )
+    if robot.variables.metrics == "textfile":
+        said.append(
+            f"{host}: multimaster_metrics is 'textfile', but multimaster_provider is '{provider}', whose nodes measure nothing; expected "
+            "the bundled nodes: set multimaster_metrics to 'none', or multimaster_provider to 'bundled'."
         )
     silence = _offline_after(bundled)
     if silence > bundled.offline_after:

@@ -143,6 +143,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
     is_gateway = robot.gateway is not None and robot.gateway.name == computer.name
     existing = robot.variables.routes == "existing"
     expected = _expected_routes(fleet, robot, computer) if existing else ()
+    metrics = parameters.writes_metrics(robot) and is_master
     return ComputerPlan(
         computer=computer.name,
         robot=robot.name,
@@ -158,7 +159,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
         sysctl=_sysctl(fleet) + (FORWARDING if is_gateway else ()),
         routes=() if existing else _routes(fleet, robot, computer),
         routes_expected=expected,
-        look_at=_look_at(robot, is_master, expected),
+        look_at=_look_at(robot, is_master, expected, metrics),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
         firewall=_firewall(fleet, (robot.network,) if is_gateway else (), computer),
         environment={
@@ -169,6 +170,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
         },
         ports=_ports(fleet, robot) if is_master else (),
         services=_services(robot, is_master),
+        metrics_folder=robot.variables.metrics_folder if metrics else None,
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
         sync=parameters.sync(fleet, robot) if is_master else {},
@@ -177,9 +179,10 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
     )
 
 
-def _look_at(robot: Robot, is_master: bool, expected: Iterable[ExpectedRoute]) -> LookAt:
+def _look_at(robot: Robot, is_master: bool, expected: Iterable[ExpectedRoute], metrics: bool) -> LookAt:
     return LookAt(
-        parts=LOOKED_AT + LOOKED_AT_WITH_ROS,
+        parts=LOOKED_AT + LOOKED_AT_WITH_ROS + (("folders",) if metrics else ()),
+        folders=(robot.variables.metrics_folder,) if metrics else None,
         destinations=tuple(route.destination[1] for route in expected),
         packages=providers.packages_to_look_for(robot.variables.provider, is_master),
         nodes=providers.nodes_to_look_for(robot.variables.provider),
@@ -322,4 +325,5 @@ def _services(robot: Robot, is_master: bool) -> tuple[str, ...]:
         return ("address",)
     roscore = ("roscore",) if robot.variables.roscore == "managed" else ()
     connections = ("connections",) if robot.variables.provider == "bundled" else ()
-    return ("address", *roscore, "discovery", *connections, "sync")
+    metrics = ("metrics",) if parameters.writes_metrics(robot) else ()
+    return ("address", *roscore, "discovery", *connections, "sync", *metrics)

@@ -29,12 +29,17 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
 
 # The units of the collection: what they hold is no stranger's.
 OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))
-# The bundled nodes need this Python (Noetic's); so does multimaster-connections.service, of the system's.
+# The bundled nodes need this Python (Noetic's); so do the services on the system's.
 NODES_PYTHON = (3, 8)
 # The services that need CAP_NET_ADMIN, which systemd lacks in some containers, and what is missing without them.
 WITH_CAPABILITY = {
     "address": "its own name leads nowhere while no interface has its address",
     "connections": "connections with lost robots are left to TCP, which takes minutes to notice",
+}
+# The same for those that run on the system's Python.
+WITH_PYTHON = {
+    "connections": WITH_CAPABILITY["connections"],
+    "metrics": "node_exporter has no metrics of the nodes",
 }
 
 
@@ -61,7 +66,9 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         name, wrong = _interface(plan, info, wanted)
         interfaces[wanted.address] = name
         problems += wrong
-    problems += _systemd(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
+    problems += (
+        _systemd(plan, info) + _folders(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
+    )
     warnings = _own_name(plan, info)
     services, without = _services(plan, info)
     warnings += without
@@ -239,6 +246,17 @@ def _systemd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def _folders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+    """Return a sentence if node_exporter's folder is not there: nobody would read what is written elsewhere."""
+    if not plan.metrics_folder or plan.metrics_folder in info.get("folders", ()):
+        return []
+    return [
+        f"{plan.computer}: multimaster_metrics is 'textfile', but there is no folder {plan.metrics_folder} on the machine; expected the "
+        "one that node_exporter reads: install it (apt-get install prometheus-node-exporter), name its folder in "
+        "multimaster_metrics_folder, or set multimaster_metrics to 'none'."
+    ]
+
+
 def _services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, ...], list[str]]:
     """Return the services that can run on this machine, and a sentence for each that cannot."""
     warnings: dict[str, str] = {}
@@ -252,11 +270,12 @@ def _services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, .
             if name in plan.services
         }
     python = tuple(int(part) for part in info["python"].split(".")[:2])
-    if "connections" in plan.services and python < NODES_PYTHON and "connections" not in warnings:
-        warnings["connections"] = (
-            f"{plan.computer}: its Python is {info['python']}; expected 3.8 or later for multimaster-connections.service, which is "
-            f"left out: {WITH_CAPABILITY['connections']}; use such a system."
-        )
+    for name, without in WITH_PYTHON.items() if python < NODES_PYTHON else ():
+        if name in plan.services and name not in warnings:
+            warnings[name] = (
+                f"{plan.computer}: its Python is {info['python']}; expected 3.8 or later for multimaster-{name}.service, which is "
+                f"left out: {without}; use such a system."
+            )
     return tuple(name for name in plan.services if name not in warnings), list(warnings.values())
 
 

@@ -218,7 +218,7 @@ NODES = {
 }
 
 #: the services that are no nodes
-OTHERS = ("address", "roscore", "connections")
+OTHERS = ("address", "roscore", "connections", "metrics")
 
 
 def services(
@@ -228,6 +228,7 @@ def services(
     roscore: Roscore,
     programs: Mapping[str, UnitLines],
     inputs: Inputs,
+    metrics_folder: str = "",
 ) -> list[Unit]:
     """The units of a computer's services (OTHERS and the keys of NODES), in the order of `names`."""
     made = []
@@ -239,6 +240,13 @@ def services(
         elif name == "connections":
             text = _CONNECTIONS.format(
                 robot=quoting.text(robot), inputs=quoting.text(inputs.nodes), end=_END, configuration=CONFIGURATION
+            )
+        elif name == "metrics":
+            text = _METRICS.format(
+                robot=quoting.text(robot),
+                inputs=quoting.text(inputs.nodes),
+                publish=_PUBLISH,
+                folder=quoting.program(metrics_folder),
             )
         elif name == "roscore":
             text = _ROSCORE.format(
@@ -270,11 +278,16 @@ def _roscore_lines(roscore: Roscore, programs: Mapping[str, UnitLines]) -> str:
 
 # The end of connections with lost robots
 
-# The system's Python without the user's environment (-I), on files of root's alone.
-_END = (
-    f'{SYSTEM_PYTHON} -I -B -c \'import sys; sys.path.insert(0, "{LIBRARY}/python"); '
-    "from rosfleet_multimaster.end_connections import main; main(*sys.argv[1:])'"
-)
+
+def _alone(program: str) -> str:
+    """A program on the system's Python without the user's environment (-I), on files of root's alone."""
+    return (
+        f'{SYSTEM_PYTHON} -I -B -c \'import sys; sys.path.insert(0, "{LIBRARY}/python"); '
+        f"from rosfleet_multimaster.{program} import main; main(*sys.argv[1:])'"
+    )
+
+
+_END = _alone("end_connections")
 _CONNECTIONS = (
     """\
 # Managed by rosfleet.multimaster: the end of TCP connections with lost robots, for the robot {robot}
@@ -306,6 +319,42 @@ IPAddressAllow=localhost
 MemoryDenyWriteExecute=yes
 MemoryMax=128M
 TasksMax=16
+"""
+    + _SANDBOX
+    + _INSTALL
+)
+
+# The metrics, where node_exporter reads them
+
+_PUBLISH = _alone("publish_metrics")
+_METRICS = (
+    """\
+# Managed by rosfleet.multimaster: the metrics of the nodes for node_exporter, of the robot {robot}
+[Unit]
+Description=Metrics of {robot} for node_exporter
+Documentation=https://github.com/rosfleet/multimaster
+After=multimaster-discovery.service multimaster-sync.service
+RequiresMountsFor={folder}
+StartLimitIntervalSec=0
+
+[Service]
+Environment=ROSFLEET_INPUTS={inputs}
+Type=notify
+NotifyAccess=main
+ExecStart={publish} {folder}
+WatchdogSec=30
+Restart=always
+RestartSec=10
+# Root, since the folder is root's or node_exporter's, and nodes that talk with strangers must not write there. But of root
+# it has only the right to write where others own the files, and that one folder.
+CapabilityBoundingSet=CAP_DAC_OVERRIDE
+ReadWritePaths={folder}
+ProtectHome=yes
+PrivateNetwork=yes
+RestrictAddressFamilies=AF_UNIX
+MemoryDenyWriteExecute=yes
+MemoryMax=64M
+TasksMax=4
 """
     + _SANDBOX
     + _INSTALL

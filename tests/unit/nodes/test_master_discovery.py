@@ -9,9 +9,10 @@ import types
 import pytest
 import rosfleet_multimaster
 from rosfleet_multimaster.core import parameters
-from rosfleet_multimaster.core.discovery import Contact, Send
+from rosfleet_multimaster.core.discovery import Contact, Event, Send
 from rosfleet_multimaster.core.graph import State
 from rosfleet_multimaster.core.heartbeat import Kind, decode
+from rosfleet_multimaster.core.peer import Master
 from rosfleet_multimaster.edge.addresses import Network
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.parts import datagrams
@@ -19,6 +20,7 @@ from rosfleet_multimaster.parts.served import OwnMaster
 
 URI = "http://robot1:11311/"
 CONTACT = Contact(2000.0, URI, "robot1", "/master_discovery")
+OTHER = Master("robot2", "http://robot2:11311/", 1.0, 1.0, True, "/d", "http://192.168.1.2:11611")
 STATE = State(URI, "robot1", 1000.0, 1000.0)
 
 
@@ -30,6 +32,8 @@ class Lab:
         ros = types.ModuleType("rosfleet_multimaster.edge.ros")
         ros.hostname = lambda: "robot1"
         ros.DiscoveryNode = self.discovery_node
+        ros.Diagnostics = lambda: types.SimpleNamespace(has_listeners=lambda: True, publish=self.diagnose)
+        self.diagnosed = []
         monkeypatch.setitem(sys.modules, "rosfleet_multimaster.edge.ros", ros)
         monkeypatch.setattr(rosfleet_multimaster.edge, "ros", ros, raising=False)
         monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_discovery", raising=False)
@@ -59,8 +63,10 @@ class Lab:
             service_uri=lambda: ("", ""),
             changed=lambda *event: None,
             links=lambda *links: None,
-            diagnose=lambda *parts: None,
         )
+
+    def diagnose(self, entries, _now, _robot):
+        self.diagnosed.append({entry.name: entry for entry in entries})
 
     def move(self):
         """The computer gets another address, which the others hear."""
@@ -102,6 +108,30 @@ def test_what_is_to_be_sent_goes_before_the_sockets_close(lab, look):
         lab.program._contacted(("192.168.1.2", 11511, 11611), CONTACT, "", False, False)
     lab.program._tick(monotonic())
     assert b"x" in lab.sent
+
+
+def test_diagnostics_tell_links_and_the_roscore_and_metrics_the_same(lab, tmp_path):
+    lab.program.display._path = str(tmp_path / "metrics.prom")
+    lab.program._polled(STATE)
+    lab.program.server = types.SimpleNamespace(sent=types.SimpleNamespace(value=7))
+    lab.program.served = types.SimpleNamespace(changes=types.SimpleNamespace(value=3))
+    lab.program._report()
+    assert lab.diagnosed[-1]["multimaster: roscore"].level == 0
+    lab.program._event(Event("new", OTHER))
+    lab.program.masters = (OTHER,)
+    lab.program._report()
+    assert lab.diagnosed[-1]["multimaster: link to robot2"].message == "online"
+    lab.program.roscore.rpc = types.SimpleNamespace(uri=URI)
+    lab.program._no_roscore("refused", monotonic() - 10.0)
+    lab.program.display._write_due = 0.0
+    lab.program._report()
+    assert lab.diagnosed[-1]["multimaster: roscore"].level == 2
+    text = (tmp_path / "metrics.prom").read_text()
+    for line in ("roscore_up 0", 'link_up{master="robot2"} 1', "sent_bytes_total 7", "changes_sent_total 3"):
+        assert f"\nmultimaster_{line}\n" in text
+    assert (tmp_path / "metrics.prom").stat().st_mode & 0o777 == 0o644
+    lab.program.display.end()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_ready_is_said_when_the_own_master_is_listed_and_announced(lab):

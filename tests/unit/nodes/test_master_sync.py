@@ -24,6 +24,7 @@ def _program(monkeypatch):
     values, _warnings = parameters.overlay(parameters.SYNC, {})
     ros.md5sum = lambda name: None
     ros.ListMasters = lambda: lambda service: None
+    ros.Diagnostics = lambda: types.SimpleNamespace(has_listeners=lambda: False, publish=lambda *entries: None)
     ros.SyncNode = lambda held: types.SimpleNamespace(service_uri=lambda: ("", ""))
     program = module.MasterSync()
     program.uri, program.node_name = "http://own:11311/", "/master_sync"

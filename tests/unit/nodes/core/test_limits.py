@@ -39,9 +39,9 @@ def test_of_80000_topics_5000_are_taken_and_it_says_so():
     remote = Remote(Announced("robot2", URI, "http://192.168.1.2:11611", "/d", 1.0, 1.0, True), Rules(), Rules(), taken)
     (refusal,) = exceeded({URI: remote})
     assert "robot2" in report.refused(refusal) and "5000" in report.refused(refusal)
-    limits = report.diagnoses("/master_sync", [refusal])[0]
+    limits = report.diagnoses([refusal])[0]
     assert "1" in limits.message and limits.values[0][0] == "robot2"
-    assert report.diagnoses("/master_sync", [])[0].message == "OK"
+    assert report.diagnoses([])[0].message == "OK"
 
 
 NAMES = st.lists(st.integers(0, 30).map("/t{}".format), unique=True)

@@ -6,16 +6,18 @@
 """
 
 import urllib.parse
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
-from .core import parameters, report
+from .core import metrics, parameters, report
 from .core.differences import Stamps
 from .core.discovery import FAR, Ask, Discovery, Event, Say, Send, Settings
 from .core.graph import Policy, State
+from .core.health import Health, Shown
 from .core.members import Members, Networks
 from .core.mirror import Mirror
 from .core.outsiders import Outsider
 from .core.peer import Contact, Key, Master
+from .core.report import Diagnosis
 from .edge import memory, ros
 from .edge.addresses import networks
 from .edge.clock import monotonic, wall_clock
@@ -24,9 +26,10 @@ from .edge.roscore import Roscore
 from .edge.rpc_server import Ready
 from .edge.systemd import notify
 from .edge.udp import Datagram
-from .parts import own_roscore, program
+from .parts import own_roscore, program, times
 from .parts.contacts import Contacts
 from .parts.datagrams import Datagrams
+from .parts.display import Display
 from .parts.poller import Poller
 from .parts.served import OwnMaster, Served, callers, serve
 from .parts.source import Follower, Source, in_own_thread
@@ -45,11 +48,12 @@ class MasterDiscovery:
         self.loop = Loop()
         self.limited = program.Limited()
         self.resolvers = Workers(self.loop, 2)
+        self.clock_questions = Workers(self.loop, 1)
         self.errors: Dict[str, str] = {}  # what masterErrors tells
         self.node: Optional[ros.DiscoveryNode] = None
         self.masters: Tuple[Master, ...] = ()
-        self.outsiders: Tuple[Outsider, ...] = ()  # who is ignored,
-        self.diagnosed: Optional[Tuple[Outsider, ...]] = None  # and as it stands on /diagnostics
+        self.diagnostics: Optional[ros.Diagnostics] = None
+        self.outsiders: Tuple[Outsider, ...] = ()  # who is ignored
         self.told: Dict[str, Master] = {}
         self.status = ""
         self.looked = 0.0  # when the addresses were looked at
@@ -110,6 +114,10 @@ class MasterDiscovery:
         self._look_at_networks()
         looks = LOOKS[self.datagrams.hears_of_changes]
         self.address_looks = Recurring(InLoop(), lambda: looks, self._look_at_addresses)
+        self.health = Health(self.own.uri, self.members)
+        self.display = Display(
+            values, self.own.uri, self.own.node, self.loop, self.limited, self._entries, self._samples
+        )
         self.reports = Recurring(InLoop(), lambda: 1.0, self._report, early=0.5)
 
     def _source(self, env_uri: str, name: str, period: float) -> Source:
@@ -118,7 +126,7 @@ class MasterDiscovery:
         return Source(poller, lambda: Follower(env_uri, name, Mirror(*of), self.identity, stamps), period)
 
     def _serve(self, values: Dict[str, Any], source: Source) -> None:
-        served = Served(
+        self.served = Served(
             self.own,
             Policy.of(values),
             self.errors,
@@ -129,7 +137,7 @@ class MasterDiscovery:
             self.changes if values["differences"] else None,
         )
         who = callers(self.members, self.own.uri, lambda: self.datagrams.own_addresses)
-        self.server = serve(values["rpc_addr"], self.own.rpc_port, served.methods(), self._malformed, who)
+        self.server = serve(values["rpc_addr"], self.own.rpc_port, self.served.methods(), self._malformed, who)
 
     # The loop
 
@@ -171,6 +179,8 @@ class MasterDiscovery:
     def _event(self, event: Event) -> None:
         master, before = event.master, self.told.get(event.master.uri)
         self.told[master.uri] = master
+        self.health.changed(event.change, before, master)
+        self.display.changed()
         if event.change == "removed":
             del self.told[master.uri]
             self.errors.pop(master.uri, None)
@@ -200,13 +210,41 @@ class MasterDiscovery:
             notify(f"STATUS={text}")
 
     def _report(self) -> None:
-        self.outsiders = tuple(self.core.outsiders.shown())
+        before, self.outsiders = self.outsiders, tuple(self.core.outsiders.shown())
         if self.node is None:
             return
         self.node.links(self.own.name, lambda: self.core.links(monotonic()), wall_clock())
-        if self.outsiders != self.diagnosed:
-            self.diagnosed = self.outsiders
-            self.node.diagnose([report.ignored(self.own.node, self.outsiders)], wall_clock())
+        asked = self.health.question(self.masters, monotonic()) if self.display.wanted else None
+        if asked is not None:
+            times.ask(asked, self.clock_questions, self.health)
+        if self.outsiders != before:
+            self.display.changed()
+        self.display.look(self.diagnostics)
+
+    def _links(self) -> Shown:
+        return self.health.links(self.masters, self.core.links(monotonic()))
+
+    def _entries(self) -> List[Diagnosis]:
+        """The entries of /diagnostics."""
+        own = report.roscore(self.own.uri, self.own.away)
+        return [own, *report.links(self._links()), report.ignored(self.outsiders)]
+
+    def _samples(self) -> metrics.Samples:
+        return {
+            **metrics.one(
+                roscore_up=not self.own.away,
+                strangers_ignored=len(self.outsiders),
+                datagrams_sent_total=self.datagrams.sent,
+                datagrams_received_total=self.datagrams.received,
+                changes_sent_total=self.served.changes.value,
+                sent_bytes_total=self.server.sent.value,
+            ),
+            "multimaster_malformed_total": {
+                ("datagram",): self.core.malformed,
+                ("request",): self.malformed_requests,
+            },
+            **metrics.of_links(self._links()),
+        }
 
     def _look_at_addresses(self) -> None:
         self._carry_out()  # first: a look may close the sockets, and what is to be sent would be lost
@@ -255,6 +293,7 @@ class MasterDiscovery:
             self.show_due = min(self.show_due or FAR, monotonic() + settle)
         if self.node is None:
             self.node = ros.DiscoveryNode(lambda: self.masters, lambda: self.loop.post(self._refresh))
+            self.diagnostics = ros.Diagnostics() if self.display.diagnoses else None
             self.identity.service = self.node.service_uri()
             memory.settled()
             notify("READY=1")
@@ -277,6 +316,7 @@ class MasterDiscovery:
                 self.status = ""
             self.shown = None
             self.own.away = f"its roscore does not answer: {problem}"
+            self.display.changed()
 
     def _refresh(self) -> None:
         self.core.refresh(monotonic())
@@ -310,6 +350,7 @@ class MasterDiscovery:
         self.server.stop()  # first: whoever still answers has not left
         self.core.leave()
         self._carry_out()
+        self.display.end()
         program.LOG.info("left")
         ros.stop("the service ends")
         return 0

@@ -8,17 +8,19 @@
 from collections import Counter
 from typing import Any, Dict, List, Optional, Set
 
-from .core import parameters, report
+from .core import metrics, parameters, report
 from .core.filters import Filters
 from .core.members import Members
 from .core.message_types import TypeGuard
+from .core.report import Diagnosis
 from .core.sync import Announced, Refusal, Registration, Sync
 from .edge import memory, ros
-from .edge.clock import monotonic, wall_clock
+from .edge.clock import monotonic
 from .edge.loop import InLoop, Loop, Recurring, Workers
 from .edge.roscore import Roscore
 from .edge.systemd import notify
 from .parts import own_roscore, program
+from .parts.display import PUBLISH, Display
 from .parts.fetcher import Fetcher
 from .parts.finder import Finder
 from .parts.lost import Lost
@@ -38,6 +40,8 @@ class MasterSync:
         self.loop = Loop()
         self.limited = program.Limited()
         self.refused: Set[Refusal] = set()
+        self.refusals: List[Refusal] = []  # the same in order
+        self.refused_total: Counter[str] = Counter()  # kind -> how many since the start
         self.ready = False
         self.status, self.status_stale = "", False
         self.ending = False
@@ -102,6 +106,11 @@ class MasterSync:
         )
         self.fetcher = Fetcher(loop, self.core, limited, self._fetched, self._touched, values["differences"])
         self.states = Recurring(InLoop(), lambda: STATUS, self._say_status, wanted=lambda: self.status_stale)
+        self.display = Display(values, self.uri, self.node_name, loop, limited, self._entries, self._samples)
+        self.diagnostics = ros.Diagnostics() if self.display.diagnoses else None
+        self.looks = Recurring(
+            InLoop(), lambda: PUBLISH, lambda: self.display.look(self.diagnostics), wanted=lambda: self.display.wanted
+        )
         self.rounds.connect(questions, self.lost, lambda: self.finder.listed_once, self._report, self._round_over)
 
     # The loop
@@ -117,6 +126,7 @@ class MasterSync:
             self.lost.tick(now),
             self.rounds.tick(now),
             self.states.tick(now),
+            self.looks.tick(now),
         ]
         return min([now + ROUND, *(time for time in due if time is not None)])
 
@@ -182,9 +192,30 @@ class MasterSync:
             program.LOG.warning("... and %d more refusals, see /diagnostics", len(new) - LINES)
         for item in self.refused - now_refused:
             program.LOG.info("%s", report.no_longer_refused(item))
-        if now_refused != self.refused:
-            self.node.diagnose(report.diagnoses(self.node_name, refused), wall_clock())
-        self.refused = now_refused
+        self.refused_total.update(item.kind for item in new)
+        before, self.refused, self.refusals = self.refused, now_refused, refused
+        if now_refused != before:
+            self.display.changed()
+            self.display.look(self.diagnostics)
+
+    def _entries(self) -> List[Diagnosis]:
+        """The entries of /diagnostics."""
+        return report.diagnoses(self.refusals)
+
+    def _samples(self) -> metrics.Samples:
+        names = {uri: remote.announced.name for uri, remote in self.core.remotes.items() if uri != self.uri}
+        rounds, fetcher = self.rounds, self.fetcher
+        return {
+            **metrics.one(
+                changes_received_total=fetcher.changes,
+                states_received_total=fetcher.states,
+                round_seconds=rounds.took,
+                round_failures_total=rounds.failures,
+            ),
+            "multimaster_registration_changes_total": {(what,): rounds.made[what] for what in metrics.CHANGES},
+            **metrics.of_refusals(self.refused, self.refused_total),
+            **metrics.of_registrations(names, dict(rounds.held)),
+        }
 
     def _round_over(self, problem: Optional[Exception]) -> None:
         if problem is None and self.finder.listed_once and not self.ready:
@@ -243,6 +274,7 @@ class MasterSync:
 
     def _withdrawn(self, farewell: str) -> None:
         self.farewell = farewell
+        self.display.end()
         self.loop.stop()
 
 

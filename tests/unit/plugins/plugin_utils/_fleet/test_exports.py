@@ -78,8 +78,11 @@ def exports(*entries, **filters_of_robot):
 
 
 def filters_of(parameters):
-    """The parameters of master_sync without who belongs to the fleet."""
-    return {name: value for name, value in parameters.items() if name not in ("strangers", "allow")}
+    """The parameters of master_sync without who belongs to the fleet, and without the topic that stays on each robot."""
+    found = {name: value for name, value in parameters.items() if name not in ("strangers", "allow")}
+    *topics, last = found.pop("ignore_topics")
+    assert last == "/diagnostics"
+    return {**found, "ignore_topics": topics} if topics else found
 
 
 def both_sides(model):

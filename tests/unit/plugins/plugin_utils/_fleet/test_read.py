@@ -154,7 +154,15 @@ def test_an_action_in_a_filter_is_its_five_topics():
         "computers"
     ]["kobuki1computer"]["sync"]
     assert sync == {
-        "ignore_topics": ["/dock/goal", "/dock/cancel", "/dock/status", "/dock/feedback", "/dock/result", "/tf"],
+        "ignore_topics": [
+            "/dock/goal",
+            "/dock/cancel",
+            "/dock/status",
+            "/dock/feedback",
+            "/dock/result",
+            "/tf",
+            "/diagnostics",
+        ],
         "ignore_type": ["sensor_msgs/Image"],
         "ignore_subscribers": ["*"],
         "strangers": "ignore",
@@ -174,7 +182,43 @@ def test_a_white_list_lets_the_verification_pass(name):
     ]["kobuki1computer"]["sync"]
     topics = [*filters.get("sync_topics", []), "/multimaster_verify/*"]
     belonging = {"strangers": "ignore", "allow": []}
-    assert sync == {**filters, "sync_topics": topics, "ignore_subscribers": ["*"], **belonging}
+    assert sync == {
+        **filters,
+        "sync_topics": topics,
+        "ignore_subscribers": ["*"],
+        "ignore_topics": ["/diagnostics"],
+        **belonging,
+    }
+
+
+def shown(**values):
+    """The plan of the first computer with these variables everywhere."""
+    return to_plain(plan_module.fleet_plan(fleet(everywhere(**values))))["computers"]["kobuki1computer"]
+
+
+@pytest.mark.parametrize(
+    ("value", "kept", "published"), [("local", 1, None), ("exchanged", 0, None), ("none", 0, False)]
+)
+def test_diagnostics_stay_on_their_robot_unless_they_are_wanted_elsewhere(value, kept, published):
+    plan = shown(multimaster_diagnostics=value)
+    assert plan["sync"].get("ignore_topics", []) == ["/diagnostics"] * kept
+    assert plan["sync"].get("diagnostics") is plan["discovery"].get("diagnostics") is published
+
+
+def test_metrics_are_a_service_more_and_a_file_of_each_node():
+    plan, without = shown(multimaster_metrics="textfile", multimaster_metrics_folder="/srv/metrics"), shown()
+    assert plan["services"] == [*without["services"], "metrics"]
+    assert plan["metrics_folder"] == "/srv/metrics" and plan["look_at"]["folders"] == ["/srv/metrics"]
+    assert plan["look_at"]["parts"] == [*without["look_at"]["parts"], "folders"]
+    for node in ("discovery", "sync"):
+        assert plan[node].pop("metrics") == f"/run/multimaster-{node}/metrics.prom"
+        assert plan[node] == without[node]
+
+
+def test_upstreams_nodes_have_no_metrics_and_preflight_says_so():
+    plan = shown(multimaster_metrics="textfile", multimaster_provider="fkie_apt")
+    assert "metrics" not in plan["services"] and "metrics_folder" not in plan
+    assert [text for text in plan["limits"] if "whose nodes measure nothing" in text]
 
 
 def allowing(*values):
@@ -193,6 +237,19 @@ WRONG = {
     "allow everybody": (allowing("0.0.0.0/0"), ["is everybody: set multimaster_strangers to 'allow'"]),
     "allow a number": (allowing(7), ["multimaster_allow is [7]; expected"]),
     "allow no list": (everywhere(multimaster_allow="10.0.0.1"), ["expected a list of IPv4 addresses and networks"]),
+    "diagnostics that stay, exported": (
+        setting("kobuki2computer", multimaster_exports=[{"topics": ["/pose", "/diagnostics"]}]),
+        ["kobuki2computer: multimaster_exports has /diagnostics, but multimaster_diagnostics is 'local'"],
+    ),
+    "diagnostics that stay, wanted": (
+        setting("kobuki2computer", multimaster_filters={"sync_topics": ["/diagnostics"]}),
+        ["kobuki2computer: multimaster_filters has /diagnostics, but multimaster_diagnostics is 'local'"],
+    ),
+    "metrics": (everywhere(multimaster_metrics="prometheus"), ["is 'prometheus'; expected one of none, textfile"]),
+    **{
+        f"folder {path!r}": (everywhere(multimaster_metrics_folder=path), ["expected the absolute path of a folder"])
+        for path in ("metrics", "/", "/a/../etc", "/a b", "/a%h", "/-x", "/a/", "/a\n[Service]", "", 7)
+    },
     "strangers": (everywhere(multimaster_strangers="some"), ["is 'some'; expected one of ignore, allow"]),
     "duplicate address": (
         setting("kobuki2computer", multimaster_address="192.168.1.229"),

@@ -510,6 +510,13 @@ def test_a_packet_filter_is_due_where_one_is_planned_or_left_over():
     assert compare(lambda info: info.update(owned=["files-firewall", "routes"])).plan.firewall_due
 
 
+def test_a_folder_of_metrics_that_is_not_there_is_one_sentence():
+    there = lambda info: info.update(folders=["/srv/metrics"])  # noqa: E731
+    assert compare(there, metrics_folder="/srv/metrics").problems == compare().problems == ()
+    (problem,) = compare(metrics_folder="/srv/metrics").problems
+    assert problem.startswith("kobuki1computer: multimaster_metrics is 'textfile', but there is no folder /srv/metrics")
+
+
 def test_services_that_cannot_run_here_are_left_out_and_named():
     services = ["address", "roscore", "discovery", "connections", "sync"]
     assert compare(services=services).plan.services == tuple(services)
@@ -519,4 +526,6 @@ def test_services_that_cannot_run_here_are_left_out_and_named():
     assert all("systemd has no CAP_NET_ADMIN, as in some containers" in warning for warning in found.warnings)
     found = compare(lambda info: info.update(python="3.6.9"), services=services)
     assert found.plan.services == ("address", "roscore", "discovery", "sync")
+    found_too = compare(lambda info: info.update(python="3.6.9"), services=[*services, "metrics"])
+    assert found_too.plan.services == found.plan.services and "node_exporter has no metrics" in found_too.warnings[1]
     assert [warning.partition(";")[0] for warning in found.warnings] == ["kobuki1computer: its Python is 3.6.9"]

@@ -115,7 +115,15 @@ def test_the_bundled_roscore_remembers_and_with_upstream_it_is_that_of_ros():
 
 
 #: unit -> the worst rating of `systemd-analyze security` that it may have; tests/systems has the same of running ones
-RATED = {"address": 1.5, "roscore": 1.5, "discovery": 1.5, "connections": 2.0, "sync": 2.0, "multicast-routing": 3.0}
+RATED = {
+    "address": 1.5,
+    "roscore": 1.5,
+    "discovery": 1.5,
+    "connections": 2.0,
+    "metrics": 2.0,
+    "sync": 2.0,
+    "multicast-routing": 3.0,
+}
 
 
 def analyzed(*words):
@@ -133,7 +141,9 @@ def _files(tmp_path, monkeypatch):
     monkeypatch.setattr(units, "WAIT", "/bin/true")
     programs = units.programs("bundled", "/bin/true", {}, 11311)
     inputs, roscore = units.Inputs("a", "b"), units.Roscore("/bin/true", 11311)
-    made = units.services(list(dict.fromkeys([*units.OTHERS, *programs])), "tibi", ADDRESS, roscore, programs, inputs)
+    made = units.services(
+        list(dict.fromkeys([*units.OTHERS, *programs])), "tibi", ADDRESS, roscore, programs, inputs, "/var/lib/x"
+    )
     upstream = units.programs("fkie_apt", "/bin/true", dict.fromkeys(programs, "/bin/true"), 11311)
     made += [
         units.Unit(unit.name.replace(".service", "-upstream.service"), unit.content)

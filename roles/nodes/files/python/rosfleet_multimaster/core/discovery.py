@@ -127,6 +127,7 @@ class Link(NamedTuple):
     name: str
     quality: float
     silent: float  # seconds since the last datagram
+    uri: str = ""  # of the master
 
 
 class Send(NamedTuple):
@@ -447,11 +448,11 @@ class Discovery:
         if self._own is not None:
             heard = self._own_beats[-1] if self._own_beats else now
             quality = self._quality(self._own_beats, self.settings.heartbeat_hz, self._own_since, now)
-            found.append(Link(self._own.name, quality, now - heard))
+            found.append(Link(self._own.name, quality, now - heard, self._own.uri))
         for entry in self._entries.values():
             if entry.contact is not None:
                 quality = self._quality(entry.beats, entry.rate, entry.since, now)
-                found.append(Link(entry.contact.name, quality, now - entry.heard))
+                found.append(Link(entry.contact.name, quality, now - entry.heard, entry.contact.uri))
         return found
 
     # Who may be a master here, and who is asked

@@ -68,6 +68,12 @@ _BELONGING: Mapping[str, Parameter] = {
     "members": Parameter([], "members"),
 }
 
+# What people are shown: of both nodes.
+_SHOWN: Mapping[str, Parameter] = {
+    "diagnostics": Parameter(True, "flag"),
+    "metrics": Parameter("", "text"),
+}
+
 _CORE = Settings()  # has the defaults of what the core needs
 
 DISCOVERY: Mapping[str, Parameter] = {
@@ -91,6 +97,7 @@ DISCOVERY: Mapping[str, Parameter] = {
     "do_not_sync": Parameter([], "names"),
     "differences": Parameter(True, "flag"),
     **_BELONGING,
+    **_SHOWN,
     "log_level": Parameter("INFO", "level"),
 }
 
@@ -103,6 +110,7 @@ SYNC: Mapping[str, Parameter] = {
     "end_lost_connections": Parameter(True, "flag"),
     "differences": Parameter(True, "flag"),
     **_BELONGING,
+    **_SHOWN,
     "log_level": Parameter("INFO", "level"),
 }
 

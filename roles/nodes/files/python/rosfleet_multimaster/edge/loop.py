@@ -42,6 +42,11 @@ class Loop:
         self._posted.put(lambda: function(*arguments))
         self.wake()
 
+    @property
+    def waiting(self) -> int:
+        """How many calls wait."""
+        return self._posted.qsize()
+
     def wake(self) -> None:
         """End the loop's sleep."""
         try:

@@ -29,12 +29,8 @@ from ..core.peer import Master  # noqa: E402
 from ..core.plain_text import LINE, plain  # noqa: E402
 from ..core.report import Diagnosis  # noqa: E402
 from ..core.sync import Announced, Registration  # noqa: E402
+from . import diagnostic_classes  # noqa: E402
 from .patience import within  # noqa: E402
-
-try:
-    import diagnostic_msgs.msg as diagnostics
-except ImportError:  # not everywhere installed: then there is no /diagnostics
-    diagnostics = None
 
 _log = logging.getLogger("rosfleet.ros")
 
@@ -109,27 +105,29 @@ def _announced(master: Any) -> Announced:
     )
 
 
-class _Diagnostics:
-    """The topic /diagnostics, where its messages are installed."""
+class Diagnostics:
+    """The topic /diagnostics."""
 
     def __init__(self) -> None:
-        self._topic = diagnostics and rospy.Publisher(
-            "/diagnostics", diagnostics.DiagnosticArray, queue_size=1, latch=True
-        )
+        self._messages = diagnostic_classes.messages()
+        self._topic = rospy.Publisher("/diagnostics", self._messages.DiagnosticArray, queue_size=1, latch=True)
 
-    def publish(self, parts: Sequence[Diagnosis], now: float) -> None:
-        """Publish these entries; the last message stays for who comes later."""
-        if not self._topic:
-            return
-        kind = diagnostics.DiagnosticStatus
-        message = diagnostics.DiagnosticArray(
+    def has_listeners(self) -> bool:
+        """True where anybody has subscribed."""
+        return bool(self._topic.get_num_connections())
+
+    def publish(self, parts: Sequence[Diagnosis], now: float, robot: str) -> None:
+        """Publish these entries of a robot; the last message stays for who comes later. `now` is the wall clock."""
+        hardware = "/".join(filter(None, (robot, hostname())))
+        value = self._messages.KeyValue
+        message = self._messages.DiagnosticArray(
             status=[
-                kind(
-                    level=kind.WARN if part.values else kind.OK,
+                self._messages.DiagnosticStatus(
+                    level=part.level,
                     name=plain(part.name),
                     message=plain(part.message, LINE),
-                    hardware_id=hostname(),
-                    values=[diagnostics.KeyValue(plain(key), plain(value, LINE)) for key, value in part.values],
+                    hardware_id=hardware,
+                    values=[value(plain(key), plain(text, LINE)) for key, text in part.values],
                 )
                 for part in parts
             ]
@@ -148,7 +146,6 @@ class DiscoveryNode:
         """`masters` and `refresh` are called in threads of rospy."""
         self._changes = rospy.Publisher("~changes", msg.MasterState, queue_size=100)
         self._links = rospy.Publisher("~linkstats", msg.LinkStatesStamped, queue_size=1)
-        self._diagnostics = _Diagnostics()
 
         def listed(_request: Any) -> Any:
             return srv.DiscoverMastersResponse([_ros_master(master) for master in masters()])
@@ -167,10 +164,6 @@ class DiscoveryNode:
     def changed(self, change: str, master: Master) -> None:
         """Publish that a master is new, changed or removed."""
         self._changes.publish(msg.MasterState(state=change, master=_ros_master(master)))
-
-    def diagnose(self, parts: Sequence[Diagnosis], now: float) -> None:
-        """Say on /diagnostics what is wrong, and what is not."""
-        self._diagnostics.publish(parts, now)
 
     def links(self, own_name: str, links: Callable[[], Iterable[Link]], now: float) -> None:
         """Publish the quality of the links where somebody listens; `now` is the wall clock."""
@@ -223,7 +216,6 @@ class SyncNode:
         """`held` is called in threads of rospy."""
         self._subscriber: Any = None
         self._subscribed = ""
-        self._diagnostics = _Diagnostics()
         self._service = rospy.Service("~get_sync_info", srv.GetSyncInfo, lambda _request: _sync_info(held()))
 
     def service_uri(self) -> Tuple[str, str]:
@@ -242,10 +234,6 @@ class SyncNode:
                 queue_size=1000,
             )
             self._subscribed = topic
-
-    def diagnose(self, parts: Sequence[Diagnosis], now: float) -> None:
-        """Say on /diagnostics what is wrong, and what is not."""
-        self._diagnostics.publish(parts, now)
 
 
 class ListMasters:

@@ -16,10 +16,13 @@ from typing import Any, Callable, List, Optional, Sequence, Tuple
 
 from ..core.plain_text import plain
 from .clock import monotonic
+from .counting import Count
 from .xml_rpc import ANSWER, TooLarge, loads
 
 SMALL = 1 << 19  # bytes of an answer, as it is sent: a larger one waits for those before it
 _HEAD = 1 << 15  # bytes of all lines of the head of an answer, and of those between its chunks
+
+RECEIVED = Count()  # bytes of the answers of others
 
 _large, _one_at_a_time = threading.Lock(), threading.Lock()
 
@@ -163,6 +166,8 @@ class Rpc:
         answer.close()  # read1 does not say that it is at the end; else the connection could not be used again
         if answer.will_close:
             self.close()
+        if not self._own:
+            RECEIVED.add(len(content))
         return content, answer.headers.get("Content-Encoding") == "gzip"
 
     def _is_large(self, size: int) -> bool:

@@ -13,6 +13,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple, Union
 
 from ..core.plain_text import LINE, plain
 from .clock import monotonic
+from .counting import Count
 from .xml_rpc import MAX_REQUEST, loads
 
 _log = logging.getLogger("rosfleet.rpc_server")
@@ -83,6 +84,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self.methods["system.methodHelp"] = lambda name: _help(self.methods.get(name))
         self.methods["system.methodSignature"] = lambda name: "signatures not supported"
         self.malformed, self._callers = malformed, callers
+        self.sent = Count()  # bytes of answers
         self._open: Dict[socket.socket, Tuple[str, float]] = {}  # whose, and since when
         self._kept: Dict[socket.socket, str] = {}  # those of them that are kept
         self._keeping = threading.Lock()
@@ -229,6 +231,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)
+        self.server.sent.add(len(body))
 
     def log_message(self, format: str, *arguments: Any) -> None:  # the name is the standard library's
         _log.debug("%s " + format, self.client_address[0], *arguments)

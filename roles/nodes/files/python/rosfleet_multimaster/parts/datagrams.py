@@ -43,6 +43,7 @@ class Datagrams:
         self.place = Place("", 0, False)
         self.problem = ""  # why there are no sockets; "" where there are some
         self.hears_of_changes = False  # of the network
+        self.sent = self.received = 0  # datagrams
         self._values, self._loop, self._limited, self._errors = values, loop, limited, errors
         self._group, self._port = values["mcast_group"].partition("@")[0], values["mcast_port"]
         self._interface = interface_name(values)
@@ -121,6 +122,7 @@ class Datagrams:
             return
         try:
             self._udp.send(action.datagram, host)
+            self.sent += 1
         except BlockingIOError:
             pass
         except OSError as problem:
@@ -181,6 +183,7 @@ class Datagrams:
         if self._udp is not None:
             now = monotonic()
             for datagram in self._udp.receive(readable):
+                self.received += 1
                 self._received(datagram, now)
 
     def _addresses(self) -> Tuple[Set[str], Place]:

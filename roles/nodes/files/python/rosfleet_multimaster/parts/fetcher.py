@@ -51,6 +51,7 @@ class Fetcher:
         self._differences = differences
         self._followers: Dict[str, Follower] = {}
         self._around = Surroundings()
+        self.states = self.changes = 0  # that came
 
     def tick(self, now: float) -> Optional[float]:
         """Fetch what is due; the time of the next fetch."""
@@ -78,6 +79,7 @@ class Fetcher:
         elif follower is not None:
             follower.stop()
         if taken:
+            self.states += 1
             self._on_state(fetch.uri)
         elif problem is not None:
             self._limited.say(
@@ -90,6 +92,7 @@ class Fetcher:
 
     def _told(self, follower: Follower, state: State, misplaced: Misplaced) -> None:
         if self._followers.get(follower.fetch.uri) is follower and self._core.follows(follower.fetch):
+            self.changes += 1
             self._on_changes(follower.fetch.uri, self._core.followed(follower.fetch.uri, state, misplaced))
 
     def _over(self, follower: Follower, problem: Exception) -> None:

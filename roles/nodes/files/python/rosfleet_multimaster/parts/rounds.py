@@ -6,6 +6,7 @@ Rounds follow each other when something changed, and regularly. Each one begins 
 one needs no repair: the next one sees what became of it.
 """
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
 from urllib.parse import urlsplit
@@ -63,6 +64,8 @@ class Rounds:
         self.held: Dict[Registration, str] = {}
         self.met: Set[str] = set()  # URIs of the masters whose state was had in this life
         self.working = False
+        self.made: Counter[str] = Counter()  # what was done -> how many registrations
+        self.failures = 0  # rounds that failed
         self._roscore, self._graph, self._node, self._core, self._guard = roscore, graph, node, core, guard
         self._calls, self._updaters, self._limited = roscore_calls, updaters, limited
         self._due: Optional[float] = None
@@ -260,6 +263,7 @@ class Rounds:
                 self.held.pop(item, None)
                 self._limited.say("error", f"call {item}", f"the roscore refuses the {item}: {why}")
                 continue
+            self.made[verb] += 1
             done.append(f"{self._name(master)}: {verb} the {item}")
             if verb == "registered" and item.kind == "subscriber":
                 self._tell_publishers(item, master, result[2])
@@ -299,6 +303,7 @@ class Rounds:
             return
         if problem is not None:
             self._limited.say("error", "round", f"nothing can be registered at {self._roscore.rpc.uri}: {problem}")
+        self.failures += problem is not None
         self._failed = self._failed + 1 if problem is not None else 0
         if self._failed:
             self.soon(now + AGAIN[min(self._failed, len(AGAIN)) - 1])

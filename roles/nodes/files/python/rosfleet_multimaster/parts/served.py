@@ -16,6 +16,7 @@ from ..core.outsiders import Outsider
 from ..core.peer import Master
 from ..core.plain_text import LINE, plain
 from ..edge.clock import sleep, wall_clock
+from ..edge.counting import Count
 from ..edge.rpc_server import Callers, PerCaller, Refused, RpcServer, Waiting
 from ..edge.systemd import notify
 from . import program
@@ -76,6 +77,7 @@ class Served:
         self._do_not_sync, self._md5sum = do_not_sync, md5sum
         self._outsiders = outsiders
         self._told = told
+        self.changes = Count()  # answers with changes
         self._filtering = threading.Lock()  # patterns of others take time, of which one may have some at once
 
     def methods(self) -> Dict[str, Callable[..., Any]]:
@@ -133,7 +135,9 @@ class Served:
 
             return Look((self._is_here(caller), *viewer(NO_STATE)[1], wanted), seen)
 
-        return told.answer(caller, wanted, look, epoch, revision, min(max(wait, 0.0), LONGEST_WAIT) * may_wait)
+        answer = told.answer(caller, wanted, look, epoch, revision, min(max(wait, 0.0), LONGEST_WAIT) * may_wait)
+        self.changes.add(not answer[5])  # a digest is there where nothing is new
+        return answer
 
     def _md5sums(self, caller: str, types: Any) -> List[List[str]]:
         """The md5 sums of message types of topics that this master's own nodes have, and the caller may see."""

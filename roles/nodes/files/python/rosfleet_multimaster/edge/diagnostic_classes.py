@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The classes of diagnostic_msgs: those of the robot, or else made here of the same definitions.
+
+A robot without the package has nobody who looks at them, but another computer of it may. Nothing is installed, so
+nothing stands in the place of the package when it comes.
+"""
+
+from types import SimpleNamespace
+from typing import Any
+
+_RULE = "=" * 80
+_DEFINITIONS = f"""\
+Header header
+DiagnosticStatus[] status
+{_RULE}
+MSG: std_msgs/Header
+uint32 seq
+time stamp
+string frame_id
+{_RULE}
+MSG: diagnostic_msgs/DiagnosticStatus
+byte OK=0
+byte WARN=1
+byte ERROR=2
+byte STALE=3
+byte level
+string name
+string message
+string hardware_id
+KeyValue[] values
+{_RULE}
+MSG: diagnostic_msgs/KeyValue
+string key
+string value
+"""
+
+
+def messages() -> Any:
+    """What has the classes DiagnosticArray, DiagnosticStatus and KeyValue."""
+    try:
+        from diagnostic_msgs import msg
+    except ImportError:
+        return made()
+    return msg
+
+
+def made() -> Any:
+    """The same, as genpy makes them."""
+    from genpy.dynamic import generate_dynamic
+
+    found = generate_dynamic("diagnostic_msgs/DiagnosticArray", _DEFINITIONS)
+    return SimpleNamespace(**{name.rpartition("/")[2]: made for name, made in found.items()})

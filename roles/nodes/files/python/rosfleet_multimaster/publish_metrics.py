@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The program that puts the metrics of the nodes where node_exporter reads them: root alone may write there.
+
+The nodes write files in memory, each in its own folder; this copies them. What the nodes wrote is bounded, since strangers
+talk with them. A node that has ended has no file, and then it has none here either: old values are worse than none.
+It runs on the system's Python (`python3 -I`), on files of root alone, and without ROS.
+"""
+
+import os
+import signal
+import sys
+from typing import Dict, Mapping
+
+from .core.plain_text import plain
+from .edge import textfile
+from .edge.clock import sleep
+from .edge.systemd import notify, watchdog
+
+LOOK = 5.0  # seconds between two looks at the files of the nodes
+MOST = 1 << 20  # bytes of a file
+#: name in the folder of node_exporter -> file of the node
+FILES = {f"multimaster_{node}.prom": f"/run/multimaster-{node}/metrics.prom" for node in ("discovery", "sync")}
+
+
+class Publisher:
+    """Copies files into a folder."""
+
+    def __init__(self, folder: str, files: Mapping[str, str] = FILES) -> None:
+        self._files = {os.path.join(folder, name): source for name, source in files.items()}
+        self._seen: Dict[str, str] = {}  # what is there
+
+    def look(self) -> None:
+        """Copy what is new, and remove what has no source any more. Raises OSError where that is not possible."""
+        for target, source in self._files.items():
+            try:
+                text = textfile.read(source, MOST)
+            except (OSError, ValueError):
+                text = ""
+            if not text:
+                textfile.remove(target)
+            elif text != self._seen.get(target):
+                textfile.write(target, text)
+            self._seen[target] = text
+
+    def end(self) -> None:
+        """Remove the copies."""
+        for target in self._files:
+            textfile.remove(target)
+
+
+def main(folder: str) -> None:
+    """Copy for ever, until SIGTERM."""
+    publisher = Publisher(folder)
+    signal.signal(signal.SIGTERM, lambda *_about: sys.exit(0))
+    every = min(LOOK, (watchdog() or LOOK) / 2)
+    try:
+        publisher.look()
+        notify("READY=1", f"STATUS=the metrics are in {plain(folder)}")
+        while True:
+            sleep(every)
+            publisher.look()
+            notify("WATCHDOG=1")
+    except OSError as problem:
+        print(plain(f"the metrics cannot be written to {folder}: {problem}"), file=sys.stderr, flush=True)
+        sys.exit(1)
+    finally:
+        publisher.end()
