@@ -325,6 +325,24 @@ routing:
       type: list
       elements: str
       sample: ["100: from 10.0.0.0/8 lookup 100"]
+    tables:
+      description: The other tables to which the rules lead, 32 at most.
+      returned: always
+      type: list
+      elements: dict
+      sample: [{table: "100", routes: []}]
+      contains:
+        table:
+          description: The name or the number of the table, as the rules have it.
+          returned: always
+          type: str
+          sample: "100"
+        routes:
+          description: Its routes, as RV(routing.routes).
+          returned: always
+          type: list
+          elements: dict
+          sample: []
 forwarding:
   description: The kernel's settings that decide what passes through this machine.
   returned: with the part V(forwarding)
@@ -976,6 +994,7 @@ problems:
   sample: []
 """
 
+import re
 import typing
 
 from ansible.module_utils.basic import AnsibleModule
@@ -993,8 +1012,11 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
     system,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import tables
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import facts
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding
+
+MOST_TABLES = 32  # other tables of routes that are read
 
 
 def interfaces() -> typing.List[typing.Dict[str, typing.Any]]:
@@ -1008,10 +1030,20 @@ def ways(destinations: typing.Iterable[str]) -> typing.List[typing.Dict[str, typ
 
 
 def routing() -> typing.Dict[str, typing.Any]:
-    """Read the main table, and the rules that lead to other tables."""
+    """Read the main table, the rules that lead to other tables, and these tables."""
+    rules = network.policy_rules()
+    asked = sorted({match.group(1) for match in re.finditer(r"\blookup (\S+)", "\n".join(rules))} - {"main", "local"})
+    numbers = tables() if asked else {}
+    known = ((name, int(name) if name.isdigit() else numbers.get(name)) for name in asked[:MOST_TABLES])
+    others = [{"table": name, "routes": table(number)} for name, number in known if number is not None]
+    return {"routes": table(MAIN), "rules": rules, "tables": others}
+
+
+def table(number: int) -> typing.List[typing.Dict[str, typing.Any]]:
+    """List the routes of a table as plain data."""
     names = ("destination", "gateway", "device", "metric", "source", "type")
-    held = [entry.route._asdict() for entry in Kernel().read(4, MAIN)]
-    return {"routes": [{name: route[name] for name in names} for route in held], "rules": network.policy_rules()}
+    held = [entry.route._asdict() for entry in Kernel().read(4, number)]
+    return [{name: route[name] for name in names} for route in held]
 
 
 class Part(typing.NamedTuple):
@@ -1047,7 +1079,7 @@ PARTS = (
     Part("owned", record.records, 5, []),
     Part("interfaces", interfaces, 15, []),
     Part("ways", ways, 15, [], options=("destinations",)),
-    Part("routing", routing, 15, {"routes": [], "rules": []}),
+    Part("routing", routing, 15, {"routes": [], "rules": [], "tables": []}),
     Part("forwarding", forwarding, 10, {"ip_forward": None, "interfaces": []}),
     Part("filters", filters.filters, 15, {"readable": False, "chains": []}),
     Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),

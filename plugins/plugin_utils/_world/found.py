@@ -29,6 +29,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     Rule,
     World,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.policy import lookups
 
 Info = Mapping[str, Any]  # the return of multimaster_info
 
@@ -86,6 +87,8 @@ def _machine(fleet: FleetPlan, plan: ComputerPlan, info: Info) -> Machine:
         routes=tuple(
             route for route in map(_route, info["routing"]["routes"]) if route.device in names or not route.device
         ),
+        lookups=lookups(info["routing"].get("rules", ())),
+        tables={entry["table"]: tuple(map(_route, entry["routes"])) for entry in info["routing"].get("tables", ())},
         rules=(*own, *_rules(info["filters"]["chains"])),
         unclear=_unclear(info["filters"]["chains"]),
         groups=planned.groups(plan)

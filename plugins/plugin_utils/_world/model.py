@@ -64,6 +64,30 @@ class Route:
     kind: str = "unicast"
 
 
+MAIN, MAIN_PRIORITY = "main", 32766  # the table that counts where no rule says anything else (ip-rule(8))
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """A rule of policy routing: which table is asked for which packets, the one with the lowest priority first."""
+
+    priority: int
+    table: str = MAIN
+    source: IPv4Network | None = None  # None: any; what has no address yet is from none
+    destination: IPv4Network | None = None
+    incoming: str = ""  # the interface by which a packet comes in, lo for what is sent here
+    kind: str = ""  # of NO_WAY: it leads nowhere itself
+    longer: int = -1  # only routes with a longer prefix count (suppress_prefixlength)
+
+    def matches(self, destination: IPv4Address, source: IPv4Address | None, incoming: str) -> bool:
+        """Say if this rule is for a packet."""
+        return (
+            (self.destination is None or destination in self.destination)
+            and (self.source is None or (source is not None and source in self.source))
+            and self.incoming in ("", incoming or "lo")
+        )
+
+
 NEW, ANSWER = "new", "answer"  # what a filter that follows connections tells apart
 
 
@@ -101,6 +125,14 @@ def _among(address: IPv4Address | None, networks: Sequence[IPv4Network]) -> bool
     return not networks or any(address is not None and address in network for network in networks)
 
 
+Table = Sequence[tuple[int, int, Route]]
+
+
+def _found(table: Table, destination: IPv4Address) -> Route | None:
+    number = int(destination)
+    return next((route for network, mask, route in table if number & mask == network), None)
+
+
 @dataclass(frozen=True)
 class Machine:
     """A computer or another device, as far as packets and names depend on it."""
@@ -108,6 +140,8 @@ class Machine:
     name: str
     interfaces: tuple[Interface, ...] = ()
     routes: tuple[Route, ...] = ()  # the whole main table, with what the kernel makes for each address
+    lookups: tuple[Lookup, ...] = ()  # beside the kernel's own
+    tables: Mapping[str, tuple[Route, ...]] = field(default_factory=dict)  # the other tables that these ask
     rules: tuple[Rule, ...] = ()
     unclear: frozenset[str] = frozenset()  # chains with rules that are not among `rules`, since they say more
     groups: frozenset[IPv4Address] = frozenset()  # that it passes on between its interfaces
@@ -127,9 +161,16 @@ class Machine:
         return frozenset(address.ip for interface in self.interfaces if interface.up for address in interface.addresses)
 
     @cached_property
-    def _table(self) -> Sequence[tuple[int, int, Route]]:
+    def _table(self) -> Table:
+        return self._sorted(self.routes)
+
+    @cached_property
+    def _others(self) -> Mapping[str, Table]:
+        return {name: self._sorted(routes) for name, routes in self.tables.items()}
+
+    def _sorted(self, routes: Sequence[Route]) -> Table:
         """The routes as (network, mask, route), the one that counts first; as numbers, since this is asked most often."""
-        usable = [route for route in self.routes if route.kind in NO_WAY or self._usable(route)]
+        usable = [route for route in routes if route.kind in NO_WAY or self._usable(route)]
         usable.sort(key=lambda route: (-route.destination.prefixlen, route.metric))
         return [(int(route.destination.network_address), int(route.destination.netmask), route) for route in usable]
 
@@ -145,10 +186,19 @@ class Machine:
         """Its interface with this address."""
         return next((one for one in self.interfaces if any(entry.ip == address for entry in one.addresses)), None)
 
-    def route(self, destination: IPv4Address) -> Route | None:
-        """The route to an address: the longest prefix counts, then the lowest metric."""
-        number = int(destination)
-        return next((route for network, mask, route in self._table if number & mask == network), None)
+    def route(self, destination: IPv4Address, source: IPv4Address | None = None, incoming: str = "") -> Route | None:
+        """The route to an address: the longest prefix counts, then the lowest metric. Rules may lead to other tables."""
+        if not self.lookups:
+            return _found(self._table, destination)
+        for rule in sorted((*self.lookups, Lookup(MAIN_PRIORITY)), key=lambda rule: rule.priority):
+            if not rule.matches(destination, source, incoming):
+                continue
+            if rule.kind:
+                return Route(IPv4Network("0.0.0.0/0"), kind=rule.kind)
+            chosen = _found(self._table if rule.table == MAIN else self._others.get(rule.table, ()), destination)
+            if chosen is not None and chosen.destination.prefixlen > rule.longer and chosen.kind != "throw":
+                return chosen
+        return None
 
     def source(self, route: Route, destination: IPv4Address) -> IPv4Address | None:
         """The address from which the kernel sends on a route: in the network of the next hop, else the first one."""

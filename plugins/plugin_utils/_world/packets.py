@@ -142,7 +142,7 @@ class _Journey:
 
     def _leave(self, machine: Machine, incoming: Interface | None) -> tuple[Machine, Interface]:
         """Send it from a machine to the next one."""
-        route = machine.route(self.packet.destination)
+        route = machine.route(self.packet.destination, self.packet.source, incoming.name if incoming else "")
         if route is None or route.kind in NO_WAY:
             raise End(REJECTED if route is not None and route.kind == "prohibit" else NO_ROUTE, machine.name)
         device, hop = machine.interface(route.device), route.gateway or self.packet.destination
@@ -182,7 +182,7 @@ class _Journey:
         self.by, self.device = machine.name, interface.name
         packet = self.packet
         if interface.rp_filter and packet.source is not None:
-            back = machine.route(packet.source)
+            back = machine.route(packet.source, packet.destination)
             if back is None or back.kind in NO_WAY or (interface.rp_filter == STRICT and back.device != interface.name):
                 raise End(REVERSE_PATH, machine.name)
         before = self.known.get((machine.name, packet.destination)) if packet.answer else None
@@ -366,7 +366,7 @@ def _way_back(machine: Machine, interface: Interface, packet: Packet) -> bool:
     """Say if the reverse-path filter lets a datagram in."""
     if not interface.rp_filter or packet.source is None:
         return True
-    back = machine.route(packet.source)
+    back = machine.route(packet.source, packet.destination)
     return back is not None and (interface.rp_filter != STRICT or back.device == interface.name)
 
 

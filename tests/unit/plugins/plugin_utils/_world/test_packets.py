@@ -18,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, packets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     Interface,
+    Lookup,
     Machine,
     Packet,
     Route,
@@ -61,6 +62,8 @@ NARROW = address("192.168.11.100/32")
 WIDE = address("192.168.11.100/16")
 DROP_ICMP = (Rule("in", "drop", "icmp"),)
 
+TO_FAR = Lookup(100, "77", destination=IPv4Network("192.168.10.0/24"))
+
 # A change, then the end of the packet from INNER to FAR: the outcome, where, and whether it is the answer that ends.
 ENDS = {
     "no route": (_routes(INNER), "no route", INNER, False),
@@ -73,6 +76,23 @@ ENDS = {
         ),
         "no route",
         INNER,
+        False,
+    ),
+    "a rule that leads to another way": (
+        change(WORLD, INNER, lookups=(TO_FAR,), tables={"77": (route("0.0.0.0/0", "192.168.11.9", "eth0"),)}),
+        "nobody",
+        INNER,
+        False,
+    ),
+    "a rule for what comes in": (
+        change(
+            WORLD,
+            FAR_GATEWAY,
+            lookups=(replace(TO_FAR, source=IPv4Network("192.168.11.0/24"), incoming="eth1"),),
+            tables={"77": (Route(IPv4Network("0.0.0.0/0"), kind="prohibit"),)},
+        ),
+        "rejected",
+        FAR_GATEWAY,
         False,
     ),
     "another default route first": (
@@ -232,6 +252,7 @@ def test_the_group_is_heard_where_nothing_stands_between():
 TRIED = (
     "no route", "no way back", "a refusing route", "forwarding off", "its interface down", "another address",
     "too wide a prefix", "filter", "filter of what is forwarded", "strict reverse path", "masquerading", "a circle",
+    "a rule that leads to another way", "a rule for what comes in",
 )  # fmt: skip
 
 
@@ -328,6 +349,15 @@ def _commands(machine):
             way = f"via {entry.gateway} dev {entry.device}" if entry.gateway else ""
             kind = "" if entry.kind == "unicast" else entry.kind
             yield f"ip route replace {kind} {entry.destination} {way} metric {entry.metric}"
+    yield "while ip rule del priority 100 2>/dev/null; do :; done; ip route flush table 77 2>/dev/null || true"
+    for name, entries in machine.tables.items():
+        for entry in entries:
+            way = f"via {entry.gateway} dev {entry.device}" if entry.gateway else ""
+            yield f"ip route add {'' if entry.kind == 'unicast' else entry.kind} {entry.destination} {way} table {name}"
+    for rule in machine.lookups:
+        iif = f"iif {rule.incoming}" if rule.incoming else ""
+        ends = f"from {rule.source or 'all'} to {rule.destination or 'all'}"
+        yield f"ip rule add {ends} {iif} lookup {rule.table} priority {rule.priority}"
     if machine.rules:
         yield "nft add table ip world"
     for entry in machine.rules:

@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Rules of policy routing: what `ip rule` prints, and the route that a kernel takes with them."""
+
+from ipaddress import IPv4Address, IPv4Interface, IPv4Network
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
+    Interface,
+    Lookup,
+    Machine,
+    Route,
+    connected,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.policy import lookups
+
+ANY, NETWORK = IPv4Network("0.0.0.0/0"), IPv4Network("192.168.12.0/24")
+TARGET, OTHER = IPv4Address("192.168.12.7"), IPv4Address("192.168.13.7")
+WIRE = Interface("eth0", (IPv4Interface("192.168.1.5/24"),), "wire")
+BY_DEFAULT = Route(ANY, IPv4Address("192.168.1.254"), "eth0")
+BY_RULE = Route(ANY, IPv4Address("192.168.1.77"), "eth0")
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("100: from all to 192.168.12.0/24 lookup 77", Lookup(100, "77", destination=NETWORK)),
+        ("100: from 192.168.1.5 lookup isp proto static", Lookup(100, "isp", source=IPv4Network("192.168.1.5"))),
+        ("9: from all iif wlan0 [detached] lookup 9", Lookup(9, "9", incoming="wlan0")),
+        ("9: from all to 192.168.12.0/24 blackhole", Lookup(9, "", destination=NETWORK, kind="blackhole")),
+        ("32764: from all lookup main suppress_prefixlength 0", Lookup(32764, "main", longer=0)),
+        ("32765: not from all fwmark 0xca6c lookup 51820", Lookup(32765, "51820")),
+    ],
+)
+def test_a_rule_is_read(line, expected):
+    assert lookups([line]) == (expected,)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "9: from all fwmark 0x1 lookup 9",
+        "9: from all uidrange 0-99 lookup 9",
+        "9: from all ipproto tcp dport 22 lookup 9",
+        "9: not from 192.168.1.0/24 lookup 9",
+        "9: from all goto 100",
+        "9: from somewhere lookup 9",
+        "9: from all lookup main suppress_prefixlength x",
+        "from all lookup 9",
+        "",
+        "9:",
+    ],
+)
+def test_a_rule_for_other_packets_and_one_that_is_not_understood_is_left_out(line):
+    assert lookups([line]) == ()
+
+
+def machine(rules, **tables):
+    return Machine(
+        "a", (WIRE,), (*connected(WIRE), BY_DEFAULT), lookups=lookups(rules), tables={"77": (BY_RULE,), **tables}
+    )
+
+
+@pytest.mark.parametrize(
+    ("rules", "expected"),
+    [
+        ([], BY_DEFAULT),
+        (["100: from all to 192.168.12.0/24 lookup 77"], BY_RULE),
+        (["32767: from all to 192.168.12.0/24 lookup 77"], BY_DEFAULT),  # the table main comes first
+        (["100: from all to 192.168.12.0/24 lookup 78"], BY_DEFAULT),  # an empty table says nothing
+        (["100: from 192.168.1.5 lookup 77"], BY_DEFAULT),  # before it has an address
+        (["100: from all iif eth0 lookup 77"], BY_DEFAULT),
+        (["100: from all iif lo lookup 77"], BY_RULE),
+        (["90: from all lookup main suppress_prefixlength 0", "100: from all lookup 77"], BY_RULE),
+    ],
+)
+def test_the_route_of_a_packet_that_is_sent_here(rules, expected):
+    assert machine(rules).route(TARGET) == expected
+
+
+def test_the_route_of_a_packet_that_is_passed_on():
+    rules = ["100: from 10.0.0.0/8 iif eth0 lookup 77"]
+    assert machine(rules).route(TARGET, IPv4Address("10.0.0.1"), "eth0") == BY_RULE
+    assert machine(rules).route(TARGET, IPv4Address("10.0.0.1"), "eth1") == BY_DEFAULT
+    assert machine(rules).route(TARGET, IPv4Address("192.168.1.9"), "eth0") == BY_DEFAULT
+
+
+def test_a_rule_or_a_table_may_lead_nowhere_and_throw_goes_on():
+    closed = machine(["100: from all to 192.168.12.0/24 unreachable"])
+    assert closed.route(TARGET).kind == "unreachable" and closed.route(OTHER) == BY_DEFAULT
+    throws = machine(["100: from all lookup 78"], **{"78": (Route(ANY, kind="throw"),)})
+    assert throws.route(TARGET) == BY_DEFAULT
+    blackhole = machine(["100: from all lookup 78"], **{"78": (Route(NETWORK, kind="blackhole"),)})
+    assert blackhole.route(TARGET).kind == "blackhole" and blackhole.route(OTHER) == BY_DEFAULT
