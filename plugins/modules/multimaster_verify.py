@@ -522,6 +522,24 @@ claims:
       type: list
       elements: str
       sample: ["02:42:c0:a8:01:ef"]
+policy:
+  description: What decides beside the routes of the main table where packets go.
+  returned: when O(state=collected)
+  type: dict
+  sample: {rules: ["100: from all to 192.168.12.0/24 lookup 77"], closed: ["blackhole 192.168.12.5"]}
+  contains:
+    rules:
+      description: The rules beside the kernel's own, as C(ip rule) prints them, 100 at most.
+      returned: always
+      type: list
+      elements: str
+      sample: ["100: from all to 192.168.12.0/24 lookup 77"]
+    closed:
+      description: The routes of all tables that lead nowhere, as C(ip route) prints them, 100 at most.
+      returned: always
+      type: list
+      elements: str
+      sample: ["blackhole 192.168.12.5"]
 name_sources:
   description: Who is asked for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf) says it. Empty where it says nothing.
   returned: when O(state=collected), but not for the router
@@ -1464,6 +1482,7 @@ PARTS = (
     Part("multicast", look_multicast, None, commands=True),  # first: it waits most
     Part("members", look_members, [], router=True),
     Part("claims", look_claims, [], router=True),
+    Part("policy", lambda params, ros, deadline: network.policy(), {"rules": [], "closed": []}, router=True),
     Part("name_sources", lambda params, ros, deadline: network.name_sources(), []),
     Part("default_routes", lambda params, ros, deadline: network.default_routes(), [], router=True),
     Part(

@@ -30,6 +30,7 @@ COUNTED, PACE = 20, 0.025  # echo requests in a row, and the seconds between two
 MOST_COUNTED = 32  # computers to which they are sent
 NO_ANSWER = "no answer"
 DOWN = ("down", "lowerlayerdown", "notpresent", "dormant")  # operational states of RFC 2863 in which nothing passes
+CLOSED, MOST_LINES = ("blackhole ", "unreachable ", "prohibit "), 100
 UNUSED = 9  # a TCP port that nobody uses: discard (RFC 863)
 PERMANENT = 0x4  # the flag of a neighbour that somebody has set (ATF_PERM)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
@@ -319,6 +320,14 @@ def default_routes() -> typing.List[typing.Dict[str, typing.Optional[str]]]:
         {"device": route.device, "source": route.source, "gateway": route.gateway, "metric": route.metric}
         for route in machine.default_routes()
     ]
+
+
+def policy() -> typing.Dict[str, typing.List[str]]:
+    """Read the rules that lead to other tables, and the routes of all tables that lead nowhere (ip-route(8))."""
+    shown = run(["ip", "-4", "route", "show", "table", "all"]).output.decode("utf-8", "replace")
+    lines = (" ".join(line.split()) for line in shown.splitlines())
+    closed = [line for line in lines if line.startswith(CLOSED)]
+    return {"rules": machine.policy_rules()[:MOST_LINES], "closed": closed[:MOST_LINES]}
 
 
 def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]:

@@ -82,7 +82,7 @@ def _routes(case: Case, one: str, other: str) -> Parts:
     parts = set(of("route", one, "defaults") | of("route", other, "defaults"))
     for destination, computers in ((there, [one, *between]), (back, [*between, other])):
         for computer in computers:
-            parts |= of("route", computer, "circle", what=destination)
+            parts |= of("route", computer, "circle", what=destination) | of("route", computer, "closed", "rule")
             if not is_in(case, computer, destination):
                 parts |= of("route", computer, "missing", "other", what=destination)
                 parts |= of("route", computer, "missing", "other")

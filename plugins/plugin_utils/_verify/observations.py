@@ -80,6 +80,14 @@ class Claim:
 
 
 @dataclass(frozen=True)
+class Policy:
+    """What decides beside the routes of the main table: lines of `ip rule` and of `ip route show table all`."""
+
+    rules: tuple[str, ...] = ()  # that lead to other tables than the kernel's own
+    closed: tuple[str, ...] = ()  # routes that lead nowhere
+
+
+@dataclass(frozen=True)
 class ForwardingInterface:
     """The kernel's settings of one interface; None for what cannot be read."""
 
@@ -336,6 +344,7 @@ class Probe:
     members: tuple[SeenMember, ...] = ()
     default_routes: tuple[DefaultRoute, ...] = ()
     claims: tuple[Claim, ...] = ()
+    policy: Policy = Policy()
     name_sources: tuple[str, ...] = ()  # who is asked for a name, in this order; empty where nobody knows
     forwarding: Forwarding = Forwarding()
     masters: tuple[SeenMaster, ...] = ()

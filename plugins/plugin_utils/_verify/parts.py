@@ -263,6 +263,22 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="the others",
         read=True,
     ),
+    ("route", "closed"): Fault(
+        "a route of {place} leads nowhere: {what}",
+        f"on {{place}}: ip route del {{what}}; see {ROUTES}",
+        f"{ROUTES} show table all",
+        what="of the type blackhole, unreachable or prohibit",
+        read=True,
+        unseen=False,
+    ),
+    ("route", "rule"): Fault(
+        "a rule for routing on {place} sends packets another way than planned: {what}",
+        f"on {{place}}: ip rule del {{what}}; see {ROUTES}",
+        ROUTES,
+        what="see ip rule",
+        read=True,
+        unseen=False,
+    ),
     ("route", "defaults"): Fault(
         "{place} has two default routes",
         "keep the one that leads to the other networks, or set multimaster_routes to networks for this robot, so that only "
@@ -544,6 +560,17 @@ FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("names", "several"): (("names", "order"),),
     ("roscore", "name"): (("environment", "service"),),
     ("interface", "multicast"): (("interface", "address"),),
-    ("route", "missing"): (("link", "down"), ("interface", "address"), ("interface", "prefix")),
-    ("route", "other"): (("route", "defaults"), ("interface", "address"), ("interface", "prefix")),
+    ("route", "missing"): (
+        ("route", "closed"),
+        ("route", "rule"),
+        ("link", "down"),
+        ("interface", "address"),
+        ("interface", "prefix"),
+    ),
+    ("route", "other"): (
+        ("route", "rule"),
+        ("route", "defaults"),
+        ("interface", "address"),
+        ("interface", "prefix"),
+    ),
 }

@@ -18,7 +18,7 @@ from catalogue import Step  # noqa: E402
 
 # Commands that show something and change nothing: a remedy has them behind `see`.
 SHOWING = re.compile(
-    r"(df|du|ss|top|journalctl|dmesg|grep|cat|nft list|iptables -S|getent|ping|ip (-|link|rule|route)|systemctl status)\b"
+    r"(df|du|ss|top|journalctl|dmesg|grep|cat|nft list|iptables -S|getent|ping|ip (-|link|(rule|route)(?! del))|systemctl status)\b"
 )
 
 

@@ -37,7 +37,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs
     passes,
     way,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Ping
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Ping, Policy, Route
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.policy import taker
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
 
@@ -141,12 +142,22 @@ def _route_evidence(case: Case) -> Parts:
     route, name = case.member.route if case.member else None, case.observer.name
     if route is None or case.planned is None:
         return NONE
-    network, by = case.ways.network(case.planned.robot), route.gateway or ""
-    if route.error:
-        if not case.way.crosses:
-            small = bool(wrong_prefixes(case.observer))  # the target is beyond what it takes for its network
-            return of("interface", name, "prefix") if small else of("link", name, "down", what=network)
-        return of("route", name, "missing", what="" if _nowhere(case) else network)
+    mode, what = taker(case.probe.policy if case.probe else Policy(), case.address)
+    if mode and (route.error or (route.gateway or "") not in case.way.hops):
+        return of("route", name, mode, what=what)
+    return _without_route(case) if route.error else _by_another(case, route)
+
+
+def _without_route(case: Case) -> Parts:
+    name, network = case.observer.name, case.ways.network(case.robots[1])
+    if not case.way.crosses:
+        small = bool(wrong_prefixes(case.observer))  # the target is beyond what it takes for its network
+        return of("interface", name, "prefix") if small else of("link", name, "down", what=network)
+    return of("route", name, "missing", what="" if _nowhere(case) else network)
+
+
+def _by_another(case: Case, route: Route) -> Parts:
+    name, network, by = case.observer.name, case.ways.network(case.robots[1]), route.gateway or ""
     if _elsewhere(case, route.device):
         return of("route", name, "other", what=network)
     if by not in case.way.hops:
