@@ -427,9 +427,19 @@ class SendErrors:
 
 
 @dataclass(frozen=True)
+class Membership:
+    """A group that programs of the computer have joined on an interface, without the measurement itself."""
+
+    interface: str
+    group: str
+    users: int = 1
+
+
+@dataclass(frozen=True)
 class Multicast:
     """The result of multicast_verify with `state: collected`."""
 
+    memberships: tuple[Membership, ...] = ()
     udp: tuple[Datagrams, ...] = ()
     unexpected: tuple[Stranger, ...] = ()
     callers: tuple[Caller, ...] = ()

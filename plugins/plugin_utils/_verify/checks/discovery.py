@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from ipaddress import IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import Case, own_networks
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
+    COMPUTER,
     FAILED,
     MASTER,
     MASTER_TOO,
@@ -537,7 +538,52 @@ LIST_MASTERS = Check(
 )
 
 
+# Who has joined the group: also of nodes that somebody started by hand, whose parameters nobody knows
+
+ALL_HOSTS = "224.0.0.1"  # every kernel has joined it
+
+
+def _joined_on(case: Case) -> set[str] | None:
+    """The interfaces on which a program has joined the group; None where that is not to be known, or nobody needs it."""
+    multicast, own, group = case.observer.seen.multicast, case.own, str(case.fleet.multicast_group)
+    if multicast is None or not multicast.memberships or own is None or not own.multicast or group == ALL_HOSTS:
+        return None
+    runs = case.observer.plan.is_master and bool(case.observer.listed)
+    if not runs or case.fleet.transport == "unicast":
+        return None
+    return {entry.interface for entry in multicast.memberships if entry.group == group}
+
+
+def _membership(case: Case) -> Judgement | None:
+    interfaces = _joined_on(case)
+    planned = own_networks(case.observer, case.ways).get(COMMON)
+    if interfaces is None or planned is None:
+        return None
+    expected = f"a program has joined {case.fleet.multicast_group} on {planned.interface}"
+    found = f"on {' and '.join(sorted(interfaces))}" if interfaces else "on no interface"
+    return Judgement(OK if planned.interface in interfaces else _other_leg(case, True), expected, found)
+
+
+MEMBERSHIP = Check(
+    id="membership",
+    title="discovery has joined the group",
+    scope=COMPUTER,
+    judge=_membership,
+    documented=Documented(
+        "masters",
+        "a program has joined the group on the planned interface, as the kernel has it in `/proc/net/igmp`",
+        "3.3",
+    ),
+    evidence=lambda case: (
+        of("interface", case.observer.name, "multicast")
+        if _joined_on(case)
+        else of("discovery", case.observer.name, "group")
+    ),
+)
+
+
 CHECKS = (
+    MEMBERSHIP,
     UDP_MULTICAST,
     UDP_UNICAST,
     SOURCE,

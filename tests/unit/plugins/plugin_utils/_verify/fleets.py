@@ -33,6 +33,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     Import,
     ListedMaster,
     ListMasters,
+    Membership,
     Multicast,
     NodeParameters,
     Observation,
@@ -280,6 +281,11 @@ def good_multicast(fleet, me, own):
             Caller(str(layout.way(plan, me.name).source), 3)
             for caller, plan in fleet.computers.items()
             if caller != me.name
+        ),
+        memberships=tuple(
+            Membership(f"eth{number}", str(fleet.multicast_group))
+            for number, entry in enumerate(own.networks)
+            if entry.network == fleet.common_network
         ),
         icmp=Icmp("224.0.0.1", rounds=(IcmpRound(1, tuple(other.name for other in others)),)),
         send_errors=SendErrors(),

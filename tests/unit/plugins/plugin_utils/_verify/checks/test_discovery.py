@@ -7,6 +7,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     ListMasters,
+    Membership,
     NodeParameters,
     Publisher,
 )
@@ -162,6 +163,26 @@ def test_the_group_that_a_network_does_not_carry_is_told_once():
                 update(entry, heard_from=False, heard=0, source_address=None)
 
     assert parts(diagnosed(change, plan(robots=4))) == [("network", "the common network", "multicast")]
+
+
+@pytest.mark.parametrize(
+    ("joined", "kind", "mode"),
+    [
+        ([Membership("eth0", "239.9.9.9")], "discovery", "group"),
+        ([Membership("eth7", "226.0.0.0"), Membership("eth0", "224.0.0.1")], "interface", "multicast"),
+    ],
+)
+def test_a_node_that_somebody_started_with_another_group_is_named_though_nobody_knows_its_parameters(
+    joined, kind, mode
+):
+    assert_told(
+        lambda seen: update(seen[ONE].multicast, memberships=tuple(joined)), "membership", WARNING, kind, ONE, mode
+    )
+
+
+def test_nobody_has_to_join_the_group_of_all_hosts_or_one_that_is_not_used():
+    for fleet in (plan(multimaster_multicast_group="224.0.0.1"), plan(multimaster_transport="unicast")):
+        assert not {row for row in evaluate(fleet=fleet) if row.check == "membership"}
 
 
 def test_loss_at_one_computer_is_told_once():
