@@ -220,3 +220,30 @@ def test_the_sources_of_names_are_read_in_their_order(tmp_path, text, expected):
     path.write_text(text)
     assert network.name_sources(str(path)) == expected
     assert network.name_sources(str(tmp_path / "none")) == []
+
+
+POLICY = """
+import json
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
+print(json.dumps(network.policy()))
+"""
+
+
+@root
+def test_rules_and_routes_that_lead_nowhere_are_read(hosts):
+    for command in (
+        "ip rule add to 10.98.0.0/16 lookup 77 priority 100",
+        "ip route add unreachable 10.98.0.0/16 table 77",
+        "ip route add blackhole 10.97.0.1",
+    ):
+        subprocess.run(["ip", "netns", "exec", hosts[0], *command.split()], check=True)
+    output = subprocess.run(
+        ["ip", "netns", "exec", hosts[0], sys.executable, "-c", POLICY],
+        check=True,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[6])},
+    ).stdout
+    found = json.loads(output)
+    assert found["rules"] == ["100: from all to 10.98.0.0/16 lookup 77"]
+    assert "blackhole 10.97.0.1" in found["closed"]
+    assert any(line.startswith("unreachable 10.98.0.0/16 table 77") for line in found["closed"])
