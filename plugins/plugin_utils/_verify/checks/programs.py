@@ -28,6 +28,7 @@ DECIDES = {
     ("master_discovery", "mcast_group"): ("discovery", "group"),
     ("master_discovery", "mcast_port"): ("discovery", "group"),
     ("master_discovery", "rpc_port"): ("discovery", "port"),
+    ("master_discovery", "interface"): ("interface", "multicast"),
 }
 KINDS = {"master_discovery": "discovery", "master_sync": "sync"}
 
@@ -51,8 +52,8 @@ def _parameters_evidence(case: Case) -> Parts:
 
 def _decided(case: Case, entry: Differing) -> Parts:
     kind, mode = DECIDES.get((entry.node, entry.name), (KINDS[entry.node], "configuration"))
-    what = {"group": f"{entry.name} {entry.found}", "port": entry.expected}.get(mode, f"{entry.name} is {entry.found}")
-    return of(kind, case.observer.name, mode, what=what)
+    what = {"group": f"{entry.name} {entry.found}", "port": entry.expected, "multicast": ""}
+    return of(kind, case.observer.name, mode, what=what.get(mode, f"{entry.name} is {entry.found}"))
 
 
 def _as_planned(case: Case) -> Parts:

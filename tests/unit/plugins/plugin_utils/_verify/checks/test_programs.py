@@ -28,6 +28,7 @@ FAULTS = [
     (_differs("master_discovery", "mcast_group", "239.1.2.3"), "parameters", FAILED, "discovery", ONE, "group"),
     (_differs("master_discovery", "mcast_port", "11512"), "parameters", FAILED, "discovery", ONE, "group"),
     (_differs("master_discovery", "rpc_port", "11612"), "parameters", FAILED, "discovery", ONE, "port"),
+    (_differs("master_discovery", "interface", "192.168.7.7"), "parameters", FAILED, "interface", ONE, "multicast"),
     (_differs("master_discovery", "exports", "[]"), "parameters", FAILED, "discovery", ONE, "configuration"),
     (_differs("master_sync", "ignore_topics", "[]"), "parameters", FAILED, "sync", ONE, "configuration"),
     (_disk(0, 10**6), "room", FAILED, "computer", TWO, "disk"),
