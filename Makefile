@@ -52,7 +52,7 @@ systems: lab ## injected faults and the commands of the README, on real systems
 test-long: bench-site ## what takes too long for 'make test': losses of minutes, Debian 11, and the bench
 	@$(PYTHON) tools/test.py long
 
-test-faults: lab ## the catalogue of faults on real systems, and its table in docs/verification.md (half an hour)
+test-faults: lab ## the catalogue of faults on real systems, and its table in docs/verification.md (an hour)
 	@$(PYTHON) tools/test.py faults
 
 test-interop: checkout lab ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout)

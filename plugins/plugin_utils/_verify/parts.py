@@ -151,7 +151,8 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("names", "several"): Fault(
         "on {place} {what} has a second address: another line of /etc/hosts, or a name server",
-        "remove the line that is not the collection's from /etc/hosts on {place}",
+        "on {place}: sed -i -E '/rosfleet.multimaster/! s/^[^#].*[[:space:]]{what}([[:space:]]|$)/# &/' /etc/hosts; see there: "
+        "lines with the name that are not the collection's are comments then; a name server must be corrected itself",
         HOSTS,
         cost=2.0,
         read=True,
