@@ -190,7 +190,7 @@ def revision() -> str:
     return subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
 
 
-def run(faults: Sequence[Fault], record: Path | None, remedies: bool = False) -> list[Result]:
+def run(faults: Sequence[Fault], record: Path | None, remedies: bool = False, name: str = NAME) -> list[Result]:
     """Try these faults in a lab."""
     for folder in filter(None, (WORK, record)):
         folder.mkdir(parents=True, exist_ok=True)
@@ -198,7 +198,7 @@ def run(faults: Sequence[Fault], record: Path | None, remedies: bool = False) ->
     if not faults:
         return results
     tried = revision()
-    with lab_of(NAME, INVENTORY, {STRANGER: Extra((STRANGERS_ADDRESS,))}) as lab:
+    with lab_of(name, INVENTORY, {STRANGER: Extra((STRANGERS_ADDRESS,))}) as lab:
         status, output = lab.play("site.yml")
         if status:
             raise LabError(f"site.yml has failed: {output[-600:]}")
@@ -246,6 +246,7 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--record", metavar="FOLDER", type=Path, help="keep the plan and the observations of each fault"
     )
+    parser.add_argument("--lab", metavar="NAME", default=NAME, help="the name of the lab, for two runs side by side")
     parser.add_argument("--page", action="store_true", help="write the table into docs/verification.md")
     return parser.parse_args(words)
 
@@ -255,7 +256,7 @@ def main() -> int:
     options = options_of()
     try:
         faults = [fault for fault in chosen(options.only, options.quick) if not (options.resume and KEPT.get(fault))]
-        results = run(faults, options.record, options.remedy)
+        results = run(faults, options.record, options.remedy, options.lab)
         if options.page:
             write_page()
     except (LabError, subprocess.SubprocessError) as problem:
