@@ -556,6 +556,7 @@ FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("roscore", "dead"): (("interface", "duplicate"),),  # it is the other one that refuses
     ("discovery", "dead"): (("roscore", "dead"),),
     ("sync", "dead"): (("roscore", "dead"),),
+    ("service", "restarting"): (("roscore", "dead"), ("set_up", "others")),
     ("names", "unknown"): (("names", "order"),),
     ("names", "old"): (("names", "order"),),
     ("names", "several"): (("names", "order"),),

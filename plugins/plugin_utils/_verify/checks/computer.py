@@ -157,7 +157,10 @@ def _services_evidence(case: Case) -> Parts:
         entry, unit = states.get(service), f"multimaster-{service}.service"
         if entry is None or entry.active_state != "active":
             missing = entry is not None and entry.load_state == "not-found"
-            found |= of("service", name, "missing", what=unit) if missing else _down(name, service, unit)
+            if service == "roscore" and not missing and case.probe is not None and case.probe.roscore.answer:
+                found |= of("set_up", name, "others")  # one answers, and it is not that of the unit
+            else:
+                found |= of("service", name, "missing", what=unit) if missing else _down(name, service, unit)
         elif entry.restarts:
             found |= of("service", name, "restarting", what=unit)
     return found

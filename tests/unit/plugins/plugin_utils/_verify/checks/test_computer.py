@@ -88,6 +88,12 @@ def _ignores_pings(seen):
     update(of(seen[TWO].probe.members, ONE), ping_address=no_answer(), ping_name=no_answer(), tcp="refused", loss=1.0)
 
 
+def _ended(seen):
+    """The unit of the roscore has failed, and nobody else's roscore answers in its place."""
+    _service(active_state="failed", sub_state="failed")(seen)
+    update(seen[ONE].probe.roscore, answer="", error="Connection refused")
+
+
 # The change, a check that tells it, its verdict, and the part that is named.
 FAULTS = [
     (_ignores_pings, "answers_pings", WARNING, "setting", ONE, "icmp_all"),
@@ -104,7 +110,8 @@ FAULTS = [
         ONE,
         "missing",
     ),
-    (_service(active_state="failed", sub_state="failed"), "services", FAILED, "roscore", ONE, "dead"),
+    (_service(active_state="failed", sub_state="failed"), "services", FAILED, "set_up", ONE, "others"),
+    (_ended, "services", FAILED, "roscore", ONE, "dead"),
     (_service(restarts=4), "services", WARNING, "service", ONE, "restarting"),
     (_service(differing=None), "environment", UNKNOWN, "setting", ONE, "unread"),
     (_service(differing=["ROS_HOSTNAME"]), "environment", FAILED, "environment", ONE, "service"),
