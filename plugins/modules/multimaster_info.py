@@ -1013,7 +1013,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import tables
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import facts
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding
 
 MOST_TABLES = 32  # other tables of routes that are read
@@ -1044,6 +1043,13 @@ def table(number: int) -> typing.List[typing.Dict[str, typing.Any]]:
     names = ("destination", "gateway", "device", "metric", "source", "type")
     held = [entry.route._asdict() for entry in Kernel().read(4, number)]
     return [{name: route[name] for name in names} for route in held]
+
+
+def masters(wanted: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Describe the roscores; what speaks with them is imported here alone, since the start of a module is its imports."""
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import facts
+
+    return facts.masters(wanted)
 
 
 class Part(typing.NamedTuple):
@@ -1087,7 +1093,7 @@ PARTS = (
     Part("packages", fkie.packages, 30, [], options=("packages",)),
     Part("folders", system.folders, 5, [], options=("folders",)),
     Part("ports", ports.holders, 15, [], options=("ports",)),
-    Part("masters", facts.masters, 60, [], options=("ports",)),
+    Part("masters", masters, 60, [], options=("ports",)),
     Part("exports", shells.exports, 5, []),
     Part("sshd", shells.sshd, 10, NO_SSHD),
     Part("environment", shells.seen, 20, {"login": None, "ssh": None, "desktop": None}),

@@ -1362,7 +1362,6 @@ import typing
 from ansible.module_utils.basic import AnsibleModule
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._boot import next_boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
@@ -1370,7 +1369,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify impor
     claims,
     exchange,
     masters,
-    multicast,
     network,
     parameters,
     resources,
@@ -1460,7 +1458,12 @@ def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result
     return topics.topics(ros, others(params), params["run"], params["name"], deadline)
 
 
+# The start of a module is its imports. What not every computer and state has is imported where it is asked for.
+
+
 def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._boot import next_boot
+
     return [] if params["boot"] is None else next_boot.differences(params["services"], params["boot"])
 
 
@@ -1468,6 +1471,8 @@ def look_multicast(params: Params, ros: Ros, deadline: float) -> typing.Optional
     """Measure on the group; what prevents it is a result, too, since the rest still counts."""
     if params["multicast"] is None:
         return None
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import multicast
+
     options = dict(params["multicast"], state="collected")
     checked = ArgumentSpecValidator(multicast.OPTIONS, required_if=multicast.REQUIRED_IF).validate(options)
     if checked.error_messages:
