@@ -52,6 +52,7 @@ problems:
 import re
 
 from ansible.module_utils.basic import AnsibleModule
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.logs import MOST, last_lines
 
