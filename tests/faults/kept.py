@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from catalogue import Fault
@@ -25,6 +25,7 @@ class Row:
     revision: str  # of the code that was tried
     left: Sequence[str] = ()  # what undo has not taken back
     remedied: str = ""  # what came of the remedy that was told
+    parts: Sequence[Sequence[str]] = ()  # that were expected then
 
 
 class Kept:
@@ -36,12 +37,14 @@ class Kept:
     def put(self, fault: Fault, row: Row) -> None:
         """Keep what came of a fault, instead of what came of it before."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        self._path(fault).write_text(json.dumps(asdict(row), indent=1) + "\n", encoding="utf-8")
+        text = json.dumps(asdict(replace(row, parts=fault.parts)), indent=1)
+        self._path(fault).write_text(f"{text}\n", encoding="utf-8")
 
     def get(self, fault: Fault) -> Row | None:
-        """What came of a fault; None if it was not tried."""
+        """What came of a fault; None if it was not tried, or if another part was expected then."""
         path = self._path(fault)
-        return Row(**json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
+        row = Row(**json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
+        return row if row and [tuple(part) for part in row.parts] == list(fault.parts) else None
 
     def _path(self, fault: Fault) -> Path:
         return self.folder / f"{fault.name}.json"

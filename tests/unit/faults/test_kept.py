@@ -1,0 +1,30 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What is kept of a fault that was tried."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path[:0] = [str(ROOT / "tests" / "faults")]
+
+import catalogue  # noqa: E402
+import kept  # noqa: E402
+
+FAULT = catalogue.Fault("icmp", "", (), (), (), (("filter", "icmp in"),), ("arm",), True)
+ROW = kept.Row("first", "so it is", 12.0, 60, 59, "abc1234")
+
+
+def test_a_result_is_of_the_part_that_was_expected_then(tmp_path):
+    folder = kept.Kept(tmp_path / "results")
+    assert folder.get(FAULT) is None
+    folder.put(FAULT, ROW)
+    found = folder.get(FAULT)
+    assert (found.verdict, found.agreeing, found.revision) == ("first", 59, "abc1234")
+    assert folder.get(replace(FAULT, parts=(("filter", "icmp"),))) is None
+
+
+def test_the_ways_of_all_faults_are_counted():
+    assert kept.told_of_prediction([ROW, ROW]).endswith("118 of 120 ways.")
