@@ -78,8 +78,10 @@ class Lab:
 
     def play(self, name, *options, variables=None, programs=Path(sys.executable).parent, environment=None):
         """Run a playbook; returns its exit status and its output on one line."""
-        extra = ["-e", json.dumps(variables)] if variables else []
-        return self._ansible(programs / "ansible-playbook", name, *options, *extra, environment=environment)
+        report = ROOT / ".work" / "reports" / f"{self.name}.json"  # not beside those of the user
+        report.parent.mkdir(parents=True, exist_ok=True)
+        extra = json.dumps({"verify_report": str(report), **(variables or {})})
+        return self._ansible(programs / "ansible-playbook", name, *options, "-e", extra, environment=environment)
 
     def module(self, host, name, arguments):
         """Run one module of the collection on a computer; returns exit status and output on one line."""

@@ -67,7 +67,7 @@ class NotWritten(ValueError):
 class ActionModule(ActionBase):
     """Judges the results of the whole run, prints what is wrong, and writes the report."""
 
-    _VALID_ARGS = frozenset((*gather.OPTIONS, "path", "junit", "bundle", "each"))
+    _VALID_ARGS = frozenset((*gather.OPTIONS, "path", "junit", "bundle", "each", "marks"))
     _requires_connection = False
 
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -134,11 +134,27 @@ def run_of(given: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Bundle:
         "collection": collection_version(),
         "ansible": ansible_version,
         "python": platform.python_version(),
+        "durations": durations(given.get("marks"), time.time()),
     }
     try:
         return gather.gathered(given, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], about)
     except Mismatch as problem:
         raise Mismatch(f"The plan of the fleet cannot be read: {problem}") from None
+
+
+def durations(marks: Any, now: float) -> str:
+    """Say how long each part took that began at one of these moments, and all together."""
+    begun: list[tuple[str, float]] = []
+    for name, moment in marks.items() if isinstance(marks, Mapping) else ():
+        try:
+            begun.append((plain(name, 80), float(moment)))
+        except (TypeError, ValueError):  # this part has not begun
+            continue
+    if not begun:
+        return ""
+    ends = [moment for _name, moment in begun[1:]] + [now]
+    parts = [f"{name} {end - moment:.1f} s" for (name, moment), end in zip(begun, ends, strict=True)]
+    return f"{', '.join(parts)}; together {now - begun[0][1]:.1f} s"
 
 
 def opened(path: str) -> Bundle:

@@ -34,6 +34,12 @@ options:
     type: str
     choices: [auto, always, never]
     default: never
+  marks:
+    description:
+      - When the parts of the run began, in seconds since 1970, by the names that the report shows, in their order; for example
+        V({measurement: 1763820132.5}). The last part ends now.
+    type: dict
+    default: {}
   fleet:
     description: The return of M(rosfleet.multimaster.fleet_plan).
     type: dict

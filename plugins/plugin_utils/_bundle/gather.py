@@ -64,6 +64,7 @@ def document(bundle: Bundle, judged: Judged) -> dict[str, Any]:
         "time": bundle.about.get("time", ""),
         "collection": bundle.about.get("collection", ""),
         "ansible": bundle.about.get("ansible", ""),
+        "durations": bundle.about.get("durations", ""),
         "robots": content.robots(bundle.fleet, bundle.observations),
         "machines": {name: {**content.NOTHING, **bundle.machines.get(name, {})} for name in bundle.observations},
     }

@@ -19,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     plain_data,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.discovery import arrows
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.matrices import Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import SIGNS, Mark, picture
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import TITLES
@@ -44,13 +45,16 @@ def page(
     )
     findings = [_shown(entry) for entry in document["findings"][:FINDINGS]]
     left_out: dict[str, Any] = {"rows": [], "robots": [], "findings": [], "unexplained": []}
-    drawn = picture(fleet, marks(findings), unseen(fleet, document["rows"]))
+    not_seen = unseen(fleet, document["rows"])
+    drawn = picture(fleet, marks(findings), not_seen)
+    read = {entry["robot"] for entry in document["robots"] if entry["read"]}
     return environment.from_string(template).render(
         document=plain_data({**document, **left_out}, LINE),
         findings=findings,
         left_out=len(document["findings"]) - len(findings),
         unexplained=_rows(document["unexplained"]),
         picture=Markup(drawn),  # noqa: S704  # its texts are escaped there
+        arrows=Markup(arrows(list(fleet.master_of), not_seen, read)),  # noqa: S704  # so are these
         own=matrices.own(),
         matrices=matrices.tables(),
         single=matrices.single,

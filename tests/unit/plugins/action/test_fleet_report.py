@@ -190,3 +190,16 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     with pytest.raises(UnicodeEncodeError):
         fleet_report.write(str(path), "half\ud800", 0o600)
     assert path.read_text() == "whole" and list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("marks", "told"),
+    [
+        ({"start": "100.5", "measurement": 103}, "start 2.5 s, measurement 7.0 s; together 9.5 s"),
+        ({"start": 100.5, "measurement": ""}, "start 9.5 s; together 9.5 s"),
+        ({}, ""),
+        (None, ""),
+    ],
+)
+def test_durations(marks, told):
+    assert fleet_report.durations(marks, 110.0) == told
