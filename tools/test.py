@@ -220,12 +220,13 @@ def systems() -> list[Suite]:
     def suites(name: str, *stems: str) -> Iterator[Suite]:
         lab = f"systems-{name.replace('_', '-')}"
         files = [f"tests/systems/test_{stem}.py" for stem in stems or (name,)]
-        words = (f"--lab={lab}", "--durations=15", *files)
+        costly = [file for file in files if "pytest.mark.costly" in (ROOT / file).read_text()]
+        words = (f"--lab={lab}", "--durations=15")
         cores = CORES if name in TIMED else 0.5 if name in WAITING else LAB_CORES
         group = "long" if name in COSTLY else "systems"
-        yield cases(group, name, *QUICK, *words, cores=cores, seconds=SECONDS.get(name, 60), labs=(lab,))
-        if any("pytest.mark.costly" in (ROOT / file).read_text() for file in files):
-            yield cases("long", f"{name}_costly", *THE_COSTLY, *words, cores=cores, labs=(lab,))
+        yield cases(group, name, *QUICK, *words, *files, cores=cores, seconds=SECONDS.get(name, 60), labs=(lab,))
+        if costly:
+            yield cases("long", f"{name}_costly", *THE_COSTLY, *words, *costly, cores=cores, labs=(lab,))
 
     shared = {stem for stems in IN_COMMON.values() for stem in stems}
     labs = {**IN_COMMON, **{name: () for name in names if name not in shared}}
