@@ -157,12 +157,12 @@ class Network:
         ]
         for interface in self.world.machines[computer].interfaces:
             link = self.world.links.get(interface.link)
-            if not interface.up or link is None:
+            if not interface.up:
                 continue
             own = [entry.ip for entry in interface.addresses]
             near = (address for address in known if any(address in entry.network for entry in interface.addresses))
             for address in dict.fromkeys([*own, *near]):
-                there = [] if link.apart or not link.up else self.world.holders(interface.link, address)
+                there = [] if link is None or link.apart or not link.up else self.world.holders(interface.link, address)
                 macs = [
                     self.mac(one.name, its.name) for one, its in there if one.name != computer and one.on and its.up
                 ]
