@@ -230,7 +230,11 @@ ICMP_ROUNDS = Check(
     ),
     needs=lambda case: of("setting", case.target, "icmp_group"),
     suspects=lambda case: (
-        of("setting", case.target, "icmp_group")
+        losing(case, case.observer.name, case.target)
+        if any(
+            case.target in answered for _number, answered in case.observer.rounds
+        )  # a packet was lost: nobody drops them
+        else of("setting", case.target, "icmp_group")
         | multicast(case, case.target, case.observer.name)
         | way(case, case.observer.name, case.target)
         | passes(case.observer.name, case.target, "icmp")
