@@ -36,8 +36,8 @@ options:
     default: never
   marks:
     description:
-      - When the parts of the run began, in seconds since 1970, by the names that the report shows, in their order; for example
-        V({measurement: 1763820132.5}). The last part ends now.
+      - When the parts of the run began, in seconds since 1970, by the names that the report shows, in their order. The last part
+        ends now. For example C(measurement) with V(1763820132.5).
     type: dict
     default: {}
   fleet:
