@@ -367,7 +367,7 @@ def test_15_5_a_subscriber_that_hangs_delays_no_other(lab):
 def test_15_6_a_node_with_the_name_of_an_own_one_shuts_nobody_down(lab):
     lab.roscore.call("registerPublisher", "/talker", "/own_topic", "std_msgs/String", "http://own:3/")
     lab.start()
-    until(lambda: lab.warnings())
+    until(lab.warnings)
     assert lab.roscore.shut_down == [] and lab.roscore.nodes["/talker"] == "http://own:3/"
     assert not lab.has("Publisher", "/chatter", "/talker")
     _limits, names, kinds, _places = lab.diagnostics.diagnoses[-1]
@@ -505,7 +505,7 @@ def test_a_type_conflict_is_refused_and_both_kinds_are_published(lab):
     )
     lab.roscore.call("registerSubscriber", "/own", "/chatter", "std_msgs/Int32", uri)
     lab.start()
-    until(lambda: lab.warnings())
+    until(lab.warnings)
     _limits, names, kinds, _places = lab.diagnostics.diagnoses[-1]
     assert names[:2] == ("multimaster: names", "OK") and kinds[2][0][0] == "topic /chatter"
     assert not lab.has("Publisher", "/chatter", "/talker")
