@@ -145,6 +145,14 @@ def test_the_classes_that_are_made_are_those_of_the_package(measured):
     measured.run(FIRST, "python3 -", stdin=MADE)
 
 
+def test_nodes_without_the_package_are_heard_by_who_has_it(measured):
+    package, away = "/usr/lib/python3/dist-packages/diagnostic_msgs", "/usr/lib/python3/dist-packages/not_there"
+    restart = "systemctl restart multimaster-discovery multimaster-sync"
+    measured.run(FIRST, f"mv {package} {away} && {restart}; mv {away} {package}")
+    names = {name: level for _at, name, level in listen(measured, FIRST)[0]}
+    assert names["multimaster: roscore"] == names["multimaster: names"] == 0
+
+
 def test_a_robot_that_leaves_is_seen_in_both(measured):
     lab = measured
     lab.run(SECOND, "systemctl stop multimaster-discovery multimaster-sync")
