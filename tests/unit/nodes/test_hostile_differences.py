@@ -20,7 +20,7 @@ from rosfleet_multimaster.core.members import Members
 from rosfleet_multimaster.core.pace import BURST, RATE
 from rosfleet_multimaster.core.sync import Announced, Fetch, Sync
 from rosfleet_multimaster.edge.rpc_client import Rpc
-from rosfleet_multimaster.edge.rpc_server import RpcServer
+from rosfleet_multimaster.edge.rpc_server import Ready, RpcServer
 from rosfleet_multimaster.edge.xml_rpc import STATE
 from rosfleet_multimaster.parts import fetcher, followed, told
 from rosfleet_multimaster.parts.followed import Answer, Surroundings, View
@@ -223,7 +223,7 @@ def test_any_difference_is_a_state_of_the_same_master_or_malformed(told_rows, go
 @pytest.fixture(name="there")
 def _there(monkeypatch):
     own = OwnMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, state=TRUE, away="")
-    changes = Told(own.current)
+    changes = Told(own.current, Ready)  # as the program does
     changes.news(TRUE, None)
     served = Served(own, Policy(), {}, set, lambda: None, str, list, changes)
     monkeypatch.setattr(served, "_is_here", lambda caller: False)

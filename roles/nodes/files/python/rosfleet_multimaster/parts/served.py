@@ -136,7 +136,8 @@ class Served:
             return Look((self._is_here(caller), *viewer(NO_STATE)[1], wanted), seen)
 
         answer = told.answer(caller, wanted, look, epoch, revision, min(max(wait, 0.0), LONGEST_WAIT) * may_wait)
-        self.changes.add(not answer[5])  # a digest is there where nothing is new
+        # A whole state may be as it is sent, packed. Else a digest is there where nothing is new.
+        self.changes.add(not isinstance(answer, list) or not answer[5])
         return answer
 
     def _md5sums(self, caller: str, types: Any) -> List[List[str]]:
