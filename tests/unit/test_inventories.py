@@ -96,6 +96,7 @@ def test_declared_data_flow_is_in_the_plan(changed):
     assert found["computers"]["car-visio"]["sync"] == {
         "ignore_subscribers": ["*"],
         "ignore_hosts": ["tibi-visio"],
+        "ignore_topics": ["/diagnostics"],
         "strangers": "ignore",
         "allow": [],
     }

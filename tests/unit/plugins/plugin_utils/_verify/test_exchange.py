@@ -21,13 +21,14 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 STRING, IMAGE = ("std_msgs/String", "992c"), ("sensor_msgs/Image", "060021")
 
 
-def plan(robots="abc", exports=None, **filters):
+def plan(robots="abc", exports=None, diagnostics="local", **filters):
     """The plan of robots of one computer each; `exports` and `filters` by robot."""
     values = {
         f"{robot}1": {
             "multimaster_common_network": "192.168.1.0/24",
             "multimaster_multicast_group": "226.0.0.0",
             "multimaster_address": f"192.168.1.{number}",
+            "multimaster_diagnostics": diagnostics,
             **({"multimaster_exports": exports[robot]} if robot in (exports or {}) else {}),
             **({"multimaster_filters": filters[robot]} if robot in filters else {}),
         }
@@ -291,6 +292,8 @@ def test_who_listens_to_a_topic_of_a_node_that_never_passes_is_exchanged():
     seen = {"a": holds(part([("/diagnostics", STRING, "/master_discovery", "/echo")])), "b": holds(B)}
     hears = link("in", "/diagnostics", "/echo", "/master_discovery", "b")
     heard = link("out", "/diagnostics", "/master_discovery", "/echo", "b")
-    unrestricted, restricted = plan("ab"), plan(exports={"a": [{"topics": ["/chat"]}], "b": []})
+    restricted = plan(exports={"a": [{"topics": ["/chat"]}], "b": []})
+    unrestricted, by_default = plan("ab", diagnostics="exchanged"), plan("ab")
+    assert Exchanges(by_default, seen).crossing([hears, heard], "a", "b") == [hears, heard]  # it stays on each robot
     assert Exchanges(unrestricted, seen).crossing([hears, heard], "a", "b") == []
     assert Exchanges(restricted, seen).crossing([hears, heard], "a", "b") == [hears, heard]
