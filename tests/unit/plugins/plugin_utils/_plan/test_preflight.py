@@ -511,7 +511,9 @@ def test_a_packet_filter_is_due_where_one_is_planned_or_left_over():
 
 
 def test_a_folder_of_metrics_that_is_not_there_is_one_sentence():
-    there = lambda info: info.update(folders=["/srv/metrics"])  # noqa: E731
+    def there(info):
+        info.update(folders=["/srv/metrics"])
+
     assert compare(there, metrics_folder="/srv/metrics").problems == compare().problems == ()
     (problem,) = compare(metrics_folder="/srv/metrics").problems
     assert problem.startswith("kobuki1computer: multimaster_metrics is 'textfile', but there is no folder /srv/metrics")

@@ -30,10 +30,8 @@ class Pace:
         return now + max(-self._left / RATE, took * SHARE, EARLY if early else 0.0)
 
 
-POLLS, SLOWEST = (
-    100,
-    5.0,
-)  # a look takes at most one part in so many of the time, but there is one every so many seconds
+POLLS = 100  # a look takes at most one part in so many of the time
+SLOWEST = 5.0  # seconds between two looks at most
 QUICK, QUICK_POLLS = 0.02, 4  # seconds between two polls, and the same part, in
 LIVELY = 1.0  # seconds after a change of own nodes: changes come together
 SAMPLES = 8  # looks, of which the quickest says what one costs: the others have waited for a processor
