@@ -105,7 +105,29 @@ def _json(value: Any) -> str:
 def _last(logs: Mapping[str, str]) -> dict[str, str]:
     """Cut logs to their last lines, so that all together have room."""
     most = min(LOG, LOGS // max(1, len(logs)))
-    return {name: text if len(text) <= most else text[-most:].partition("\n")[2] for name, text in logs.items()}
+    return {name: text if len(text) <= most else _shared(text, most) for name, text in logs.items()}
+
+
+def _shared(text: str, most: int) -> str:
+    """Share the room among the services of a computer: one that writes much takes no room from one that writes little."""
+    parts = re.split(r"^(?=== )", text, flags=re.MULTILINE)
+    kept, room = dict.fromkeys(range(len(parts)), ""), most
+    for done, number in enumerate(sorted(kept, key=lambda number: len(parts[number]))):
+        kept[number] = _end(parts[number], room // (len(parts) - done))
+        room -= len(kept[number])
+    return "".join(kept.values())
+
+
+def _end(part: str, most: int) -> str:
+    """Keep the heading and the last lines."""
+    if len(part) <= most:
+        return part
+    heading, _end_of_line, lines = part.partition("\n")
+    left = most - len(heading) - 1
+    if left <= 0:
+        return ""
+    _broken_line, _end_of_line, whole_lines = lines[-left:].partition("\n")
+    return f"{heading}\n{whole_lines}"
 
 
 def read(texts: Mapping[str, str]) -> Bundle:

@@ -60,6 +60,14 @@ def test_logs_have_the_last_lines_and_a_file_each():
     assert "logs/kobuki2computer.txt" not in files and "0.1.0" in files["README.txt"]
 
 
+def test_a_service_that_writes_much_takes_no_room_from_the_others():
+    quiet, loud = "== roscore\nstarted\n", "== sync\n" + "synchronised\n" * 40_000 + "the last\n"
+    bundle = bundled(fleets.plan(2), logs={"kobuki1computer": quiet + loud + "== discovery\nready\n"})
+    log = bundle.without(Secrets()).logs["kobuki1computer"]
+    assert log.startswith(quiet + "== sync\nsynchronised\n") and log.endswith("the last\n== discovery\nready\n")
+    assert bundles.LOG - 100 < len(log) <= bundles.LOG
+
+
 def test_the_name_of_a_computer_is_no_path():
     bundle = bundled(fleets.plan(2))
     texts = bundles.dataclasses.replace(bundle, logs={"../../etc/passwd": "x"}).texts("", {})
