@@ -18,6 +18,7 @@ from rosfleet_multimaster.core.mirror import Mirror
 from rosfleet_multimaster.edge.loop import Ended
 from rosfleet_multimaster.edge.roscore import Roscore as Master
 from rosfleet_multimaster.parts import program
+from rosfleet_multimaster.parts import source as source_module
 from rosfleet_multimaster.parts.own_roscore import Identity
 from rosfleet_multimaster.parts.poller import Poller
 from rosfleet_multimaster.parts.source import CHANGES, Follower, Source, in_own_thread
@@ -120,6 +121,22 @@ def test_where_it_does_not_tell_or_is_not_enough_it_is_polled(roscore, more):
     roscore.answers.put(more)
     source = source_of(roscore)
     assert source.next().name == "polled" and source.next().name == "polled" and len(roscore.asked) == 1
+
+
+def test_after_a_start_of_sync_it_is_listened_to_again_soon(roscore, monkeypatch):
+    monkeypatch.setattr(source_module, "AGAIN", 0.2)
+    other = ["service", "/master_sync/get_sync_info", "/master_sync", "rosrpc://own:6"]
+    roscore.tell("e", 1, True, [*WHOLE, other, ["node", "/master_sync", "http://own:3/"]])
+    source = source_of(roscore)
+    assert source.next().name == "polled", "the record is of its earlier life"
+    record = '{"node": "/master_sync", "uri": "http://own:3/", "imports": {}}'
+    here = [*WHOLE, other, ["node", "/master_sync", "http://own:3/"]]
+    roscore.tell("e", 2, True, [*here, ["parameter", "/rosfleet_multimaster/imports", record]])
+    deadline = time.monotonic() + 5
+    while source.next().name == "polled":
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert source.do_not_sync == ["/secret"] and len(roscore.asked) == 2
 
 
 def test_a_roscore_that_remembers_goes_on_and_one_that_forgot_ends_this_node(roscore):

@@ -26,6 +26,7 @@ CHANGES = "rosfleetChanges"
 WAIT, TIMEOUT = 50.0, 10.0  # seconds that an answer may take, and besides
 RETRY = 0.1  # seconds until a roscore that does not answer is asked again
 KNOWN = 60.0  # seconds until a roscore that did not tell its changes is asked again whether it does
+AGAIN = 10.0  # the same where it tells them, and that was not enough: sync that starts anew looks like a foreign one at first
 
 
 class PollInstead(Exception):
@@ -99,6 +100,7 @@ class Source:
         except (PollInstead, Malformed, Fault) as problem:
             program.LOG.info("the roscore is read instead of listened to: %s", problem)
             self._drop()
+            self._known_until = monotonic() + AGAIN
         except Exception:
             self._drop()
             self._known_until = 0.0  # the next one may be another roscore
