@@ -72,7 +72,7 @@ PRIVATE = ("root/.ssh/", "home/operator/.ssh/", "etc/NetworkManager/system-conne
 
 
 def _files(host: Host) -> dict[str, tuple[str, int]]:
-    """What a computer gets before its first boot: path -> content, mode."""
+    """Return the files that a computer gets before its first boot: path -> content, mode."""
     key = ssh_key().with_suffix(".pub").read_text()
     keys = {"root/.ssh/authorized_keys": key, "home/operator/.ssh/authorized_keys": key}
     tools = {f"usr/local/share/lab/{path.name}": path.read_text() for path in sorted(FILES.iterdir()) if path.is_file()}

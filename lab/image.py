@@ -64,7 +64,7 @@ HOOKS = [
 
 @dataclass(frozen=True)
 class Release:
-    """What differs in a release of Debian."""
+    """The differences of a release of Debian."""
 
     without: tuple[str, ...] = ()  # packages that its archive does not have
     options: tuple[str, ...] = ()  # of mmdebstrap
@@ -98,7 +98,7 @@ def recipe(suite: str) -> list[str]:
 
 
 def key(suite: str) -> str:
-    """What the cache is asked for."""
+    """The inputs by which the cache knows an image."""
     return hashlib.sha256(json.dumps(recipe(suite)).encode()).hexdigest()[:12]
 
 

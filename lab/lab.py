@@ -45,7 +45,7 @@ def _name(text: str) -> str:
 
 
 def _extras(options: argparse.Namespace) -> dict[str, Extra]:
-    """What was asked for beyond the inventory, by host."""
+    """Return the wishes beyond the inventory, by host."""
     names = dict.fromkeys(name for name, _given in [*options.extra, *options.mount])
     return {
         name: Extra(

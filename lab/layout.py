@@ -32,7 +32,7 @@ Port = ipaddress.IPv4Interface | ipaddress.IPv6Interface
 
 @dataclass(frozen=True)
 class Extra:
-    """What a lab has beyond its inventory, for one host: addresses (with a prefix length: in a network of its own) and mounts."""
+    """Additions of a lab to its inventory, for one host: addresses (with a prefix length: in a network of its own) and mounts."""
 
     addresses: tuple[str, ...] = ()
     mounts: tuple[str, ...] = ()  # SOURCE:TARGET, read-only
@@ -49,7 +49,7 @@ class Host:
     suite: str = image.SUITE  # Debian's release
 
     def files(self) -> dict[str, str]:
-        """What differs from one computer to the next: path -> content."""
+        """Return the files that differ from one computer to the next: path -> content."""
         return {"etc/hosts": self.hosts_file(), **managers.files(self.manager, self.interfaces)}
 
     def hosts_file(self) -> str:
@@ -62,7 +62,7 @@ class Host:
 
 
 def read_inventory(inventory: Path) -> dict[str, Any]:
-    """What Ansible makes of an inventory."""
+    """Read an inventory as Ansible does."""
     if not inventory.exists():
         raise LabError(f"The inventory {inventory} does not exist.")
     beside = Path(sys.executable).with_name("ansible-inventory")

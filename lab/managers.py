@@ -96,7 +96,7 @@ DEFAULT = "ifupdown"
 
 
 def files(manager: str, ports: Sequence[Interface]) -> Files:
-    """What a computer with this manager has on disk."""
+    """The files of a computer with this manager."""
     return {**_ifupdown(()), **MANAGERS[manager].files(ports)}
 
 

@@ -75,8 +75,17 @@ class Computer:
             try:
                 yield process.stdout
             finally:
-                self.run(f"kill -INT {pid}")
+                self._end(process, pid)
+
+    def _end(self, process: subprocess.Popen[str], pid: int) -> None:
+        """End what `running` started: as Ctrl+C does, and by force where a busy machine leaves it no time for that."""
+        for end in (f"kill -INT {pid}", f"kill -KILL -- -{pid}"):  # timeout leads a process group of its own
+            self.run(end)
+            with contextlib.suppress(subprocess.TimeoutExpired):
                 process.communicate(timeout=30)
+                return
+        process.kill()
+        process.communicate()
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What of an inventory is rehearsed, what is left aside, and what clashes with this machine. Pure: data in, data and sentences out."""
+"""The parts of an inventory that are rehearsed, those that are left aside, and those that clash with this machine. Pure: data in, data and sentences out."""
 
 from __future__ import annotations
 

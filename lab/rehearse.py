@@ -49,7 +49,7 @@ def say(text: str) -> None:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What is known before anything is started."""
+    """All that is known before anything is started."""
 
     rehearsed: rehearsal.Rehearsed
     hosts: list[Host]

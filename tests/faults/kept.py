@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What came of each fault, a small file each: so a long run may be made of short ones, and the table is of all of them."""
+"""The result of each fault, a small file each: so a long run may be made of short ones, and the table is of all of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from catalogue import Fault
 
 @dataclass(frozen=True)
 class Row:
-    """What is kept of one fault."""
+    """The result of one fault."""
 
     verdict: str
     text: str  # what was named first
@@ -41,7 +41,7 @@ class Kept:
         self._path(fault).write_text(f"{text}\n", encoding="utf-8")
 
     def get(self, fault: Fault) -> Row | None:
-        """What came of a fault; None if it was not tried, or if another part was expected then."""
+        """Return the result of a fault; None if it was not tried, or if another part was expected then."""
         path = self._path(fault)
         row = Row(**json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
         return row if row and [tuple(part) for part in row.parts] == list(fault.parts) else None

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a person would paste of a finding: the commands of its remedy, and what came of them. Pure.
+"""The commands that a person would paste of a finding, and what came of them. Pure.
 
 A remedy is words, and what can be pasted is `run site.yml` or `on COMPUTER: COMMAND`. What stands behind `; see` only shows.
 """

@@ -47,7 +47,7 @@ KEPT = Kept(WORK / "results")
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one fault."""
+    """The outcome of one fault."""
 
     fault: Fault
     verdict: str
@@ -63,7 +63,7 @@ class Result:
         return self.verdict == judge.FIRST and not self.left
 
     def row(self, revision: str) -> Row:
-        """What is kept of it."""
+        """Return the row that is kept of it."""
         ways, wrong = self.predicted.ways, len(self.predicted.wrong)
         return Row(self.verdict, self.found.text, self.seconds, ways, ways - wrong, revision, self.left, self.remedied)
 

@@ -28,7 +28,7 @@ def link(there, what="up"):
 
 
 def listen(lab, host):
-    """What is said on /diagnostics in some seconds: (time, name, level) of each entry, and the whole text."""
+    """Listen to /diagnostics for some seconds: (time, name, level) of each entry, and the whole text."""
     text = lab.run(host, "timeout 11 rostopic echo /diagnostics; true")
     found = []
     for message in text.split("---"):

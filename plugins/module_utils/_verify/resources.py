@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What programs of this computer depend on: a clock that is kept right, and room to write."""
+"""Resources that programs of this computer depend on: a clock that is kept right, and room to write."""
 
 import ctypes
 import os

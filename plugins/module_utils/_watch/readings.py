@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-"""What a watch reads on its computer each few seconds: all parts that cost little.
+"""The readings of a watch on its computer, each few seconds: all parts that cost little.
 
 Each reader returns {(kind, name): value}. Two commands are run, `ip` and `systemctl`; everything else is a file of the
 kernel, or a connection that is closed at once. A value that cannot be read is a value, too.

@@ -21,7 +21,7 @@ _ALL = 1 << 32
 
 
 class Addresses:
-    """What replaces addresses: the same one always by the same."""
+    """Replaces addresses: the same one always by the same."""
 
     def __init__(self, networks: Iterable[IPv4Network]) -> None:
         given = [entry for entry in networks if entry.prefixlen >= _WIDEST and not _stays(entry.network_address)]

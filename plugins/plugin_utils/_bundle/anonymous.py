@@ -31,7 +31,7 @@ _IPV6 = re.compile(r"(?<![0-9A-Za-z:.])[0-9A-Fa-f]{0,4}(?::[0-9A-Fa-f]{0,4}){2,7
 
 
 class Anonymous:
-    """What replaces names and addresses. `aliases` are more names of computers, `users` names of persons, `texts` are learned from."""
+    """Replaces names and addresses. `aliases` are more names of computers, `users` names of persons, `texts` are learned from."""
 
     def __init__(
         self,

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is in a bundle: what the fleet is planned to be, what was seen of it, what ran there, and the last lines of the logs. Pure.
+"""The content of a bundle: the plan of the fleet, what was seen of it, what ran there, and the last lines of the logs. Pure.
 
 `texts` and `read` are the two directions; only what the judgement needs is read again.
 """

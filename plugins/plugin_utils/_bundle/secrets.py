@@ -111,7 +111,7 @@ def _texts(value: Any) -> Iterable[str]:
 
 
 class Secrets:
-    """What takes secrets out; `known` are values of which it is known. `kept` are names of the fleet: they are no secrets."""
+    """Takes secrets out; `known` are values of which it is known. `kept` are names of the fleet: they are no secrets."""
 
     def __init__(self, known: Iterable[str] = (), kept: Iterable[str] = ()) -> None:
         names = {name.lower() for name in kept}

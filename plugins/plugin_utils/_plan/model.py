@@ -209,7 +209,7 @@ class UnitLines:
 
 @dataclass(frozen=True)
 class AsFound:
-    """What preflight found on a machine, for those who judge it without changing it."""
+    """The findings of preflight on a machine, for those who judge it without changing it."""
 
     set_up: bool = True  # the collection has records there
     runs: tuple[str, ...] = ()  # sentences: who else holds the ports of the plan

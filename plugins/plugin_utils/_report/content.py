@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the robots of a fleet declare, what is registered there, and what differs from an earlier run. Pure: plain data out."""
+"""The declarations of the robots, the registrations that were found, and the difference to an earlier run. Pure: plain data out."""
 
 from __future__ import annotations
 

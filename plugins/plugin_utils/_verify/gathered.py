@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the tasks of a run have registered on each computer, read as observations. Pure: Ansible's variables in."""
+"""Reads what the tasks of a run have registered on each computer, as observations. Pure: Ansible's variables in."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What an observation needs: the parts on the way between two computers, and those of ROS between two robots.
+"""The needs of an observation: the parts on the way between two computers, and those of ROS between two robots.
 
 Pure: a case in, parts out. A check joins these sets; see `engine.Check`.
 """

@@ -81,7 +81,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Policy:
-    """What decides beside the routes of the main table: lines of `ip rule` and of `ip route show table all`."""
+    """Rules and routes beside the main table: lines of `ip rule` and of `ip route show table all`."""
 
     rules: tuple[str, ...] = ()  # that lead to other tables than the kernel's own
     closed: tuple[str, ...] = ()  # routes that lead nowhere

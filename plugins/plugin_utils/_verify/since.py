@@ -59,7 +59,7 @@ def _of_service(services: list[Service], mode: str) -> str:
 
 
 def _of_link(probe: Probe) -> Iterable[str]:
-    """What the journal says last about an interface that is down, and how often a link came and went."""
+    """Return the last word of the journal about an interface that is down, and how often a link came and went."""
     for entry in probe.forwarding.interfaces:
         if entry.last:
             yield f"the journal's last line about {entry.interface}: {entry.last}"

@@ -217,7 +217,7 @@ class Machine:
         return {chain: list(tables.values()) for chain, tables in found.items()}
 
     def verdict(self, chain: str, packet: Packet, incoming: str = "", leaving: str = "") -> str:
-        """What its packet filter does with a packet: the first table that does not accept it decides."""
+        """Return the verdict of its packet filter on a packet: the first table that does not accept it decides."""
         for rules in self._chains.get(chain, ()):
             found = next((rule.verdict for rule in rules if rule.matches(packet, incoming, leaving)), ACCEPT)
             if found != ACCEPT:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What becomes of a packet: hop by hop, as a kernel decides it. A question and its answer are two ways.
+"""The way of a packet: hop by hop, as a kernel decides it. A question and its answer are two ways.
 
 Pure: a world and a packet in, a trace out. Loss is a property of the links on the way, and no matter of chance here.
 """
@@ -288,7 +288,7 @@ def echo(world: World, start: str, packet: Packet) -> Echo:
 
 
 def report(world: World, start: str, way: Trace) -> str:
-    """What the sender of a packet is told of its end by ICMP, such as "192.168.1.201 reports: host unreachable"; or empty."""
+    """Return the text that ICMP tells the sender about the end of a packet, such as "192.168.1.201 reports: host unreachable"; or empty."""
     if way.outcome not in REPORTS or way.packet.source is None or way.packet.answer:
         return ""
     known = {(machine, new): before for machine, new, before in way.translations}

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is kept of a fault that was tried."""
+"""The kept results of faults that were tried."""
 
 import sys
 from dataclasses import replace

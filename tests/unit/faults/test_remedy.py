@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a person would paste of a finding."""
+"""The commands that a person would paste of a finding."""
 
 import re
 import sys

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is rehearsed of an inventory, what is left aside, and what clashes with this machine."""
+"""The parts of an inventory that are rehearsed, left aside, or refused."""
 
 import ipaddress
 import sys

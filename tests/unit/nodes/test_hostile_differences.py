@@ -44,7 +44,7 @@ class Peer:
     """A discovery that answers the first question for differences truly, and then as the test says."""
 
     def __init__(self, answer):
-        """`answer(number)`: the values of the answer, or bytes with all of HTTP."""
+        """`answer(questions so far)`: the values of the answer, or bytes with all of HTTP."""
         self.asked, peer = [], self
 
         class Handler(BaseHTTPRequestHandler):
@@ -77,7 +77,7 @@ class Peer:
 
     def next(self, arguments, answer):
         self.asked.append(arguments)
-        return ["e", 1, True, document(TRUE), NOTHING, ""] if len(self.asked) == 1 else answer(len(self.asked))
+        return ["e", 1, True, document(TRUE), NOTHING, ""] if len(self.asked) == 1 else answer(self.asked)
 
 
 @pytest.fixture(name="following")
@@ -143,14 +143,15 @@ MANY = [[f"/flood/{number}", ["/one"]] for number in range(followed.MOST + 1)]
     ids=lambda answer: getattr(answer, "__name__", repr(answer)[:40]),
 )
 def test_what_is_no_difference_ends_the_following_and_takes_nothing(following, answer):
-    _peer, states, over = following(lambda _number: answer)
+    _peer, states, over = following(lambda _asked: answer)
     problem = over.get(timeout=10)
     assert states.empty() and len(str(problem)) < 500
 
 
 @pytest.mark.parametrize("kind", ["empty", "news", "replays", "wholes"])
 def test_however_fast_it_answers_it_is_asked_at_the_pace(following, kind):
-    def answer(number):
+    def answer(asked):
+        number = len(asked)
         topic = f"/b{number % 2}"
         told = rows(
             publishers=[[topic, ["/one"]]],
@@ -173,19 +174,13 @@ def test_however_fast_it_answers_it_is_asked_at_the_pace(following, kind):
 
 
 def test_a_digest_that_never_fits_costs_one_whole_after_the_other_and_no_more(following):
-    peer, _states, over = following(
-        lambda number: (
-            ["e", 1, True, document(TRUE), NOTHING, ""]
-            if peer_asks_for_all(peer.asked[-1])
-            else ["e", 1, False, rows(), NOTHING, "0" * 32]
-        )
-    )
+    def answer(asked):
+        for_all = asked[-1][1] == ""
+        return ["e", 1, True, document(TRUE), NOTHING, ""] if for_all else ["e", 1, False, rows(), NOTHING, "0" * 32]
+
+    peer, _states, over = following(answer)
     time.sleep(2.0)
     assert over.empty() and len(peer.asked) <= 8
-
-
-def peer_asks_for_all(arguments):
-    return arguments[1] == ""
 
 
 texts = st.sampled_from(["/a", "/b", "/own", "/one", "", "x", "/\n", "/" + "x" * 2000])

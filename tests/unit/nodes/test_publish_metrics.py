@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is copied for node_exporter, and what is not: the files are those of nodes that strangers talk with."""
+"""Copies for node_exporter, and refusals: the files are those of nodes that strangers talk with."""
 
 import os
 import signal

@@ -42,9 +42,19 @@ def _pair():
         yield client, server
 
 
+def ends(connection):
+    """The addresses of both ends: a port of this side alone may serve several connections."""
+    return connection.local, connection.remote
+
+
+def ends_of(client):
+    """The same of a socket."""
+    return client.getsockname(), client.getpeername()
+
+
 def of(client):
     """The connection as the kernel lists it."""
-    found = [item for item in connections.connections() if item.local == client.getsockname()]
+    found = [item for item in connections.connections() if ends(item) == ends_of(client)]
     assert len(found) <= 1
     return found[0] if found else None
 
@@ -70,7 +80,8 @@ def test_both_sides_of_an_ended_connection_are_told_at_once(pair):
     waiting = threading.Thread(target=lambda: errors.append(errno_of(lambda: client.recv(1))), daemon=True)
     waiting.start()
     time.sleep(0.1)
-    ended = connections.end_all(lambda item: item.local == client.getsockname())
+    wanted = ends_of(client)
+    ended = connections.end_all(lambda item: ends(item) == wanted)
     waiting.join(2.0)
     assert len(ended) == 1 and errors == [errno.ECONNABORTED]
     assert errno_of(lambda: server.recv(1)) == errno.ECONNRESET

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is imported from an archive after once.py is compiled once, and is what it is without."""
+"""Imports from an archive after once.py compile once, and are what they are without."""
 
 import json
 import pathlib

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is kept of a judgement: as much as the files that are asked for show."""
+"""A judgement keeps as much as the files that are asked for show."""
 
 import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.judged import judge

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is read of registered results."""
+"""Registered results are read as observations."""
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import gathered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (

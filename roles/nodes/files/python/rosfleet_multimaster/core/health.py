@@ -62,7 +62,7 @@ def answer_of(value: Any, began: float, seconds: float) -> Answer:
 
 
 class Health:
-    """What was seen of the links so far."""
+    """The history of the links so far."""
 
     def __init__(self, own_uri: str, members: Members) -> None:
         self._own_uri, self._members = same_uri(own_uri), members

@@ -37,7 +37,7 @@ string value
 
 
 def messages() -> Any:
-    """What has the classes DiagnosticArray, DiagnosticStatus and KeyValue."""
+    """Return a module with the classes DiagnosticArray, DiagnosticStatus and KeyValue."""
     try:
         from diagnostic_msgs import msg
     except ImportError:

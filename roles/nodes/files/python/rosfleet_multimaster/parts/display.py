@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a node shows of itself: entries on /diagnostics, and metrics in a file."""
+"""The face of a node: entries on /diagnostics, and metrics in a file."""
 
 from typing import Any, Callable, List, Mapping, Optional
 
