@@ -83,6 +83,14 @@ options:
       V(verify_logs); empty for no logs. Of each computer the last 60000 letters are kept, of all computers 4000000.
     type: str
     default: ""
+  streams:
+    description: The name of the variable with the streams; see M(rosfleet.multimaster.fleet_report).
+    type: str
+    default: ""
+  least_mbit_s:
+    description: How many Mbit/s a stream is to have at least; see M(rosfleet.multimaster.fleet_report).
+    type: float
+    default: 0
 author:
   - rosfleet contributors (@rosfleet)
 seealso:

@@ -99,6 +99,15 @@ options:
     type: str
     choices: [auto, all]
     default: all
+  streams:
+    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_verify) with C(state=streamed), for
+      example V(verify_streams); empty for none.
+    type: str
+    default: ""
+  least_mbit_s:
+    description: How many Mbit/s a stream is to have at least, for example V(20). A slower one is a warning. With V(0), any is good.
+    type: float
+    default: 0
 author:
   - rosfleet contributors (@rosfleet)
 seealso:

@@ -11,6 +11,8 @@ description:
     the names, pings by name and by address, connects to the discovery nodes, compares the clocks, calls
     C(rosservice call /master_discovery/list_masters), and hears what every other computer publishes (section 4.3).
     On the computer of a roscore it also reads what that holds, of which robot it is, and which nodes are connected.
+  - With O(state=streamed), between the last two, it sends for a moment to the talker of each other computer and returns how fast that
+    was. Such a task needs C(throttle) with V(1): streams at the same time would measure each other.
   - It takes three tasks, so that any number of C(--forks) works. With O(state=started), every computer that has ROS
     starts a talker, a small node without rospy in a unit that ends by itself after O(lifetime). With
     O(state=collected), every computer looks, all others at once, and returns what it found; one node on each computer
@@ -32,9 +34,10 @@ options:
         on the computers of O(members) with O(members[].discovery=true) are sent a few empty datagrams, so that they see
         from which address they come. An older talker ends first.
       - With V(collected), this computer looks at all others and returns what it found.
+      - With V(streamed), this computer sends a stream to each of O(talkers), one after the other, and returns RV(streams).
       - With V(stopped), the talker of this computer ends.
     type: str
-    choices: [started, collected, stopped]
+    choices: [started, collected, streamed, stopped]
     default: collected
   run:
     description:
@@ -62,7 +65,7 @@ options:
   members:
     description:
       - All computers of the fleet, this one included.
-      - Required with O(state=collected).
+      - Required with O(state=collected) and O(state=streamed).
     type: list
     elements: dict
     suboptions:
@@ -252,10 +255,15 @@ options:
     default: 20
   lifetime:
     description:
-      - How many seconds a talker lives at most, for example V(300); from 10 to 3600. It must cover the time from the
-        first computer's task with O(state=started) to the last one's with O(state=collected).
+      - How many seconds a talker lives at most, for example V(300); from 10 to 7200. It must cover the time from the
+        first computer's task with O(state=started) to the last one's with O(state=collected) or O(state=streamed).
     type: int
     default: 300
+  seconds:
+    description:
+      - How many seconds a stream with O(state=streamed) takes, for example V(0.5); from 0.1 to 2. It ends earlier after 20 MB.
+    type: float
+    default: 0.5
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -1325,6 +1333,29 @@ talker:
       returned: always
       type: str
       sample: ""
+streams:
+  description: How fast a stream of this computer comes to each of O(talkers).
+  returned: when O(state=streamed)
+  type: list
+  elements: dict
+  sample:
+    - {computer: kobuki2computer, mbit_s: 93.4, error: ""}
+  contains:
+    computer:
+      description: The computer.
+      returned: always
+      type: str
+      sample: kobuki2computer
+    mbit_s:
+      description: How many megabits came there in a second; null where that is not known.
+      returned: always
+      type: float
+      sample: 93.4
+    error:
+      description: Why it is not known, or empty.
+      returned: always
+      type: str
+      sample: ""
 ros_missing:
   description: Why no node can run on this computer, or empty where ROS is set up.
   returned: when O(state=collected)
@@ -1610,6 +1641,22 @@ def collect(module: AnsibleModule) -> Result:
     return result
 
 
+def stream(module: AnsibleModule) -> Result:
+    """Send to the talkers of the others, one after the other."""
+    params = module.params
+    if module.check_mode or params["is_router"]:
+        return {"msg": "Nothing was sent.", "streams": []}
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import streams
+
+    ros = Ros(params["environment_file"], params["environment"])
+    found = (
+        streams.streams(ros, others(params), params["run"], params["name"], params["seconds"])
+        if not ros.missing()
+        else []
+    )
+    return {"msg": f"Sent to {len(found)} computers.", "streams": found}
+
+
 def stop(module: AnsibleModule) -> Result:
     """End the talker, wherever there is one."""
     if module.check_mode:
@@ -1622,7 +1669,7 @@ def wrong(params: Params) -> typing.Optional[str]:
     """Say in one sentence which option cannot be used; None where all can."""
     if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
         return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
-    for option, least, most in (("patience", 0, 600), ("lifetime", 10, 3600)):
+    for option, least, most in (("patience", 0, 600), ("lifetime", 10, 7200), ("seconds", 0.1, 2)):
         if not least <= params[option] <= most:
             return f"{option} is {params[option]}, expected {least} to {most} seconds."
     members = [member["name"] for member in params["members"] or []]
@@ -1657,12 +1704,12 @@ def wrong_places(params: Params) -> typing.Iterator[str]:
             yield f"{place} is {number}, expected a port from 1 to 65535."
 
 
-STATES = {"started": start, "collected": collect, "stopped": stop}
+STATES = {"started": start, "collected": collect, "streamed": stream, "stopped": stop}
 
 
 TEXT = {"type": "str", "required": True}
 ARGUMENTS = {
-    "state": {"type": "str", "choices": ["started", "collected", "stopped"], "default": "collected"},
+    "state": {"type": "str", "choices": ["started", "collected", "streamed", "stopped"], "default": "collected"},
     "run": {"type": "str", "default": "default"},
     "name": {"type": "str"},
     "is_master": {"type": "bool", "default": False},
@@ -1731,13 +1778,18 @@ ARGUMENTS = {
     },
     "patience": {"type": "int", "default": 20},
     "lifetime": {"type": "int", "default": 300},
+    "seconds": {"type": "float", "default": 0.5},
 }
 
 
 def main() -> None:
     module = AnsibleModule(
         argument_spec=ARGUMENTS,
-        required_if=[("state", "started", ["name"]), ("state", "collected", ["name", "members", "masters"])],
+        required_if=[
+            ("state", "started", ["name"]),
+            ("state", "collected", ["name", "members", "masters"]),
+            ("state", "streamed", ["name", "members"]),
+        ],
         supports_check_mode=True,
     )
     error = wrong(module.params)

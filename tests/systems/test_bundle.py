@@ -3,6 +3,7 @@
 
 """A bundle of real systems: what their services logged is in it, without the secret that one of them wrote; elsewhere it is judged as here."""
 
+import contextlib
 import json
 import stat
 import zipfile
@@ -57,3 +58,32 @@ def test_a_bundle_without_names(lab, tmp_path):
     assert not left, [line for line in everything.splitlines() if left[0] in line][:5]
     assert "login of robot1-computer1 at 10." in files["logs/robot1-computer1.txt"]
     assert judged(lab, tmp_path / "help.zip", tmp_path / "found.json")["verdict"] == "ok"
+
+
+@contextlib.contextmanager
+def slow(lab, host, mbit_s):
+    """What a computer sends is slowed down, as by a weak signal."""
+    lab.run(host, f"tc qdisc add dev eth0 root tbf rate {mbit_s}mbit burst 16kb latency 100ms")
+    try:
+        yield
+    finally:
+        lab.run(host, "tc qdisc del dev eth0 root")
+
+
+def test_throughput_is_measured_and_a_slow_link_is_named_where_somebody_expects_more(lab, tmp_path):
+    wanted = {"verify_throughput": 0.3, "verify_throughput_least": 20, "verify_patience": 10}
+    with slow(lab, "kobuki1computer", 8):
+        here = json.loads(bundled(lab, tmp_path / "slow.zip", **wanted)["report.json"])
+    speeds = {(entry["from"], entry["to"]): entry["mbit_s"] for entry in here["throughput"]}
+    assert 0 < speeds["kobuki1computer", "kobuki2computer"] < 9, speeds
+    assert speeds["kobuki2computer", "kobuki1computer"] > 20, speeds
+    (finding,) = here["findings"]
+    assert (finding["kind"], finding["mode"], finding["verdict"]) == ("link", "slow out", "warning"), finding
+    there = judged(lab, tmp_path / "slow.zip", tmp_path / "found.json")
+    assert there["throughput"] == here["throughput"] and there["findings"] == here["findings"]
+
+
+def test_a_throughput_that_is_no_length_is_refused_before_anything_starts(lab):
+    status, output = lab.play("playbooks/verify.yml", variables={"verify_throughput": 60})
+    assert status != 0 and "verify_throughput is 60, expected 0, or the seconds of a stream" in output, output
+    assert "Listen on the multicast group" not in output

@@ -23,6 +23,14 @@ AGAIN = 0.5  # seconds until a publisher is asked again that did not answer
 Said = typing.Dict[str, typing.Any]
 
 
+def place_of(topic: str, uri: str, caller: str) -> typing.Tuple[str, int]:
+    """Ask a publisher where its topic is to be had. Raises OSError, and what a strange answer makes of it."""
+    code, said, place = server(uri).requestTopic(caller, topic, [["TCPROS"]])
+    if code != 1:
+        raise OSError(f"it does not give the topic: {plain(said)}")
+    return str(place[1]), int(place[2])
+
+
 class Listener:
     """Subscribes topics until each has said its text."""
 
@@ -88,11 +96,8 @@ class Listener:
                 again.start()
 
     def _ask(self, topic: str, uri: str) -> typing.Tuple[str, str]:
-        """Ask a publisher for its topic; return its message, and its node. Raises OSError, and what it makes of a strange answer."""
-        code, said, place = server(uri).requestTopic(self.name, topic, [["TCPROS"]])
-        if code != 1:
-            raise OSError(f"it does not give the topic: {plain(said)}")
-        return tcpros.heard((str(place[1]), int(place[2])), topic, self.name)
+        """Ask a publisher for its topic; return its message, and its node. Raises as place_of does."""
+        return tcpros.heard(place_of(topic, uri, self.name), topic, self.name)
 
     def _hear(self, topic: str, text: str, publisher: str) -> None:
         """Note what was said; an older talker may come first."""

@@ -22,6 +22,7 @@ DEFINITION = "string data\n"
 PERIOD = 1.0  # seconds between two messages
 REQUEST = 10.0  # seconds that a caller has for its question, and for its answer
 RETRY = 0.5  # seconds until a roscore that does not answer is asked again
+STREAM, STREAM_BYTES = 2.0, 20_000_000  # seconds and bytes of a stream that somebody sends to see how fast it comes
 _BYTES = 1 << 16  # of a question
 _CONNECTIONS = 900  # a process may have 1,024 files
 
@@ -66,13 +67,34 @@ def message(text: str) -> bytes:
     return block(block(text.encode()))
 
 
+class _Stream:
+    """What has come of a stream, since its first piece."""
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = min(seconds, STREAM)
+        self.began: typing.Optional[float] = None
+        self.bytes = 0
+
+    def took(self, size: int) -> typing.Optional[str]:
+        """Count a piece; at the end return what came: bytes and seconds."""
+        now = time.monotonic()
+        if self.began is None:
+            self.began = now  # nobody knows how long the first piece was under way
+            return None
+        self.bytes += size
+        if now - self.began < self.seconds and self.bytes < STREAM_BYTES:
+            return None
+        return f"{self.bytes} {now - self.began:.6f}"
+
+
 class _Link:
-    """A connection with somebody: a caller until its question is answered, or a subscriber."""
+    """A connection with somebody: a caller until its question is answered, a subscriber, or one who sends a stream."""
 
     def __init__(self, connection: socket.socket, answer: typing.Callable[["_Link"], None]) -> None:
         self.connection, self.answer = connection, answer
         self.read, self.written = b"", b""
         self.topic, self.name = "", ""  # of a subscriber
+        self.stream: typing.Optional[_Stream] = None
         self.last = False  # it ends when all is written
         self.deadline: typing.Optional[float] = time.monotonic() + REQUEST
 
@@ -146,9 +168,11 @@ class Node:
                 self._write(link)
             else:
                 piece = link.connection.recv(_BYTES)
-                link.read += piece
+                link.read = piece if link.stream else link.read + piece
                 if not piece or len(link.read) > _BYTES:
                     self._leave(link)
+                elif link.stream:
+                    self._count(link, link.stream.took(len(piece)))
                 elif link.topic:
                     link.read = b""  # a subscriber says nothing after its header
                 else:
@@ -197,9 +221,26 @@ class Node:
                 link, header({"error": "this node publishes {} on {}".format(TYPE, ", ".join(self.topics))}), True
             )
             return
+        if "stream" in asked:
+            self._begin(link, topic, float(asked["stream"]))
+            return
         link.topic, link.name, link.deadline = topic, asked.get("callerid", ""), None
         told = {"callerid": self.name, "topic": topic, "type": TYPE, "md5sum": SUM, "latching": "0"}
         self._say(link, header(dict(told, message_definition=DEFINITION)) + message(self.topics[topic]))
+
+    # Streams: a subscriber of this verification sends for a moment, and is told how much came
+
+    def _begin(self, link: _Link, topic: str, seconds: float) -> None:
+        """Take a stream, one at a time: two would measure each other."""
+        if any(other.stream for other in self._links):
+            self._say(link, header({"error": "it takes another stream"}), True)
+            return
+        link.stream, link.deadline = _Stream(seconds), time.monotonic() + REQUEST
+        self._say(link, header({"callerid": self.name, "topic": topic, "stream": f"{link.stream.seconds:g}"}))
+
+    def _count(self, link: _Link, came: typing.Optional[str]) -> None:
+        if came is not None:
+            self._say(link, message(came), True)
 
     # Callers: http://wiki.ros.org/ROS/Slave_API
 

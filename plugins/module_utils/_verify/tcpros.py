@@ -6,6 +6,8 @@
 Whoever answers may be anybody: time, bytes and numbers of entries are bounded.
 """
 
+import os
+import selectors
 import socket
 import struct
 import time
@@ -16,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plai
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import node
 
 CALL = 5.0  # seconds that a call may take, from the connection to the last byte
+CONNECT = 2.0  # seconds that a connection may take before a stream
 MOST = 2 << 20  # bytes of an answer: 5,000 topics are 1 MB
 _HEADER = 1 << 14  # bytes of a header
 _ENTRIES = 50000  # of all lists of an answer
@@ -160,6 +163,54 @@ def heard(place: typing.Tuple[str, int], topic: str, caller: str) -> typing.Tupl
         raise OSError(f"no message within {CALL:g} s") from None
     except (ValueError, struct.error) as problem:
         raise OSError(f"a message that is none: {plain(problem)}") from None
+
+
+def streamed(place: typing.Tuple[str, int], topic: str, caller: str, seconds: float) -> typing.Tuple[int, float]:
+    """Send to a talker as fast as it takes it; return the bytes that came there, and in how many seconds.
+
+    Raises OSError with a sentence.
+    """
+    deadline = time.monotonic() + CALL + seconds
+    try:
+        with socket.create_connection(place, CONNECT) as connection:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # the rest is not sent
+            fields = {
+                "callerid": caller,
+                "topic": topic,
+                "type": node.TYPE,
+                "md5sum": node.SUM,
+                "stream": f"{seconds:g}",
+            }
+            connection.sendall(node.header(fields))
+            told = node.fields_of(_read_block(connection, _HEADER, deadline))
+            if "error" in told or "stream" not in told:
+                raise OSError(plain(told.get("error", "it takes no stream")))
+            _send(connection, deadline)
+            came, took = Reader(_read_block(connection, _HEADER, deadline)).text().split()
+            if not 0 < int(came) <= 2 * node.STREAM_BYTES or not 0 < float(took) <= node.REQUEST:
+                raise ValueError(f"{plain(came)} bytes in {plain(took)} s")
+            return int(came), float(took)
+    except socket.timeout:
+        raise OSError(f"no answer within {CALL:g} s") from None
+    except (ValueError, struct.error) as problem:
+        raise OSError(f"an answer that is none: {plain(problem)}") from None
+
+
+def _send(connection: socket.socket, deadline: float) -> None:
+    """Send until there is an answer."""
+    piece = os.urandom(1 << 16)  # nobody on the way can make it smaller
+    with selectors.DefaultSelector() as selector:
+        selector.register(connection, selectors.EVENT_READ | selectors.EVENT_WRITE)
+        while time.monotonic() < deadline:
+            events = [event for _key, event in selector.select(deadline - time.monotonic())]
+            if any(event & selectors.EVENT_READ for event in events):
+                return
+            try:
+                if events:
+                    connection.send(piece)
+            except OSError:  # it has answered and gone; the answer is there to be read
+                return
+    raise socket.timeout
 
 
 def _read_block(connection: socket.socket, most: int, deadline: float) -> bytes:

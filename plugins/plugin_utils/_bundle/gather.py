@@ -19,7 +19,18 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import observation, registered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.pairs import ALL, AUTO
 
-OPTIONS = ("fleet", "multicast", "probe", "earlier", "packet_filter", "plan", "pairs", "machine")
+OPTIONS = (
+    "fleet",
+    "multicast",
+    "probe",
+    "earlier",
+    "packet_filter",
+    "plan",
+    "pairs",
+    "machine",
+    "streams",
+    "least_mbit_s",
+)
 
 
 def gathered(
@@ -30,7 +41,13 @@ def gathered(
     names = {option: given.get(option) or "" for option in (*OPTIONS, "logs")}
     seen = {
         host: observation(
-            hostvars[host], names["multicast"], names["probe"], names["earlier"], names["packet_filter"], names["plan"]
+            hostvars[host],
+            names["multicast"],
+            names["probe"],
+            names["earlier"],
+            names["packet_filter"],
+            names["plan"],
+            names["streams"],
         )
         for host in fleet.computers
         if host in hosts
@@ -38,7 +55,8 @@ def gathered(
     infos = {host: registered(hostvars[host], names["machine"]) for host in seen}
     logs = {host: _lines(registered(hostvars[host], names["logs"])) for host in seen} if names["logs"] else {}
     machines = content.machines(fleet, seen, infos)
-    return Bundle(fleet, seen, machines, {**about, "pairs": names["pairs"] or ALL}, logs)
+    asked = {"pairs": names["pairs"] or ALL, "least_mbit_s": str(names["least_mbit_s"] or 0)}
+    return Bundle(fleet, seen, machines, {**about, **asked}, logs)
 
 
 def _lines(result: Mapping[str, Any]) -> str:
@@ -54,7 +72,8 @@ def _lines(result: Mapping[str, Any]) -> str:
 def verdict(bundle: Bundle, pages: bool, everything: bool) -> Judged:
     """Judge what is in a bundle."""
     pairs = AUTO if bundle.about.get("pairs") == AUTO else ALL
-    return judge(Verification(CHECKS, bundle.fleet, bundle.observations, pairs), pages, everything)
+    least = float(bundle.about.get("least_mbit_s") or 0)
+    return judge(Verification(CHECKS, bundle.fleet, bundle.observations, pairs, least), pages, everything)
 
 
 def document(bundle: Bundle, judged: Judged) -> dict[str, Any]:
@@ -66,5 +85,6 @@ def document(bundle: Bundle, judged: Judged) -> dict[str, Any]:
         "ansible": bundle.about.get("ansible", ""),
         "durations": bundle.about.get("durations", ""),
         "robots": content.robots(bundle.fleet, bundle.observations),
+        "throughput": content.throughput(bundle.observations),
         "machines": {name: {**content.NOTHING, **bundle.machines.get(name, {})} for name in bundle.observations},
     }

@@ -73,6 +73,16 @@ def _names(names: Iterable[str]) -> list[str]:
     return sorted(name for name in mine if not name.endswith(PRIVATE))[:MOST]
 
 
+def throughput(observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
+    """List what was measured between computers, in Mbit/s."""
+    return [
+        {"from": name, "to": stream.computer, "mbit_s": stream.mbit_s}
+        for name, seen in observations.items()
+        for stream in (seen.streams.streams if seen.streams else ())
+        if stream.mbit_s is not None
+    ]
+
+
 # What differs from an earlier run
 
 

@@ -8,9 +8,11 @@ A fleet with many computers has a cell for each two robots, with the worst resul
 
 from __future__ import annotations
 
+import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import log2
 from typing import NamedTuple
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
@@ -61,6 +63,9 @@ KINDS = (
         "Connections: to discovery nodes, and to publishers.",
         ("rpc_port", "direct_connection", "tcp_answer", "master_route"),
     ),
+    Kind(
+        "throughput", "Throughput", "Mbit/s of a short stream, one at a time; the darker, the faster.", ("throughput",)
+    ),
     Kind("clocks", "Clocks", "How far the clocks are apart.", ("clock",)),
     Kind("masters", "Masters", "Who lists which master.", ("list_masters",)),
     Kind("topics", "Topics", "A subscriber hears a talker.", ("topic_heard",)),
@@ -73,6 +78,8 @@ KINDS = (
 )
 _KIND_OF = {check: kind.id for kind in KINDS for check in kind.checks}
 _MEASURED = {"ping_address", "udp_multicast", "rpc_port", "clock"}  # what they find is a number
+_STREAM, _MBIT_S = "throughput", re.compile(r"(\d+(?:\.\d+)?) Mbit/s$")  # its cells have the number itself, and a shade
+SHADES = 5
 
 
 @dataclass
@@ -82,6 +89,8 @@ class Cell:
     counts: Counter[str] = field(default_factory=Counter)
     text: str = ""
     told: list[str] = field(default_factory=list)
+    least: float | None = None  # the slowest stream, in Mbit/s
+    shade: int = 0  # of 1 to SHADES, where there is one
 
     @property
     def verdict(self) -> str:
@@ -113,6 +122,7 @@ class Matrices:
         self.robots = {name: plan.robot or name for name, plan in fleet.computers.items()}
         self.order = tuple(fleet.computers if self.single else dict.fromkeys(self.robots.values()))
         self.room = ROOM
+        self.measured = 0  # streams
         self._cells: dict[str, dict[tuple[str, str], Cell]] = defaultdict(lambda: defaultdict(Cell))
 
     def passing(self, rows: Iterable[Row]) -> Iterator[Row]:
@@ -126,6 +136,11 @@ class Matrices:
             cell.add(row, self._told(row) if self.single or row.verdict != OK else "")
             if self.single and row.check in _MEASURED and row.verdict == OK:
                 cell.text = plain(row.found, 12)
+            if row.check == _STREAM and (number := _MBIT_S.match(row.found)):
+                mbit_s = float(number[1])
+                cell.least = mbit_s if cell.least is None else min(cell.least, mbit_s)
+                cell.text = f"{cell.least:.3g}"
+                self.measured += 1
             yield row
 
     def _robots(self, row: Row) -> tuple[str, str]:
@@ -143,6 +158,7 @@ class Matrices:
 
     def tables(self) -> list[Matrix]:
         """All matrices that have results; their order is that of KINDS."""
+        _shaded(self._cells[_STREAM].values() if _STREAM in self._cells else ())
         known = (*KINDS, Kind(OTHERS, "Other results between two", "", ()))
         return [self._matrix(kind, self.order) for kind in known if kind.id in self._cells]
 
@@ -162,3 +178,11 @@ class Matrices:
             tuple(name for name in targets if name in seen),
             dict(cells),
         )
+
+
+def _shaded(cells: Iterable[Cell]) -> None:
+    """Shade streams by their order of magnitude below the fastest one: half as fast is one shade less."""
+    known = [cell for cell in cells if cell.least]
+    fastest = max((cell.least or 0.0 for cell in known), default=0.0)
+    for cell in known:
+        cell.shade = max(1, SHADES - int(log2(fastest / (cell.least or fastest))))

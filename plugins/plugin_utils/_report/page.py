@@ -58,6 +58,7 @@ def page(
         own=matrices.own(),
         matrices=matrices.tables(),
         single=matrices.single,
+        measured=matrices.measured,
         robots=len(document["robots"]),
         flows=list(islice(flows(document["robots"]), PAIRS)),
         not_judged=not_judged(document["rows"]),

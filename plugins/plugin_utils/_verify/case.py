@@ -29,6 +29,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     Probe,
     SeenMaster,
     SeenMember,
+    Stream,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON, Way, Ways
 
@@ -46,6 +47,7 @@ class Participant:
     masters: Mapping[str, SeenMaster] = field(default_factory=dict)  # by computer
     listed: Mapping[str, ListedMaster] = field(default_factory=dict)
     topics: Mapping[str, HeardTopic] = field(default_factory=dict)  # by computer of the talker
+    streams: Mapping[str, Stream] = field(default_factory=dict)  # by computer, to which it was sent
     udp: Mapping[str, Datagrams] = field(default_factory=dict)
     answered: frozenset[str] = frozenset()  # the members that answered its pings
     callers: frozenset[str] = frozenset()  # the addresses from which it was called
@@ -67,6 +69,7 @@ class Participant:
             masters={entry.computer: entry for entry in probe.masters},
             listed={entry.name: entry for entry in probe.list_masters.masters},
             topics={entry.computer: entry for entry in probe.topics},
+            streams=_streams(seen),
             udp={entry.name: entry for entry in multicast.udp},
             answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
             callers=frozenset(entry.address for entry in multicast.callers),
@@ -84,6 +87,10 @@ class Participant:
     def without_ros(self) -> bool:
         """True for the router, and for a second computer of a robot without ROS; a master's computer needs ROS."""
         return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))
+
+
+def _streams(seen: Observation) -> Mapping[str, Stream]:
+    return {entry.computer: entry for entry in seen.streams.streams} if seen.streams else {}
 
 
 def _possible(plan: ComputerPlan, seen: Observation) -> ComputerPlan:
@@ -148,6 +155,7 @@ class Everything:
     run: Mapping[str, Participant]  # the computers of this run
     exchanges: Exchanges
     usual: Mapping[str, int]  # network -> the MTU that most have there
+    least: float  # Mbit/s that are expected of a stream; 0 for any
 
 
 class Case:  # no dataclass: there are hundreds of thousands in a large fleet, and each is looked at by many checks
@@ -157,6 +165,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         "address",
         "exchanges",
         "fleet",
+        "least",
         "member",
         "observer",
         "own",
@@ -164,6 +173,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         "planned",
         "probe",
         "run",
+        "stream",
         "target",
         "target_master",
         "topic",
@@ -180,6 +190,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         self.run = everything.run
         self.exchanges = everything.exchanges
         self.usual = everything.usual
+        self.least = everything.least
         self.observer = observer
         self.target = target
         self.address = address  # of the target
@@ -192,6 +203,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         # the target, as multimaster_verify on the observer saw it, and the topic of its talker
         self.member: SeenMember | None = observer.members.get(target)
         self.topic: HeardTopic | None = observer.topics.get(target)
+        self.stream: Stream | None = observer.streams.get(target)
         # target and observer among the members of the plan; None for the router
         self.planned: Member | None = self.ways.members.get(target)
         self.own: Member | None = self.ways.members.get(observer.name)

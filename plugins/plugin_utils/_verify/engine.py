@@ -91,11 +91,16 @@ class Check:
 class Verification:
     """The checks, applied to the observations of a fleet; `observations` has an entry for each computer of the run.
 
-    `pairs` says who was to look at whom: `all`, or `auto`; see `pairs.tried`.
+    `pairs` says who was to look at whom: `all`, or `auto`; see `pairs.tried`. `least` are the Mbit/s that are expected.
     """
 
     def __init__(
-        self, checks: Sequence[Check], fleet: FleetPlan, observations: Mapping[str, Observation], pairs: str = ALL
+        self,
+        checks: Sequence[Check],
+        fleet: FleetPlan,
+        observations: Mapping[str, Observation],
+        pairs: str = ALL,
+        least: float = 0.0,
     ) -> None:
         self.checks = checks
         self.fleet = fleet
@@ -114,7 +119,7 @@ class Verification:
                 if computer.plan.is_master and computer.seen.probe and not computer.seen.probe.exchange.error
             },
         )
-        self.everything = Everything(fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways))
+        self.everything = Everything(fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways), least)
 
     def rows(self, passed: Counter[str] | None = None) -> Iterator[Row]:
         """Apply every check to every computer of the run, and to every pair that was to be tried by one of them.

@@ -16,6 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     Observation,
     PacketFilter,
     Probe,
+    Streams,
 )
 
 T = TypeVar("T")
@@ -28,6 +29,7 @@ def observation(
     earlier: Sequence[str],
     packet_filter: str = "",
     plan: str = "",
+    streams: str = "",
 ) -> Observation:
     """Read the registered results of one computer; the message of the first one that failed is its problem."""
     results = [registered(variables, name) for name in (*earlier, multicast, probe)]
@@ -43,6 +45,7 @@ def observation(
             packet_filter=complete(PacketFilter, variables, packet_filter, "members"),
             found=as_found(variables, plan),
             services=services(variables, plan),
+            streams=complete(Streams, variables, streams, "streams"),
         )
     except Mismatch as found:  # what one computer was told by strangers must not cost the others their report
         return Observation(

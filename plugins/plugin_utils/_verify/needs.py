@@ -178,6 +178,15 @@ def losing(case: Case, one: str, other: str) -> Parts:
     return frozenset(parts)
 
 
+def slow(case: Case, one: str, other: str) -> Parts:
+    """List the parts that may make a stream slow, which goes out of one link and into the next."""
+    parts: set[Part] = set()
+    for number, (place, network) in enumerate(links(case, one, other)):
+        parts |= of("link", place, "slow", "slow in" if number % 2 else "slow out", what=network)
+        parts |= of("network", network, "slow")
+    return frozenset(parts)
+
+
 def translated(case: Case, one: str, other: str) -> Parts:
     """List the gateways that may translate addresses on the way: a gateway translates what leaves by one of its interfaces."""
     crossed = pairwise(links(case, one, other))

@@ -364,6 +364,22 @@ class Probe:
     problems: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Stream:
+    """How fast a stream came to another computer; None where that is not known."""
+
+    computer: str
+    mbit_s: float | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Streams:
+    """The result of multimaster_verify with `state: streamed`."""
+
+    streams: tuple[Stream, ...] = ()
+
+
 # multicast_verify
 
 
@@ -473,3 +489,4 @@ class Observation:
     packet_filter: PacketFilter | None = None  # None where none is planned, and none is left over
     found: AsFound | None = None  # None where preflight did not look
     services: tuple[str, ...] | None = None  # of the planned ones those that can run there, as preflight found
+    streams: Streams | None = None  # None where no throughput was measured

@@ -21,6 +21,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 AUTO, ALL = "auto", "all"
 ALL_UP_TO = 30  # computers: so many are tried in all pairs
 AT_LEAST = 2  # times that each computer is looked at
+STREAMS = 300.0  # seconds of all streams that measure throughput
+SHORTEST, LONGEST = 0.1, 2.0  # seconds of one
+START = 3.0  # seconds until a computer begins with its streams, where it is slow
 
 Tried = Mapping[str, Collection[str]]  # observer -> targets
 
@@ -66,6 +69,17 @@ def _seldom_tried(found: dict[str, set[str]], computers: Sequence[str]) -> Tried
             if len(found[name]) >= AT_LEAST <= counts[name]:
                 break
     return found
+
+
+def streams(chosen: Tried, order: Sequence[str], seconds: float) -> dict[str, list[str]]:
+    """Say to whom each observer sends a stream of so many seconds. One is sent at a time, so together they have a limit.
+
+    Beyond it each sends to every second of those that it tries, or to every third; which ones these are differs from one to the next.
+    """
+    most = max(1, int(STREAMS / (seconds * max(1, len(chosen)))))
+    listed = {name: [target for target in order if target in targets] for name, targets in chosen.items()}
+    steps = {name: max(1, -(-len(targets) // most)) for name, targets in listed.items()}
+    return {name: targets[place % steps[name] :: steps[name]] for place, (name, targets) in enumerate(listed.items())}
 
 
 def number(chosen: Tried) -> int:

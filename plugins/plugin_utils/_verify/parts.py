@@ -222,6 +222,20 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=3.5,
         hard=False,
     ),
+    **{  # they cost little: a single stream that is slower than somebody expects is worth a sentence
+        ("link", mode): Fault(
+            said,
+            "look at the signal, or at the cable; see on {place}: ip -s link; iw dev",
+            what="its link",
+            cost=cost,
+            hard=False,
+        )
+        for mode, said, cost in (
+            ("slow", "{place} is slow on {what}", 0.7),
+            ("slow out", "{place} sends slowly on {what}", 0.8),
+            ("slow in", "{place} receives slowly on {what}", 0.9),
+        )
+    },
     ("link", "flapping"): Fault(
         "the link of {place} comes and goes",
         "look at the cable, or at the signal; see on {place}: dmesg",
@@ -236,6 +250,12 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("network", "loss"): Fault(
         "{place} loses packets", "look at the signal, or at the load of the network", cost=4.0, hard=False
+    ),
+    ("network", "slow"): Fault(
+        "{place} is slow",
+        "look at the signal, or at the load of the network; verify_throughput_least says what is expected",
+        cost=1.2,
+        hard=False,
     ),
     ("network", "multicast"): Fault(
         "{place} does not carry the multicast group: IGMP snooping without a querier, or an access point that drops multicast",

@@ -11,6 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     MEMBER,
     OK,
     UNKNOWN,
+    WARNING,
     Check,
     Documented,
     Judgement,
@@ -27,6 +28,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs
     passes,
     registered,
     roscore,
+    slow,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import host_of
 
@@ -156,7 +158,35 @@ DIRECT_CONNECTION = Check(
 )
 
 
+# Throughput, where it is measured
+
+
+def _throughput(case: Case) -> Judgement | None:
+    """Judge by what the user expects; nobody else knows how fast a link is to be."""
+    stream = case.stream
+    if stream is None or case.peer is None:
+        return None
+    expected = f"at least {case.least:g} Mbit/s" if case.least else "any"
+    if stream.mbit_s is None:
+        return Judgement(UNKNOWN, expected, f"not measured: {stream.error}")
+    return Judgement(OK if stream.mbit_s >= case.least else WARNING, expected, f"{stream.mbit_s:.1f} Mbit/s")
+
+
+THROUGHPUT = Check(
+    id="throughput",
+    title="throughput",
+    scope=MEMBER,
+    judge=_throughput,
+    documented=Documented(
+        "pair, with `verify_throughput`",
+        "a stream to its talker is as fast as `verify_throughput_least` says (warning); without that it only informs",
+    ),
+    needs=lambda case: slow(case, case.observer.name, case.target) if case.least else NONE,
+)
+
+
 CHECKS = (
     TOPIC_HEARD,
     DIRECT_CONNECTION,
+    THROUGHPUT,
 )

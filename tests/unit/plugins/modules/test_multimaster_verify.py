@@ -22,7 +22,15 @@ MASTER = {"computer": "kobuki2computer", "address": "192.168.1.239", "rpc_port":
 
 
 def params(**changed):
-    found = {"run": "x", "patience": 20, "lifetime": 300, "name": "kobuki1computer", "is_router": False, "port": 11511}
+    found = {
+        "run": "x",
+        "patience": 20,
+        "lifetime": 300,
+        "seconds": 0.5,
+        "name": "kobuki1computer",
+        "is_router": False,
+        "port": 11511,
+    }
     return {**found, "members": [MEMBER], "masters": [MASTER], **changed}
 
 
@@ -53,6 +61,7 @@ def test_usual_options_are_right(good):
         ({"masters": [{**MASTER, "rpc_port": 0}]}, "masters: the rpc_port of kobuki2computer is 0, expected a port"),
         ({"port": 0}, "port is 0, expected a port from 1 to 65535"),
         ({"port": 65536}, "port is 65536"),
+        ({"seconds": 3.0}, "seconds is 3.0, expected 0.1 to 2 seconds"),
     ],
 )
 def test_an_address_or_a_port_that_is_none_is_a_sentence(bad, words):

@@ -3,6 +3,7 @@
 
 """The small node: as the program that a talker is, over real sockets, and beside strangers."""
 
+import contextlib
 import socket
 import struct
 import threading
@@ -144,3 +145,82 @@ def test_a_node_ends_when_it_is_told_to(own):
 def test_a_node_calls_itself_as_rosgraph_does(monkeypatch, variables, hostname, host):
     monkeypatch.setattr(node.socket, "gethostname", lambda: hostname)
     assert node.host_of(variables, "http://127.0.0.1:11311/") == host
+
+
+def stream(own, seconds, name="/x"):
+    return tcpros.streamed(place(own), TOPIC, name, seconds)
+
+
+def test_a_stream_is_counted_where_it_comes_and_has_bounds_of_time_and_bytes(own, monkeypatch):
+    began = time.monotonic()
+    came, took = stream(own, 0.2)
+    assert time.monotonic() - began < 5 and took > 0
+    assert came >= node.STREAM_BYTES or 0.2 <= took < 2
+    monkeypatch.setattr(node, "STREAM_BYTES", 100_000)
+    came, took = stream(own, 2.0)
+    assert 100_000 <= came < 300_000 and took < 2.0
+    assert tcpros.heard(place(own), TOPIC, "/x") == ("hello", "/talker")
+
+
+def test_a_stream_is_no_longer_than_the_talker_allows(own, monkeypatch):
+    monkeypatch.setattr(node, "STREAM", 0.1)
+    monkeypatch.setattr(node, "STREAM_BYTES", 1 << 40)
+    monkeypatch.setattr(tcpros.node, "STREAM_BYTES", 1 << 40)
+    assert stream(own, 3600.0)[1] < 2.0
+
+
+def opened(own, seconds):
+    """A stream that has begun: its connection, and what the talker said."""
+    connection = socket.create_connection(place(own))
+    connection.sendall(node.header({"callerid": "/y", "topic": TOPIC, "md5sum": node.SUM, "stream": seconds}))
+    size = struct.unpack("<I", connection.recv(4, socket.MSG_WAITALL))[0]
+    return connection, node.fields_of(connection.recv(size, socket.MSG_WAITALL))
+
+
+def test_of_two_streams_the_second_one_is_refused_until_the_first_has_ended(own):
+    connection, told = opened(own, "1")
+    with connection:
+        assert told["stream"] == "1"
+        with pytest.raises(OSError, match="it takes another stream"):
+            stream(own, 0.1)
+    until(lambda: not any(link.stream for link in own._links))
+    assert stream(own, 0.1)[0] > 0
+
+
+@pytest.mark.parametrize("seconds", ["x", "", "nan", "-1", "1e999"])
+def test_whatever_length_a_stranger_asks_for_the_talker_stays(own, seconds, monkeypatch):
+    monkeypatch.setattr(node, "REQUEST", 0.3)
+    try:
+        connection, _told = opened(own, seconds)
+        with connection:
+            connection.settimeout(10)
+            while connection.recv(1 << 16):
+                pass
+    except (struct.error, ConnectionResetError):
+        pass
+    assert tcpros.heard(place(own), TOPIC, "/x") == ("hello", "/talker")
+
+
+def test_one_who_is_no_talker_of_this_run_takes_no_stream():
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        thread = threading.Thread(target=lambda: door.accept()[0].sendall(node.header({"topic": TOPIC})))
+        thread.start()
+        with pytest.raises(OSError, match="it takes no stream"):
+            tcpros.streamed(door.getsockname(), TOPIC, "/x", 0.1)
+        thread.join()
+
+
+@pytest.mark.parametrize("said", ["-5 1", "5 0", "5", "x y", "5 nan", "99999999999 1"])
+def test_a_number_that_cannot_be_is_a_sentence(said):
+    def answer(door):
+        connection = door.accept()[0]
+        connection.recv(1 << 16)
+        connection.sendall(node.header({"stream": "0.1"}) + node.message(said))
+        with contextlib.suppress(ConnectionResetError):
+            connection.recv(1)
+
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        thread = threading.Thread(target=answer, args=(door,), daemon=True)
+        thread.start()
+        with pytest.raises(OSError, match="an answer that is none"):
+            tcpros.streamed(door.getsockname(), TOPIC, "/x", 0.1)

@@ -6,7 +6,7 @@
 import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.matrices import KINDS, Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, Row
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, UNKNOWN, Row
 from reported import reported
 
 
@@ -44,3 +44,24 @@ def test_in_a_large_fleet_a_cell_is_two_robots():
     cell = matrix.cells["kobuki1", "kobuki2"]
     assert (cell.verdict, cell.counts.total()) == (FAILED, 2)
     assert cell.told == ["kobuki1computer-1 to kobuki2computer: ping by address: none, expected an answer"]
+
+
+def test_throughput_is_a_number_and_a_shade():
+    found = Matrices(fleets.fig12())
+    rows = [Row("throughput", "tibi-nav", to, OK, "any", f"{mbit_s:.1f} Mbit/s") for to, mbit_s in SPEEDS.items()]
+    list(found.passing([*rows, Row("throughput", "tibi-nav", "car-nav", UNKNOWN, "any", "not measured: refused")]))
+    (matrix,) = found.tables()
+    shown = {to: (cell.text, cell.shade) for (_from, to), cell in matrix.cells.items()}
+    assert shown == {"dabo-nav": ("941", 5), "dabo-visio": ("400", 4), "car-visio": ("0.3", 1), "car-nav": ("", 0)}
+    assert found.measured == 3
+
+
+SPEEDS = {"dabo-nav": 941.0, "dabo-visio": 400.0, "car-visio": 0.3}
+
+
+def test_in_a_large_fleet_the_slowest_stream_between_two_robots_is_shown():
+    found = Matrices(fleets.plan(21, 2))
+    row = Row("throughput", "kobuki1computer", "kobuki2computer", OK, "any", "90 Mbit/s")
+    list(found.passing([row, row._replace(observer="kobuki1computer-1", found="11.5 Mbit/s")]))
+    (matrix,) = found.tables()
+    assert matrix.cells["kobuki1", "kobuki2"].text == "11.5"

@@ -91,3 +91,28 @@ def test_pairs_that_were_not_tried_are_no_findings():
     assert not summary.notable
     whole = diagnosis.Verification(diagnosis.CHECKS, fleet, seen, pairs.ALL)
     assert report.summarised(whole, list(seen), len(seen)).notable  # the talkers of the others are missed
+
+
+def test_streams_go_to_all_that_are_tried_where_there_is_time():
+    networks = of_rings([4] * 3)
+    chosen = pairs.tried(networks, networks)
+    assert {name: set(to) for name, to in pairs.streams(chosen, list(networks), 0.5).items()} == chosen
+
+
+@settings(max_examples=60, deadline=None)
+@example([4] * 100, 0.5)
+@example([1] * 30, 2.0)
+@given(st.lists(st.integers(1, 20), min_size=1, max_size=30), st.sampled_from([0.1, 0.5, 2.0]))
+def test_streams_together_have_a_limit_and_each_computer_sends(sizes, seconds):
+    networks = of_rings(sizes)
+    chosen = pairs.tried(networks, networks)
+    found = pairs.streams(chosen, list(networks), seconds)
+    assert all(set(to) <= set(chosen[name]) and len(to) == len(set(to)) for name, to in found.items())
+    assert all(found[name] for name in networks if chosen[name])
+    assert pairs.number(found) * seconds <= max(pairs.STREAMS, len(networks) * seconds)
+
+
+def test_whom_one_computer_leaves_out_the_next_one_takes():
+    networks = of_rings([4] * 100)
+    found = pairs.streams(pairs.tried(networks, networks), list(networks), 0.5)
+    assert pairs.number(found) == 400 and len({target for to in found.values() for target in to}) > 300

@@ -4,8 +4,20 @@
 """Checks of ROS between two computers: talkers that are not heard, for two robots and between three robot networks."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, UNKNOWN
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Publisher
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import explained
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
+    FAILED,
+    OK,
+    UNKNOWN,
+    WARNING,
+    Verification,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    Publisher,
+    Stream,
+    Streams,
+)
 from fleets import (
     ONE,
     TWO,
@@ -14,6 +26,7 @@ from fleets import (
     evaluate,
     fig12,
     notable,
+    observed,
     of,
     parts,
     plan,
@@ -115,3 +128,44 @@ def test_a_topic_that_the_filters_leave_out_is_no_failure(filters, left_out):
     assert found["topic_heard", ONE, TWO].verdict == (UNKNOWN if left_out else FAILED)
     told = parts(diagnosed(_topic(heard=False, publishers=(), error="not registered"), fleet))
     assert (told == [("declaration", "kobuki1", "narrow")]) == left_out
+
+
+def streamed(mbit_s, slow=None, error="", ways="both"):
+    """All computers have sent streams, those to one of them, from it, or both, at another speed."""
+
+    def speed(one, other):
+        return 5.0 if (slow == one and ways != "in") or (slow == other and ways != "out") else mbit_s
+
+    def change(seen):
+        for name, entry in seen.items():
+            others = [other for other in seen if other != name]
+            update(entry, streams=Streams(tuple(Stream(other, speed(name, other), error) for other in others)))
+
+    return change
+
+
+def test_a_stream_of_any_speed_is_good_where_nothing_is_expected():
+    found = [row for row in evaluate(streamed(90.0, slow=ONE)) if row.check == "throughput"]
+    assert {(row.verdict, row.found) for row in found} == {(OK, "5.0 Mbit/s")} and not notable(found)
+
+
+def test_a_stream_that_was_not_measured_is_not_judged():
+    rows = notable(evaluate(streamed(None, error="it takes another stream"))).values()
+    assert {(row.verdict, row.found) for row in rows} == {(UNKNOWN, "not measured: it takes another stream")}
+
+
+@pytest.mark.parametrize(
+    ("robots", "ways", "mode"),
+    [(5, "both", "slow"), (5, "out", "slow out"), (5, "in", "slow in"), (2, "out", "slow out")],
+)
+def test_a_link_that_is_slower_than_expected_is_a_warning_with_its_place(robots, ways, mode):
+    fleet = plan(robots)
+    seen = observed(fleet)
+    streamed(90.0, slow=ONE, ways=ways)(seen)
+    checked = Verification(CHECKS, fleet, seen, least=20.0)
+    rows = [row for row in checked.rows() if row.verdict != OK]
+    assert {(row.check, row.verdict) for row in rows} == {("throughput", WARNING)}
+    assert len(rows) == (robots - 1) * (2 if ways == "both" else 1)
+    (found,) = explained(checked, rows).findings
+    assert found.part[:3] == ("link", ONE, mode) and found.verdict == WARNING
+    assert [part[:3] for part in found.rivals] == ([("link", TWO, "slow in")] if robots == 2 else [])

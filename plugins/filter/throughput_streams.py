@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+"""The filter throughput_streams: who sends a stream to whom, for the role verify."""
+
+from __future__ import annotations
+
+DOCUMENTATION = r"""
+name: throughput_streams
+short_description: The streams that measure the throughput between computers
+version_added: "0.1.0"
+description:
+  - Each computer sends to those that it tries; see P(rosfleet.multimaster.computers_tried#filter). One stream is sent at a time. All
+    together take 300 seconds at most. Where that is not enough, each computer sends to every second of those that it tries, or to fewer.
+author:
+  - rosfleet contributors (@rosfleet)
+positional: _input, seconds, pairs, least
+options:
+  _input:
+    description: The return of M(rosfleet.multimaster.fleet_plan).
+    type: dict
+    required: true
+  seconds:
+    description: How many seconds a stream takes, from 0.1 to 2, for example V(0.5); V(0) for no streams.
+    type: float
+    required: true
+  pairs:
+    description: Which pairs are tried, V(auto) or V(all); see P(rosfleet.multimaster.computers_tried#filter).
+    type: str
+    choices: [auto, all]
+    default: auto
+  least:
+    description: How many Mbit/s are expected, for example V(20); it is only looked whether this is a number.
+    type: float
+    default: 0
+"""
+
+EXAMPLES = r"""
+- name: Say to whom this computer sends
+  ansible.builtin.debug:
+    msg: "{{ (multimaster_fleet | rosfleet.multimaster.throughput_streams(0.5)).to[inventory_hostname] }}"
+"""
+
+RETURN = r"""
+_value:
+  description: The names of the computers to which each one sends, empty for no streams, and how many seconds all streams take at most.
+  type: dict
+  sample: {to: {kobuki1computer: [kobuki2computer], kobuki2computer: [kobuki1computer]}, seconds: 7}
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ansible.errors import AnsibleFilterError
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import pairs as tried
+
+MOST = 1_000_000  # Mbit/s
+
+
+def throughput_streams(
+    fleet: Mapping[str, Any], seconds: Any, pairs: str = tried.AUTO, least: Any = 0
+) -> dict[str, Any]:
+    """Return who sends to whom; see DOCUMENTATION. Raises AnsibleFilterError."""
+    length = _number(
+        "verify_throughput", seconds, tried.SHORTEST, tried.LONGEST, "0, or the seconds of a stream, from 0.1 to 2"
+    )
+    _number("verify_throughput_least", least, 0, MOST, f"a number of Mbit/s from 0 to {MOST}")
+    if not length:
+        return {"to": {}, "seconds": 0}
+    networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
+    to = tried.streams(tried.tried(networks, networks, pairs), list(networks), length)
+    return {"to": to, "seconds": math.ceil(tried.number(to) * length + len(to) * tried.START)}
+
+
+def _number(variable: str, value: Any, least: float, most: float, expected: str) -> float:
+    """Read a number; 0 and false are always good. Raises AnsibleFilterError."""
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        found = -1.0 if str(value).lower() not in ("false", "no") else 0.0
+    if found and not least <= found <= most:
+        raise AnsibleFilterError(f"{variable} is {value!r}, expected {expected}.")
+    return found
+
+
+class FilterModule:
+    """Ansible's way to find the filter."""
+
+    def filters(self) -> dict[str, Any]:
+        """Return the filters by name."""
+        return {"throughput_streams": throughput_streams}
