@@ -8,7 +8,8 @@ layout: multi_computer               # a folder of inventory/
 set: {tibi: {variable: value}}       # of a group or a computer; null: not set
 join: {tibi: [dabo-nav]}             # computers that are in this group, too
 inject: {kobuki1computer: command}   # what is wrong on a machine, and `undo`, which takes it back
-told: plan                           # plan: by the inventory alone; rehearsal: its first lines; machine: by preflight, on the machines
+told: plan                           # plan: by the inventory alone; rehearsal: its first lines; machine: by preflight, on the machines;
+                                     # prediction: by the prediction of reachability, as a warning of site.yml --check
 words: ["the sentence"]              # parts of what is told
 """
 
@@ -23,7 +24,7 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = Path(__file__).with_name("mistakes")
-PLAN, REHEARSAL, MACHINE = "plan", "rehearsal", "machine"
+PLAN, REHEARSAL, MACHINE, PREDICTION = "plan", "rehearsal", "machine", "prediction"
 
 Groups = dict[str, dict[str, Any]]  # group -> hosts, children, vars, as Ansible reads it
 

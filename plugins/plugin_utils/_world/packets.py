@@ -33,6 +33,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
 # What becomes of a packet
 DELIVERED = "delivered"
 NO_ROUTE = "no route"
+CLOSED = "closed"  # a rule or a route that leads nowhere
 NO_ADDRESS = "no address"
 OFF = "off"
 DOWN = "down"
@@ -51,6 +52,7 @@ PRUNED = "pruned"
 # What a router tells the sender of a packet that ends there, in the words of the probes (RFC 792).
 REPORTS = {
     NO_ROUTE: "network unreachable",
+    CLOSED: "network unreachable",
     NOBODY: "host unreachable",
     OFF: "host unreachable",
     DOWN: "host unreachable",
@@ -143,8 +145,10 @@ class _Journey:
     def _leave(self, machine: Machine, incoming: Interface | None) -> tuple[Machine, Interface]:
         """Send it from a machine to the next one."""
         route = machine.route(self.packet.destination, self.packet.source, incoming.name if incoming else "")
-        if route is None or route.kind in NO_WAY:
-            raise End(REJECTED if route is not None and route.kind == "prohibit" else NO_ROUTE, machine.name)
+        if route is None:
+            raise End(NO_ROUTE, machine.name)
+        if route.kind in NO_WAY:
+            raise End(REJECTED if route.kind == "prohibit" else CLOSED, machine.name)
         device, hop = machine.interface(route.device), route.gateway or self.packet.destination
         if incoming is None:
             source = self.packet.source or machine.source(route, self.packet.destination)

@@ -202,6 +202,10 @@ SENTENCES: Mapping[str, tuple[str, str]] = {
         "{where} has no route to {network}",
         "add one, or let multimaster_routes be 'default' or 'networks'; see on {where}: ip route",
     ),
+    packets.CLOSED: (
+        "{where} has a rule or a route that leads nowhere for {network}",
+        "take it away; see on {where}: ip rule; ip route show table all type unreachable; ip route show table all type blackhole",
+    ),
     packets.NO_ADDRESS: ("{where} has no address to send from", "give its interface the address of the inventory"),
     packets.NOBODY: (
         "{where} sends what is for {network} to {hop}, where nobody answers",

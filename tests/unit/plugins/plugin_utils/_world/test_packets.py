@@ -74,7 +74,7 @@ ENDS = {
             route("0.0.0.0/0", "192.168.11.101", metric=5),
             Route(IPv4Network("192.168.10.0/24"), kind="blackhole"),
         ),
-        "no route",
+        "closed",
         INNER,
         False,
     ),
