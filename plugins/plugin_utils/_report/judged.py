@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.matrices import Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import Diagnosis, explained
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import Row, Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import Passed, Row, Verification
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,9 @@ def judge(verification: Verification, pages: bool, everything: bool) -> Judged:
         summary = report.summarised(verification, computers, len(fleet.computers))
         return Judged(summary, explained(verification, summary.notable), (), None, time.monotonic() - began)
     matrices = Matrices(fleet)
-    rows = matrices.passing(verification.rows())
-    kept: list[Row] = []
-    if matrices.single or everything:
-        kept = list(rows)
-        rows = iter(kept)
-    summary = report.summarise(rows, computers, len(fleet.computers), verification.pairs)
+    passed: Passed | None = None if matrices.single or everything else Counter()
+    rows = matrices.passing(verification.rows(passed), passed)
+    kept = list(rows) if passed is None else []
+    summary = report.summarise(kept or rows, computers, len(fleet.computers), verification.pairs, passed)
     diagnosis = explained(verification, summary.notable)
     return Judged(summary, diagnosis, kept or summary.notable, matrices, time.monotonic() - began)

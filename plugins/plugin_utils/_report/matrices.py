@@ -23,6 +23,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     OK,
     UNKNOWN,
     WARNING,
+    Passed,
     Row,
 )
 
@@ -125,8 +126,8 @@ class Matrices:
         self.measured = 0  # streams
         self._cells: dict[str, dict[tuple[str, str], Cell]] = defaultdict(lambda: defaultdict(Cell))
 
-    def passing(self, rows: Iterable[Row]) -> Iterator[Row]:
-        """Look at rows on their way to somebody else."""
+    def passing(self, rows: Iterable[Row], passed: Passed | None = None) -> Iterator[Row]:
+        """Look at rows on their way to somebody else; `passed` counts those that are not made, when the last row is."""
         for row in rows:
             kind = _KIND_OF.get(row.check) or (ITSELF if row.observer == row.target else OTHERS)
             if kind == ITSELF:
@@ -142,6 +143,12 @@ class Matrices:
                 cell.text = f"{cell.least:.3g}"
                 self.measured += 1
             yield row
+        self._count(passed or Counter())
+
+    def _count(self, passed: Passed) -> None:
+        for (own, its, checks), pairs in passed.items():
+            for check in checks:
+                self._cells[_KIND_OF.get(check, OTHERS)][own, its].counts[OK] += pairs
 
     def _robots(self, row: Row) -> tuple[str, str]:
         return self.robots.get(row.observer, row.observer), self.robots.get(row.target, row.target)

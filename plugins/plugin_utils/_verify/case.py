@@ -163,6 +163,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
 
     __slots__ = (
         "address",
+        "counted",
         "exchanges",
         "fleet",
         "least",
@@ -180,6 +181,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         "udp",
         "usual",
         "ways",
+        "_way",
     )
 
     def __init__(
@@ -194,6 +196,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         self.observer = observer
         self.target = target
         self.address = address  # of the target
+        self.counted = False  # what is good is only counted: nobody reads its sentences
         self.target_master = target_master  # in a check of masters only
         # the result of multimaster_verify on the observer
         self.probe: Probe | None = observer.seen.probe
@@ -207,6 +210,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         # target and observer among the members of the plan; None for the router
         self.planned: Member | None = self.ways.members.get(target)
         self.own: Member | None = self.ways.members.get(observer.name)
+        self._way: Way | None = None
 
     @property
     def master(self) -> Master:
@@ -248,7 +252,9 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
     @property
     def way(self) -> Way:
         """The planned way of packets to the target."""
-        return self.ways.way(self.observer.plan, self.target)
+        if self._way is None:
+            self._way = self.ways.way(self.observer.plan, self.target)
+        return self._way
 
     @property
     def gateways(self) -> tuple[Gateway | None, Gateway | None]:

@@ -10,7 +10,7 @@ with the number of observations. The engine knows no check; the package `checks`
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -57,6 +57,12 @@ class Judgement(NamedTuple):
     found: str = ""
 
 
+PASSED = Judgement(OK)  # what a judge may return for a case that is counted, before it makes sentences
+
+# what is good between two computers: robot of the observer, robot of the target, and the checks that passed -> pairs
+Passed = Counter[tuple[str, str, tuple[str, ...]]]
+
+
 class Documented(NamedTuple):
     """A row of the table in docs/verification.md: the targets, what is expected, and where the report has it."""
 
@@ -86,6 +92,7 @@ class Check:
     needs: Callable[[Case], Parts] = _nothing
     suspects: Callable[[Case], Parts] | None = None
     evidence: Callable[[Case], Parts] = _nothing
+    shown: bool = False  # what is good of it is read, too, so there is a row of each
 
 
 class Verification:
@@ -121,24 +128,30 @@ class Verification:
         )
         self.everything = Everything(fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways), least)
 
-    def rows(self, passed: Counter[str] | None = None) -> Iterator[Row]:
+    def rows(self, passed: Passed | None = None) -> Iterator[Row]:
         """Apply every check to every computer of the run, and to every pair that was to be tried by one of them.
 
-        With `passed`, what is ok is only counted there, by check: nobody reads a million good rows.
+        With `passed`, what is good between two computers is only counted there: nobody reads a million good rows.
         """
+        for checks, case in self._cases():
+            if passed is None or case.target == case.observer.name:
+                yield from _judged(checks, case)
+            else:
+                yield from _counted(checks, case, passed)
+
+    def _cases(self) -> Iterator[tuple[Sequence[Check], Case]]:
+        """Make every case, with the checks that look at it."""
         alone, itself, others = self._of(COMPUTER), self._of(ITSELF_TOO), self._of(ITSELF_TOO, MEMBER)
         own_master, masters = self._of(MASTER_TOO), self._of(MASTER, MASTER_TOO)
         addresses = [(master, master.computer, str(master.address)) for master in self.fleet.masters]
         for observer in self.run.values():
             name, targets = observer.name, self.tried[observer.name]
-            yield from _judged(alone, self._case(observer, name, str(observer.plan.address)), passed)
+            yield alone, self._case(observer, name, str(observer.plan.address))
             for target, address in self.ways.addresses.items():
                 if target in targets or target == name:
-                    checks = itself if target == name else others
-                    yield from _judged(checks, self._case(observer, target, address), passed)
+                    yield itself if target == name else others, self._case(observer, target, address)
             for master, target, address in addresses:
-                checks = own_master if target == name else masters
-                yield from _judged(checks, self._case(observer, target, address, master), passed)
+                yield own_master if target == name else masters, self._case(observer, target, address, master)
 
     @property
     def pairs(self) -> tuple[int, int]:
@@ -166,16 +179,27 @@ class Verification:
         return [check for check in self.checks if check.scope in scopes]
 
 
-def _judged(checks: Iterable[Check], case: Case, passed: Counter[str] | None) -> Iterable[Row]:
-    rows = []
+def _judged(checks: Sequence[Check], case: Case) -> Iterator[Row]:
+    for check in checks:
+        judgement = check.judge(case)
+        if judgement is not None:
+            yield Row(check.id, case.observer.name, case.target, *judgement)
+
+
+def _counted(checks: Sequence[Check], case: Case, passed: Passed) -> Sequence[Row]:
+    """Count what is good, all of a case at once, and return the rest."""
+    case.counted = True
+    good, rows = [], []
     for check in checks:
         judgement = check.judge(case)
         if judgement is None:
             continue
-        if passed is not None and judgement[0] == OK:
-            passed[check.id] += 1
+        if judgement is PASSED or (judgement.verdict == OK and not check.shown):
+            good.append(check.id)
         else:
             rows.append(Row(check.id, case.observer.name, case.target, *judgement))
+    own, its = case.robots
+    passed[own or case.observer.name, its or case.target, tuple(good)] += 1
     return rows
 
 

@@ -23,6 +23,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     UNKNOWN,
     VERDICTS,
     WARNING,
+    Passed,
     Row,
     Verification,
 )
@@ -56,8 +57,14 @@ class Summary:
         return sum(counts.total() for counts in self.counts.values())
 
 
-def summarise(rows: Iterable[Row], computers: Sequence[str], fleet: int, pairs: tuple[int, int] = (0, 0)) -> Summary:
-    """Look at every row once."""
+def summarise(
+    rows: Iterable[Row],
+    computers: Sequence[str],
+    fleet: int,
+    pairs: tuple[int, int] = (0, 0),
+    passed: Passed | None = None,
+) -> Summary:
+    """Look at every row once; `passed` counts those that are not made, and is complete when the last row is."""
     summary = Summary(computers, fleet, pairs)
     small = fits(computers)
     for row in rows:
@@ -66,16 +73,16 @@ def summarise(rows: Iterable[Row], computers: Sequence[str], fleet: int, pairs: 
             summary.notable.append(row)
         if small:
             summary.cells[row.observer, row.target][row.verdict] += 1
+    for (_own, _its, checks), number in (passed or {}).items():
+        for check in checks:
+            summary.counts[check][OK] += number
     return summary
 
 
 def summarised(verification: Verification, computers: Sequence[str], fleet: int) -> Summary:
     """Judge everything, and keep only what is read: in a large fleet, of what is good the numbers."""
-    passed: Counter[str] | None = None if fits(computers) else Counter()
-    summary = summarise(verification.rows(passed), computers, fleet, verification.pairs)
-    for check, number in (passed or {}).items():
-        summary.counts[check][OK] += number
-    return summary
+    passed: Passed | None = None if fits(computers) else Counter()
+    return summarise(verification.rows(passed), computers, fleet, verification.pairs, passed)
 
 
 def fits(computers: Sequence[str]) -> bool:

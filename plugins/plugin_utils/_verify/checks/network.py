@@ -18,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     ITSELF_TOO,
     MEMBER,
     OK,
+    PASSED,
     WARNING,
     Check,
     Documented,
@@ -74,10 +75,13 @@ def _name(case: Case) -> Judgement | None:
     if case.member is None or case.observer.plan.is_router:
         return None
     addresses, expected = case.member.addresses, case.address
+    good = addresses == (expected,)
+    if good and case.counted:
+        return PASSED
     found = ", ".join(addresses) or case.member.resolve_error
     # Fig. 6 of the report leaves 127.0.1.1 at the own name, and these robots talk.
     verdict = WARNING if case.by_hand and case.target == case.observer.name and expected in addresses else FAILED
-    return Judgement(OK if addresses == (expected,) else verdict, expected, found)
+    return Judgement(OK if good else verdict, expected, found)
 
 
 NAME = Check(
@@ -98,8 +102,10 @@ def _user_name(case: Case) -> Judgement | None:
     found = case.member.user_addresses if case.member else None
     if found is None or _addresses(case) != (case.address,) or case.observer.plan.is_router:
         return None  # what root finds is another check
-    expected = f"{case.address}, as for root"
-    return Judgement(OK if found == (case.address,) else FAILED, expected, ", ".join(found) or "no address")
+    good = found == (case.address,)
+    if good and case.counted:
+        return PASSED
+    return Judgement(OK if good else FAILED, f"{case.address}, as for root", ", ".join(found) or "no address")
 
 
 USER_NAME = Check(
@@ -123,11 +129,13 @@ def _route(case: Case) -> Judgement | None:
     if route is None:
         return None
     way = case.way
+    good = not route.error and route.source == way.source and (route.gateway or "") in way.hops
+    if good and case.counted:
+        return PASSED
     expected = f"a route from {way.source}" + (f" by {way.next_hop}" if way.next_hop else "")
     if route.error:
         return Judgement(FAILED, expected, route.error)
     via = f" by {route.gateway}" if route.gateway else ""
-    good = route.source == way.source and (route.gateway or "") in way.hops
     return Judgement(OK if good else FAILED, expected, f"on {route.device} from {route.source}{via}")
 
 
@@ -253,12 +261,15 @@ def _unreachable(case: Case, reporter: str) -> Parts:
 
 
 def _ping_address(case: Case) -> Judgement | None:
-    return _judged(case.member.ping_address if case.member else None, f"an answer of {case.address}")
+    return _judged(case, case.member.ping_address if case.member else None, case.address)
 
 
-def _judged(ping: Ping | None, expected: str) -> Judgement | None:
+def _judged(case: Case, ping: Ping | None, whom: str, size: str = "") -> Judgement | None:
     if ping is None:
         return None
+    if ping.ok and case.counted:
+        return PASSED
+    expected = f"an answer of {whom}{size}"
     if not ping.ok:
         return Judgement(FAILED, expected, ping.error)
     return Judgement(OK, expected, "as planned" if ping.rtt_ms is None else f"{ping.rtt_ms} ms")
@@ -308,7 +319,7 @@ TCP_ANSWER = Check(
 def _ping_name(case: Case) -> Judgement | None:
     if case.observer.plan.is_router:
         return None
-    return _judged(case.member.ping_name if case.member else None, f"an answer of {case.target}")
+    return _judged(case, case.member.ping_name if case.member else None, case.target)
 
 
 PING_NAME = Check(
@@ -331,7 +342,7 @@ PING_NAME = Check(
 
 def _ping_large(case: Case) -> Judgement | None:
     """Judge by warnings: some devices drop only large pings. Where large packets are lost, other checks fail, too."""
-    judged = _judged(case.member.ping_large if case.member else None, f"an answer of {case.address} to a large packet")
+    judged = _judged(case, case.member.ping_large if case.member else None, case.address, " to a large packet")
     if judged is not None and judged.verdict != OK and case.member and (case.member.loss or 0.0) > LOST:
         return None  # small ones are lost, too: the size need not be the reason
     return judged if judged is None or judged.verdict == OK else judged._replace(verdict=WARNING)
@@ -357,6 +368,8 @@ def _ping_loss(case: Case) -> Judgement | None:
     loss = case.member.loss if case.member else None
     if loss is None or loss == 1.0:  # nothing at all arrives: that is another check
         return None
+    if loss <= LOST and case.counted:
+        return PASSED
     return Judgement(WARNING if loss > LOST else OK, f"less than {LOST:.0%} of the pings are lost", f"{loss:.0%}")
 
 
@@ -378,6 +391,8 @@ def _neighbour(case: Case) -> Judgement | None:
     known = case.peer.macs if seen and case.peer is not None and not case.way.crosses else None
     if not known:
         return None
+    if seen in known and case.counted:
+        return PASSED
     expected = f"{case.address} is at {' or '.join(sorted(known))}"
     return Judgement(OK if seen in known else WARNING, expected, f"it is at {seen}")  # a proxy may answer for it
 

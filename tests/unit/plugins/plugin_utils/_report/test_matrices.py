@@ -3,10 +3,19 @@
 
 """Cells: the worst result, a short number, and robots instead of computers in a large fleet."""
 
+from collections import Counter
+
 import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.matrices import KINDS, Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, UNKNOWN, Row
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
+    FAILED,
+    OK,
+    UNKNOWN,
+    Row,
+    Verification,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Stream, Streams
 from reported import reported
 
 
@@ -65,3 +74,17 @@ def test_in_a_large_fleet_the_slowest_stream_between_two_robots_is_shown():
     list(found.passing([row, row._replace(observer="kobuki1computer-1", found="11.5 Mbit/s")]))
     (matrix,) = found.tables()
     assert matrix.cells["kobuki1", "kobuki2"].text == "11.5"
+
+
+def test_what_is_only_counted_fills_the_same_cells():
+    fleet = fleets.plan(21, 2)
+    seen = fleets.observed(fleet)
+    fleets.silent(seen, list(seen), ["kobuki7computer"])
+    fleets.update(seen[fleets.ONE], streams=Streams((Stream(fleets.TWO, 90.0),)))  # a number that is shown
+    verification, whole, quick, passed = Verification(CHECKS, fleet, seen), Matrices(fleet), Matrices(fleet), Counter()
+    rows = list(whole.passing(verification.rows()))
+    made = list(quick.passing(verification.rows(passed), passed))
+    assert len(made) < len(rows) / 3
+    for one, other in [(whole.own(), quick.own()), *zip(whole.tables(), quick.tables(), strict=True)]:
+        assert one.cells == other.cells and set(one.observers) == set(other.observers)
+    assert whole.measured == quick.measured == 1
