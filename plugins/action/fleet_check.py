@@ -9,6 +9,7 @@ from typing import Any
 
 from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.plugins.action import ActionBase
+from ansible.release import __version__
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
@@ -30,7 +31,11 @@ class ActionModule(ActionBase):
         except Mismatch as problem:
             result.update(failed=True, msg=f"The option plan is no entry of computers of fleet_plan: {problem}")
             return result
-        comparison = preflight.compare(plan, self._task.args["machine"])
+        machine = self._task.args["machine"]
+        if machine.get("failed"):
+            result.update(failed=True, msg=preflight.unseen(plan.computer, machine, __version__))
+            return result
+        comparison = preflight.compare(plan, machine)
         problems = [plain(text, LINE) for text in comparison.problems]
         result.update(changed=False, warnings=[plain(text, LINE) for text in comparison.warnings])
         if problems and boolean(self._task.args.get("refuse", True)):

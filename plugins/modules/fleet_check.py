@@ -19,7 +19,9 @@ options:
     type: dict
     required: true
   machine:
-    description: The return of M(rosfleet.multimaster.multimaster_info) on the computer.
+    description:
+      - The return of M(rosfleet.multimaster.multimaster_info) on the computer.
+      - Of a module that failed there, the sentence says what it takes to look at a machine.
     type: dict
     required: true
   refuse:

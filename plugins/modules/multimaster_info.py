@@ -994,170 +994,18 @@ problems:
   sample: []
 """
 
-import re
-import typing
-
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import (
-    commands,
-    ends,
-    filters,
-    fkie,
-    network,
-    ports,
-    ros,
-    shells,
-    system,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import tables
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding
-
-MOST_TABLES = 32  # other tables of routes that are read
-
-
-def interfaces() -> typing.List[typing.Dict[str, typing.Any]]:
-    """List the network interfaces as plain data."""
-    return [interface.plain() for interface in network.interfaces()]
-
-
-def ways(destinations: typing.Iterable[str]) -> typing.List[typing.Dict[str, typing.Any]]:
-    """List the routes to these addresses as plain data."""
-    return [route.plain() for route in network.routes_to(destinations)]
-
-
-def routing() -> typing.Dict[str, typing.Any]:
-    """Read the main table, the rules that lead to other tables, and these tables."""
-    rules = network.policy_rules()
-    asked = sorted({match.group(1) for match in re.finditer(r"\blookup (\S+)", "\n".join(rules))} - {"main", "local"})
-    numbers = tables() if asked else {}
-    known = ((name, int(name) if name.isdigit() else numbers.get(name)) for name in asked[:MOST_TABLES])
-    others = [{"table": name, "routes": table(number)} for name, number in known if number is not None]
-    return {"routes": table(MAIN), "rules": rules, "tables": others}
-
-
-def table(number: int) -> typing.List[typing.Dict[str, typing.Any]]:
-    """List the routes of a table as plain data."""
-    names = ("destination", "gateway", "device", "metric", "source", "type")
-    held = [entry.route._asdict() for entry in Kernel().read(4, number)]
-    return [{name: route[name] for name in names} for route in held]
-
-
-def masters(wanted: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Describe the roscores; what speaks with them is imported here alone, since the start of a module is its imports."""
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import facts
-
-    return facts.masters(wanted)
-
-
-class Part(typing.NamedTuple):
-    """A part of the machine: its name, the function that looks, its limit, and the value where it cannot look."""
-
-    name: str
-    look: typing.Callable[..., typing.Any]
-    limit: float  # seconds
-    nothing: typing.Any
-    options: typing.Tuple[str, ...] = ()  # the arguments of `look`
-
-
-NO_SYSTEM = {
-    "hostname": "",
-    "python": "",
-    "kernel": "",
-    "os": {},
-    "systemd": {"running": False, "version": 0, "net_admin": True},
-}
-NO_ROS: typing.Dict[str, typing.Any] = {"found": [], "chosen": None, "problem": "ROS could not be looked for."}
-NO_SSHD = {
-    "installed": False,
-    "includes_drop_ins": False,
-    "other_setenv": [],
-    "match_setenv": True,
-    "path": "",
-    "service": "",
-    "reload_due": False,
-}
-
-PARTS = (
-    Part("system", system.system, 10, NO_SYSTEM),
-    Part("owned", record.records, 5, []),
-    Part("interfaces", interfaces, 15, []),
-    Part("ways", ways, 15, [], options=("destinations",)),
-    Part("routing", routing, 15, {"routes": [], "rules": [], "tables": []}),
-    Part("forwarding", forwarding, 10, {"ip_forward": None, "interfaces": []}),
-    Part("filters", filters.filters, 15, {"readable": False, "chains": []}),
-    Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),
-    Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
-    Part("packages", fkie.packages, 30, [], options=("packages",)),
-    Part("folders", system.folders, 5, [], options=("folders",)),
-    Part("ports", ports.holders, 15, [], options=("ports",)),
-    Part("masters", masters, 60, [], options=("ports",)),
-    Part("exports", shells.exports, 5, []),
-    Part("sshd", shells.sshd, 10, NO_SSHD),
-    Part("environment", shells.seen, 20, {"login": None, "ssh": None, "desktop": None}),
-)
-
-
-def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
-    """Look at the wanted parts; one that cannot be looked at is a sentence in `problems` and an empty value."""
-    result: typing.Dict[str, typing.Any] = {"problems": []}
-    for part in PARTS:
-        if part.name not in parameters["parts"]:
-            continue
-        try:
-            value = commands.within(part.limit, part.look, *[parameters[option] for option in part.options])
-        except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
-            value = part.nothing
-            result["problems"].append(f"The part {part.name} of the machine could not be read: {problem}.")
-        result.update(value if part.name == "system" else {part.name: value})
-    return result
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 
 
 def main() -> None:
-    module = AnsibleModule(
-        argument_spec={
-            "ros_setup": {"type": "str", "default": "auto"},
-            "destinations": {"type": "list", "elements": "str", "default": []},
-            "nodes": {
-                "type": "list",
-                "elements": "dict",
-                "default": [],
-                "options": {
-                    "package": {"type": "str", "required": True},
-                    "executable": {"type": "str", "required": True},
-                    "modules": {"type": "list", "elements": "str", "default": []},
-                },
-            },
-            "packages": {"type": "list", "elements": "str", "default": []},
-            "folders": {"type": "list", "elements": "str", "default": []},
-            "ports": {
-                "type": "list",
-                "elements": "dict",
-                "default": [
-                    {"protocol": "tcp", "port": 11311},
-                    {"protocol": "udp", "port": 11511},
-                    {"protocol": "tcp", "port": 11611},
-                ],
-                "options": {
-                    "protocol": {"type": "str", "choices": ["tcp", "udp"], "required": True},
-                    "port": {"type": "int", "required": True},
-                },
-            },
-            "parts": {
-                "type": "list",
-                "elements": "str",
-                "choices": [part.name for part in PARTS],
-                "default": [part.name for part in PARTS if part.name != "masters"],
-            },
-        },
-        supports_check_mode=True,
-    )
-    wrong = [str(entry["port"]) for entry in module.params["ports"] if not 1 <= entry["port"] <= 65535]
-    if wrong:
-        ends.fail(module, msg=f"The option ports has {', '.join(wrong)}; expected numbers from 1 to 65535.")
-    ends.leave(module, changed=False, **look(module.params))
+    module = AnsibleModule(argument_spec=machine.OPTIONS, supports_check_mode=True)
+    error = machine.wrong(module.params)
+    if error:
+        ends.fail(module, msg=error)
+    ends.leave(module, changed=False, **machine.look(module.params))
 
 
 if __name__ == "__main__":

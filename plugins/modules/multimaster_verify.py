@@ -14,7 +14,8 @@ description:
   - With O(state=streamed), between the last two, it sends for a moment to the talker of each other computer and returns how fast that
     was. Such a task needs C(throttle) with V(1): streams at the same time would measure each other.
   - It takes three tasks, so that any number of C(--forks) works. With O(state=started), every computer that has ROS
-    starts a talker, a small node without rospy in a unit that ends by itself after O(lifetime). With
+    starts a talker, a small node without rospy in a unit that ends by itself after O(lifetime); with O(look) and
+    O(multicast) the machine is looked at and a listener started in the same run. With
     O(state=collected), every computer looks, all others at once, and returns what it found; one node on each computer
     subscribes to all talkers, as C(rostopic echo) does to one. With O(state=stopped), the
     talkers end. Use the C(linear) strategy (the default), so that a task is through on every computer before the next
@@ -32,7 +33,7 @@ options:
     description:
       - With V(started), a talker is left running on this computer, and helpers of M(rosfleet.multimaster.multicast_verify)
         on the computers of O(members) with O(members[].discovery=true) are sent a few empty datagrams, so that they see
-        from which address they come. An older talker ends first.
+        from which address they come. An older talker ends first. That a talker cannot start is a result and no failure.
       - With V(collected), this computer looks at all others and returns what it found.
       - With V(streamed), this computer sends a stream to each of O(talkers), one after the other, and returns RV(streams).
       - With V(stopped), the talker of this computer ends.
@@ -224,8 +225,14 @@ options:
   multicast:
     description:
       - The options of M(rosfleet.multimaster.multicast_verify) without its O(state), for example C(name) and C(computers) of its
-        listener. With O(state=collected), what it measures is measured here at the same time, so a computer has one module run
-        and not two; see RV(multicast). Nothing is measured on the group, if not given.
+        listener. With O(state=started) its listener is started, and with O(state=collected), what it measures is measured here
+        at the same time, so a computer has one module run and not two; see RV(multicast). Nothing is measured on the group,
+        if not given.
+    type: dict
+  look:
+    description:
+      - With O(state=started) the options of M(rosfleet.multimaster.multimaster_info), for example C(parts). The machine is looked
+        at in the same run; see RV(machine). It is not looked at, if not given.
     type: dict
   parameters:
     description:
@@ -1333,6 +1340,16 @@ talker:
       returned: always
       type: str
       sample: ""
+    failed:
+      description: Whether it should run and could not be started.
+      returned: when O(state=started)
+      type: bool
+      sample: false
+    msg:
+      description: The same as a sentence.
+      returned: when O(state=started) and it was not started
+      type: str
+      sample: "No talker: there is no command rostopic in the PATH of /etc/rosfleet-multimaster/environment; install it."
 streams:
   description: How fast a stream of this computer comes to each of O(talkers).
   returned: when O(state=streamed)
@@ -1363,11 +1380,16 @@ ros_missing:
   sample: ""
 multicast:
   description:
-    - What M(rosfleet.multimaster.multicast_verify) with O(state=collected) returns; where that fails, V(failed) and the sentence
+    - What M(rosfleet.multimaster.multicast_verify) with the same state returns; where that fails, V(failed) and the sentence
       in C(msg).
-  returned: when O(state=collected) and O(multicast)
+  returned: when O(multicast), with O(state=started) or O(state=collected)
   type: dict
   sample: {udp: [], heard: [], missing: [], unexpected: [], msg: Every other computer (0) is heard on the group and hears this one.}
+machine:
+  description: What M(rosfleet.multimaster.multimaster_info) returns.
+  returned: when O(state=started) and O(look)
+  type: dict
+  sample: {problems: [], hostname: kobuki1computer, owned: [routes, sysctl]}
 seconds:
   description: How long the looking took.
   returned: when O(state=collected)
@@ -1500,18 +1522,32 @@ def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Res
 
 def look_multicast(params: Params, ros: Ros, deadline: float) -> typing.Optional[Result]:
     """Measure on the group; what prevents it is a result, too, since the rest still counts."""
+    return group(params, "collected")
+
+
+def group(params: Params, state: str) -> typing.Optional[Result]:
+    """Return what multicast_verify returns in this state; None where nothing is measured on the group."""
     if params["multicast"] is None:
         return None
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import multicast
 
-    options = dict(params["multicast"], state="collected")
-    checked = ArgumentSpecValidator(multicast.OPTIONS, required_if=multicast.REQUIRED_IF).validate(options)
-    if checked.error_messages:
-        return {"failed": True, "msg": f"multicast: {'; '.join(checked.error_messages)}."}
     try:
-        return multicast.measured(checked.validated_parameters, quiet=False)
+        options = validated(
+            "multicast", dict(params["multicast"], state=state), multicast.OPTIONS, multicast.REQUIRED_IF
+        )
+        return multicast.measured(options, quiet=False)
     except Problem as problem:
         return {"failed": True, "msg": str(problem)}
+
+
+def validated(
+    option: str, given: Params, specification: Params, required_if: typing.Sequence[typing.Any] = ()
+) -> Params:
+    """Return the options of another module, given as an option of this one. Raises Problem."""
+    checked = ArgumentSpecValidator(specification, required_if=required_if).validate(given)
+    if checked.error_messages:
+        raise Problem(f"{option}: {'; '.join(checked.error_messages)}.")
+    return dict(checked.validated_parameters)
 
 
 PARTS = (
@@ -1591,24 +1627,52 @@ def look(params: Params, quiet: bool) -> Result:
 
 
 def start(module: AnsibleModule) -> Result:
-    """Let the helpers see the source of this computer's datagrams, and start its talker."""
+    """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
     params = module.params
-    if module.check_mode:
-        return {"msg": "Check mode: no talker was started."}
+    machine = seen(params)  # first: what is left running here is none of the machine
+    heard = None if module.check_mode else group(params, "started")
+    spoken = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
+    parts = {"multicast": heard, "machine": machine}
+    return dict(spoken, **{name: value for name, value in parts.items() if value is not None})
+
+
+def seen(params: Params) -> typing.Optional[Result]:
+    """Return what multimaster_info returns; None where it is not asked for. Raises Problem."""
+    if params["look"] is None:
+        return None
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
+
+    options = validated("look", params["look"], machine.OPTIONS)
+    error = machine.wrong(options)
+    if error:
+        raise Problem(f"look: {error}")
+    return machine.look(options)
+
+
+def talk(params: Params, machine: typing.Optional[Result]) -> Result:
+    """Call the listeners of others, and start the talker; that it cannot start is a result, too."""
     call(params)
     if params["is_router"]:
         return {"msg": "The router of the common network has no talker."}
-    ros = Ros(params["environment_file"], params["environment"])
+    ros = Ros(params["environment_file"], by_hand(params, machine))
     missing = ros.missing()
     error = missing or talker.start(ros, params["run"], params["name"], params["lifetime"])
-    if error and (params["is_master"] or not missing):
-        ends.fail(module, msg=f"Cannot start the talker: {error.rstrip('.')}.")
-    if error:
-        return {"msg": f"No talker: {missing}.", "talker": {"running": False, "error": missing}}
-    return {
-        "msg": f"The talker runs for {params['lifetime']} s at most.",
-        "talker": {"running": True, "error": ""},
-    }
+    if not error:
+        return {
+            "msg": f"The talker runs for {params['lifetime']} s at most.",
+            "talker": {"running": True, "error": "", "failed": False},
+        }
+    failed = params["is_master"] or not missing
+    msg = f"{'Cannot start the talker' if failed else 'No talker'}: {error.rstrip('.')}."
+    return {"msg": msg, "talker": {"running": False, "error": error, "failed": failed, "msg": msg}}
+
+
+def by_hand(params: Params, machine: typing.Optional[Result]) -> typing.Dict[str, str]:
+    """Return the variables of ROS where there is no file with them; none where the collection has set up the machine."""
+    if machine is None:
+        return dict(params["environment"])
+    chosen = (machine.get("ros") or {}).get("chosen")
+    return {} if machine.get("owned") or not chosen else {**chosen["environment"], **params["variables"]}
 
 
 def call(params: Params) -> None:
@@ -1631,6 +1695,8 @@ def environment(params: Params, ros: Ros) -> typing.Dict[str, str]:
 def collect(module: AnsibleModule) -> Result:
     """Look at all others."""
     params = module.params
+    if not module.check_mode:
+        call(params)  # once more: those whose listener was not there at the first time hear it now
     result = look(params, module.check_mode)
     if not params["is_router"]:
         missing = result["ros_missing"]
@@ -1754,6 +1820,7 @@ ARGUMENTS = {
     },
     "environment": {"type": "dict", "default": {}},
     "multicast": {"type": "dict"},
+    "look": {"type": "dict"},
     "boot": {
         "type": "dict",
         "options": {
@@ -1795,7 +1862,11 @@ def main() -> None:
     error = wrong(module.params)
     if error:
         ends.fail(module, msg=error)
-    ends.leave(module, changed=False, **STATES[module.params["state"]](module))
+    try:
+        result = STATES[module.params["state"]](module)
+    except Problem as problem:
+        ends.fail(module, msg=str(problem))
+    ends.leave(module, changed=False, **result)
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ ROOMS = {
         "_computer": {"_changes", "_hosts", "_machine", "_routes", "_sysctl"},
         "_boot": {"_changes", "_hosts", "_machine", "_sysctl"},
         "_verify": {"_machine"},
+        "_look": {"_changes", "_machine", "_routes", "_verify"},
         "_watch": {"_machine", "_verify"},
     },
     PLUGIN_UTILS: {

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import (
     environment,
     providers,
@@ -104,6 +105,20 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
     )
     problems += [_refused(plan, holder) for holder in holders]
     return Comparison(tuple(problems), tuple(warnings), replace(filled, found=found))
+
+
+def unseen(computer: str, failed: Mapping[str, Any], version: str) -> str:
+    """Say what it takes to look at a machine; `failed` is the result of the module that could not, `version` that of ansible-core.
+
+    The cause is in the last line of a module that could not start.
+    """
+    said = str(failed.get("module_stderr") or failed.get("msg") or "no reason is known")
+    why = plain((said.strip().splitlines() or [""])[-1].strip(), LINE)
+    return (
+        f"{computer}: the machine could not be looked at ({why}); expected a user who may become root (--ask-become-pass where "
+        f"sudo takes a password), and Python 3.6 or later that ansible-core {version} can manage: compare the table of "
+        "versions in the README, set ansible_python_interpreter, or use a later release of the system."
+    )
 
 
 def _environment(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, str]:

@@ -54,7 +54,7 @@ def test_a_role_reads_no_variable_of_another_role(role):
     files = [path for folder in ("defaults", "vars", "tasks", "templates") for path in role.glob(f"{folder}/*")]
     for path in files:
         expressions = re.findall(r"\{\{.*?\}\}|\{%.*?%\}|when:.*|that:.*", path.read_text(encoding="utf-8"), re.DOTALL)
-        words = {word for text in expressions for word in re.findall(r"(?<![\w.'])[a-z_]+(?!\w|=[^=])", text)}
+        words = {word for text in expressions for word in re.findall(r"(?<![\w.'])[a-z_]+(?!\w|:|=[^=])", text)}
         foreign = {word for word in words if re.match(rf"({others})_", word) and not word.startswith(f"{role.name}_")}
         assert foreign <= (HANDED_ON if path.parent.name == "defaults" else set()), path
 

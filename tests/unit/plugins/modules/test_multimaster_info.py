@@ -13,7 +13,6 @@ import time
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, shells, system
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports as ports_module
-from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_info
 
 
 def assert_gone(command):
@@ -264,24 +263,3 @@ def test_a_login_shell_is_really_started():
 
 def test_unquoted_generator_output():
     assert shells.unquoted('A=plain\nB="a \\"q\\" \\$x \\\\"\n') == {"A": "plain", "B": 'a "q" $x \\'}
-
-
-def test_a_strange_part_is_a_sentence(monkeypatch):
-    def strange():
-        raise OSError("no such thing")
-
-    parts = [
-        multimaster_info.Part("interfaces", strange, 1, []),
-        multimaster_info.Part("exports", time.sleep, 0.05, [], options=("seconds",)),
-        multimaster_info.Part("sshd", dict, 1, None),
-    ]
-    monkeypatch.setattr(multimaster_info, "PARTS", parts)
-    assert multimaster_info.look({"parts": ["interfaces", "exports", "sshd"], "seconds": 3}) == {
-        "interfaces": [],
-        "exports": [],
-        "sshd": {},
-        "problems": [
-            "The part interfaces of the machine could not be read: no such thing.",
-            "The part exports of the machine could not be read: no answer within 0.05 s.",
-        ],
-    }

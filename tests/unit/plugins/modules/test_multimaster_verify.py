@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_verify
 
 MEMBER = {
@@ -103,3 +104,33 @@ def test_no_result_has_the_name_of_one_that_every_module_has():
     common = {"changed", "failed", "msg", "skipped", "diff", "warnings", "deprecations", "invocation", "exception"}
     names = {part.name for part in multimaster_verify.PARTS}
     assert names and not names & common
+
+
+CHOSEN = {"chosen": {"environment": {"PATH": "/opt/ros/noetic/bin", "ROS_HOSTNAME": "old"}}}
+
+
+@pytest.mark.parametrize(
+    "machine, found",
+    [
+        (None, {"ROS_HOSTNAME": "given"}),
+        ({"owned": [], "ros": CHOSEN}, {"PATH": "/opt/ros/noetic/bin", "ROS_HOSTNAME": "one"}),
+        ({"owned": ["routes"], "ros": CHOSEN}, {}),
+        ({"owned": [], "ros": {"chosen": None}}, {}),
+        ({"owned": []}, {}),
+    ],
+)
+def test_the_variables_of_a_machine_that_somebody_set_up_by_hand(machine, found):
+    options = params(variables={"ROS_HOSTNAME": "one"}, environment={"ROS_HOSTNAME": "given"})
+    assert multimaster_verify.by_hand(options, machine) == found
+
+
+def test_the_options_of_another_module_are_checked_as_there():
+    with pytest.raises(Problem, match=r"^look: .*parts.*\.$"):
+        multimaster_verify.seen(params(look={"parts": ["engine"]}))
+    with pytest.raises(Problem, match=r"^look: The option ports has 0; expected numbers from 1 to 65535\.$"):
+        multimaster_verify.seen(params(look={"ports": [{"protocol": "tcp", "port": 0}]}))
+    assert multimaster_verify.seen(params(look=None)) is None
+    assert multimaster_verify.group(params(multicast={"name": "one"}), "started") == {
+        "failed": True,
+        "msg": "multicast: state is started but all of the following are missing: interface_address, computers.",
+    }

@@ -13,8 +13,8 @@ from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Network
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine as look_at
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
-from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_info
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, packets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     Interface,
@@ -319,7 +319,7 @@ class Namespaces:
 
     def info(self, machine):
         """What multimaster_info reads there."""
-        return self.inside(machine, multimaster_info.look, {"parts": list(found.NEEDED)})
+        return self.inside(machine, look_at.look, {"parts": list(found.NEEDED)})
 
     def next_hop(self, start, other):
         """The gateway that its kernel takes, and the source; None for no route."""
