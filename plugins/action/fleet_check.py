@@ -24,7 +24,7 @@ class ActionModule(ActionBase):
     _requires_connection = False
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return the problems, the warnings and the plan with what only the machine knows; see ActionBase."""
+        """Return the plan with what only the machine knows, and the problems and warnings beside it; see ActionBase."""
         result: dict[str, Any] = super().run(tmp, task_vars)
         try:
             plan = from_plain(ComputerPlan, self._task.args["plan"])
@@ -42,5 +42,5 @@ class ActionModule(ActionBase):
             # Ansible prints the result of what fails, so the plan, which nobody uses then, is not in it.
             result.update(failed=True, problems=problems, noted=[], msg=numbered(problems))
             return result
-        result.update(problems=[], noted=problems, plan=to_plain(comparison.plan))
+        result.update(to_plain(comparison.plan), problems=[], noted=problems)
         return result

@@ -39,6 +39,7 @@ EXAMPLES = r"""
   rosfleet.multimaster.fleet_check:
     plan: "{{ multimaster_fleet.computers[inventory_hostname] }}"
     machine: "{{ multimaster_info }}"
+  register: multimaster_plan
   any_errors_fatal: true
 """
 
@@ -55,12 +56,19 @@ noted:
   type: list
   elements: str
   sample: []
-plan:
-  description: The plan with the names of the interfaces and what else only the machine knows.
+computer:
+  description:
+    - The name of the computer. Beside it are all other keys of the plan, with the names of the interfaces and what else only the
+      machine knows; so a task may register the result as C(multimaster_plan), which the roles read.
   returned: when nothing is refused
-  type: dict
+  type: str
+  sample: kobuki1computer
+sysctl:
+  description: The kernel settings of the plan, for example; see RV(rosfleet.multimaster.fleet_plan#module:computers) for all keys.
+  returned: when nothing is refused
+  type: list
+  elements: dict
   sample:
-    sysctl:
-      - name: net.ipv4.conf.eth0.send_redirects
-        value: "0"
+    - name: net.ipv4.conf.eth0.send_redirects
+      value: "0"
 """
