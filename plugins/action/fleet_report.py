@@ -109,7 +109,9 @@ class ActionModule(ActionBase):
             "checks": report.counts(judged.summary),
             "pairs": report.sampled(judged.summary),
             "findings": findings,
-            "each": findings[: report.SENTENCES] if wanted == "always" or (wanted == "auto" and recorded()) else [],
+            "each": [alone(entry) for entry in findings[: report.SENTENCES]]
+            if wanted == "always" or (wanted == "auto" and recorded())
+            else [],
             "unexplained": plain_data([row._asdict() for row in judged.diagnosis.unexplained]),
         }
 
@@ -119,6 +121,12 @@ def kept(files: Files | None, cases: str, fleet: FleetPlan, document: dict[str, 
     if cases:
         write(os.path.abspath(os.path.expanduser(cases)), junit(document), NAMED_MODE)
     return files.write(fleet, document, matrices) if files and matrices else ""
+
+
+def alone(finding: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a finding as it is told on its own: its sentence has all that it may be instead."""
+    sentences = [finding["sentence"], *(rival["sentence"] for rival in finding["rivals"])]
+    return {**finding, "sentence": f"one of these: {'; or '.join(sentences)}" if finding["rivals"] else sentences[0]}
 
 
 def recorded() -> bool:

@@ -282,7 +282,7 @@ findings:
       type: int
       sample: 3
 each:
-  description: The first twenty of RV(findings) where O(each) says so; else none.
+  description: The first twenty of RV(findings) where O(each) says so, else none; the sentence of one of several has all of them.
   returned: success
   type: list
   elements: dict
