@@ -12,7 +12,7 @@ description:
     C(rosservice call /master_discovery/list_masters), and hears what every other computer publishes (section 4.3).
     On the computer of a roscore it also reads what that holds, of which robot it is, and which nodes are connected.
   - With O(state=streamed), between the last two, it sends for a moment to the talker of each other computer and returns how fast that
-    was. Such a task needs C(throttle) with V(1): streams at the same time would measure each other.
+    was. Such a task needs C(throttle) with V(1), since streams at the same time would measure each other.
   - It takes three tasks, so that any number of C(--forks) works. With O(state=started), every computer that has ROS
     starts a talker, a small node without rospy in a unit that ends by itself after O(lifetime); with O(look) and
     O(multicast) the machine is looked at and a listener started in the same run. With

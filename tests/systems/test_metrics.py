@@ -172,3 +172,16 @@ def test_switched_off_nothing_of_ours_is_left(measured):
         assert measured.run(host, f"ls {FOLDER}").split() == ["other.prom"]
         assert measured.run(host, f"systemctl show --value -p LoadState {UNIT}").strip() == "not-found"
         assert "/master_" not in measured.run(host, "rostopic info /diagnostics 2>&1; true")
+
+
+def test_a_teardown_leaves_nothing_of_them_and_what_others_wrote(measured):
+    assert measured.play("site.yml", variables=ON)[0] == 0
+    until(lambda: all(metrics(measured, host) for host in (FIRST, SECOND)), 60, "metrics of both")
+    status, output = measured.play("playbooks/teardown.yml", variables=ON)
+    assert status == 0, output
+    for host in (FIRST, SECOND):
+        assert measured.run(host, f"ls {FOLDER}").split() == ["other.prom"]
+        left = measured.run(
+            host, "find / -xdev -name 'multimaster*' -not -path '/proc/*' -not -path '/tmp/*' 2> /dev/null; true"
+        )
+        assert not left, left
