@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import remedy
 from catalogue import Fault
 
 
@@ -24,7 +25,7 @@ class Row:
     agreeing: int  # of these
     revision: str  # of the code that was tried
     left: Sequence[str] = ()  # what undo has not taken back
-    remedied: str = ""  # what came of the remedy that was told
+    remedied: str = ""  # what came of the remedy that was told, where it was tried: a word of remedy.py, and the remedy
     parts: Sequence[Sequence[str]] = ()  # that were expected then
 
 
@@ -48,6 +49,14 @@ class Kept:
 
     def _path(self, fault: Fault) -> Path:
         return self.folder / f"{fault.name}.json"
+
+
+def told_of_remedies(rows: Sequence[Row]) -> str:
+    """How many of the commands that were told mend what was named, over all faults where one was tried."""
+    words = [row.remedied.partition(":")[0] for row in rows if row.remedied]
+    commands = [word for word in words if word != remedy.WORDS]
+    mend = commands.count(remedy.MENDS)
+    return f"The command that is told mends it in {mend} of {len(commands)}; {len(words) - len(commands)} are told in words."
 
 
 def told_of_prediction(rows: Sequence[Row]) -> str:

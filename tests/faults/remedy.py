@@ -15,7 +15,9 @@ from typing import Any
 from catalogue import Step
 
 CONTROLLER, SITE = "controller", "site.yml"
-MENDS, FAILS, STAYS, WORDS = "mends it", "the command fails", "does not help", "words, no command"
+MENDS, FAILS, STAYS, OTHER, WORDS = "yes", "the command fails", "no", "no, another is named", "words"
+WRONG = (FAILS, STAYS, OTHER)
+PART = ("kind", "mode", "place")
 COMMAND = re.compile(r"(?:^|; )on (?P<where>[a-z0-9-]+): (?P<what>.+)$")
 
 
@@ -30,8 +32,8 @@ def steps(remedy: str) -> tuple[Step, ...]:
 
 
 def result(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
-    """Compare the reports before and after it: is what was named first still named?"""
-    key = ("kind", "mode", "place")
-    first = before["findings"][0]
-    still = any(all(entry[word] == first[word] for word in key) for entry in after["findings"])
-    return STAYS if still else MENDS
+    """Compare the reports before and after it: is what was named first still named, or something that was not?"""
+    old, new = ([tuple(entry[word] for word in PART) for entry in report["findings"]] for report in (before, after))
+    if old[0] in new:
+        return STAYS
+    return OTHER if set(new) - set(old) else MENDS

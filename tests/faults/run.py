@@ -31,7 +31,7 @@ import remedy  # noqa: E402
 import state  # noqa: E402
 from agreement import Agreement, agreement  # noqa: E402
 from catalogue import LAB, Fault, Step, facts_of, load  # noqa: E402
-from kept import Kept, Row, told_of_prediction  # noqa: E402
+from kept import Kept, Row, told_of_prediction, told_of_remedies  # noqa: E402
 from layout import Extra, read_inventory  # noqa: E402
 from podman import LabError  # noqa: E402
 from subject import Lab, lab_of  # noqa: E402
@@ -41,7 +41,6 @@ NAME = "faults"
 INVENTORY = HERE / "inventory"
 SETTLES = 30.0  # seconds until a fault has its effect, at most
 WORK = ROOT / ".work" / "faults"
-NOT_TRIED = "not tried since it was written"
 KEPT = Kept(WORK / "results")
 
 
@@ -59,8 +58,8 @@ class Result:
 
     @property
     def ok(self) -> bool:
-        """The part was named first, and nothing is left of the fault."""
-        return self.verdict == judge.FIRST and not self.left
+        """The part was named first, the command that was told mends it, and nothing is left of the fault."""
+        return self.verdict == judge.FIRST and not self.left and not self.remedied.startswith(remedy.WRONG)
 
     def row(self, revision: str) -> Row:
         """Return the row that is kept of it."""
@@ -215,7 +214,7 @@ def run(faults: Sequence[Fault], record: Path | None, remedies: bool = False, na
 def told(result: Result) -> list[str]:
     """The lines about one fault."""
     lines = [f"    {result.verdict} ({result.seconds:.0f} s): {result.found.text}"]
-    lines += [f"    the remedy {result.remedied}"] if result.remedied else []
+    lines += [f"    the remedy mends it: {result.remedied}"] if result.remedied else []
     lines += [f"    the prediction says {state}: {' '.join(way)}" for way, state in result.predicted.wrong]
     return lines + [f"    left by undo: {line}" for line in result.left]
 
@@ -224,7 +223,7 @@ def write_page() -> None:
     """Write the table of all faults, of what is kept; who was not tried is told there, too."""
     rows = {fault: KEPT.get(fault) for fault in chosen((), quick=False)}
     tried = [row for row in rows.values() if row is not None]
-    page.write([(fault, row.verdict if row else NOT_TRIED) for fault, row in rows.items()], told_of_prediction(tried))
+    page.write(rows.items(), f"{told_of_remedies(tried)} {told_of_prediction(tried)}")
     print(f"The table is of the revisions {', '.join(sorted({row.revision for row in tried}))}.")
     untried = [fault.name for fault, row in rows.items() if row is None]
     if untried:

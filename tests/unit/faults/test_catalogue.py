@@ -18,7 +18,9 @@ sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "lab")]
 
 import catalogue  # noqa: E402
 import judge  # noqa: E402
+import kept  # noqa: E402
 import page  # noqa: E402
+import remedy  # noqa: E402
 import words  # noqa: E402
 
 HOSTS = yaml.safe_load((ROOT / "tests" / "faults" / "inventory" / "hosts.yml").read_text())
@@ -69,10 +71,13 @@ def test_the_page_is_written_between_its_marks(tmp_path, monkeypatch):
     copy = tmp_path / "page.md"
     copy.write_text(f"before\n{page.BEGIN}\nold\n{page.END}\nafter\n")
     monkeypatch.setattr(page, "PAGE", copy)
-    page.write([(ALL[0], judge.FIRST)], "It agrees.")
+    row = kept.Row(judge.FIRST, "so it is", 12.0, 60, 59, "abc1234", remedied=f"{remedy.MENDS}: run site.yml")
+    page.write([(ALL[0], row), (ALL[1], None)], "It agrees.")
     text = copy.read_text()
     assert text.startswith(f"before\n{page.BEGIN}") and text.endswith(f"{page.END}\nafter\n")
-    assert "old" not in text and f"| `{ALL[0].name}` |" in text and "| first |" in text and "\n\nIt agrees.\n\n" in text
+    assert "old" not in text and "\n\nIt agrees.\n\n" in text
+    assert f"| `{ALL[0].name}` |" in text and "| first | yes |" in text
+    assert f"| `{ALL[1].name}` |" in text and f"| {page.UNTRIED} | {page.UNTRIED} |" in text
 
 
 def written(tmp_path, text):

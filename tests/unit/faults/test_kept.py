@@ -12,6 +12,7 @@ sys.path[:0] = [str(ROOT / "tests" / "faults")]
 
 import catalogue  # noqa: E402
 import kept  # noqa: E402
+import remedy  # noqa: E402
 
 FAULT = catalogue.Fault("icmp", "", (), (), (), (("filter", "icmp in"),), ("arm",), True)
 ROW = kept.Row("first", "so it is", 12.0, 60, 59, "abc1234")
@@ -24,6 +25,12 @@ def test_a_result_is_of_the_part_that_was_expected_then(tmp_path):
     found = folder.get(FAULT)
     assert (found.verdict, found.agreeing, found.revision) == ("first", 59, "abc1234")
     assert folder.get(replace(FAULT, parts=(("filter", "icmp"),))) is None
+
+
+def test_words_are_no_commands_that_fail():
+    told = [f"{remedy.MENDS}: run site.yml", f"{remedy.STAYS}: run site.yml", f"{remedy.WORDS}: look at the cable", ""]
+    rows = [replace(ROW, remedied=text) for text in told]
+    assert kept.told_of_remedies(rows) == "The command that is told mends it in 1 of 2; 1 are told in words."
 
 
 def test_the_ways_of_all_faults_are_counted():

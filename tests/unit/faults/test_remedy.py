@@ -49,7 +49,13 @@ def finding(kind):
 
 @pytest.mark.parametrize(
     ("after", "expected"),
-    [((), remedy.MENDS), (("clock",), remedy.MENDS), (("clock", "computer"), remedy.STAYS)],
+    [
+        ((), remedy.MENDS),
+        (("clock",), remedy.MENDS),
+        (("clock", "computer"), remedy.STAYS),
+        (("roscore",), remedy.OTHER),
+        (("roscore", "computer"), remedy.STAYS),
+    ],
 )
 def test_what_came_of_it(after, expected):
     before = {"findings": [finding("computer"), finding("clock")]}
