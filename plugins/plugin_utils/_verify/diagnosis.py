@@ -16,6 +16,7 @@ from itertools import chain, islice
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.commands import command
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.cover import Failure, explain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
     FAILED,
@@ -54,6 +55,7 @@ class Found:
 
     passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
     since: str = ""  # empty where nobody knows
+    command: str = ""  # that mends it, where what was read gives one
 
     @property
     def follows(self) -> int:
@@ -77,8 +79,8 @@ class Found:
         return self.part._replace(what=self.what).sentence()
 
     def remedy(self) -> str:
-        """Say what to do."""
-        return self.part.remedy()
+        """Say what to do: the command first, and what to look at if it does not last."""
+        return f"{self.command}; if it does not last, {self.part.remedy()}" if self.command else self.part.remedy()
 
 
 @dataclass(frozen=True)
@@ -166,12 +168,16 @@ class _Diagnosis:
             if by_chance[number]:
                 self.broken[min(by_chance[number])].rows.append(self.open[number][0])
         unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
-        found = (replace(_measured(entry), since=self._since(entry)) for entry in _findings(self.broken))
-        return Diagnosis(tuple(found), unexplained)
+        return Diagnosis(tuple(map(self._told, _findings(self.broken))), unexplained)
 
-    def _since(self, entry: Found) -> str:
+    def _told(self, entry: Found) -> Found:
+        """Add what the machine at its place tells: since when, by how much, and what mends it."""
         computer = self.verification.run.get(entry.part.place)
-        return since(entry.part, computer.seen.probe if computer else None)
+        return replace(
+            _measured(entry),
+            since=since(entry.part, computer.seen.probe if computer else None),
+            command=command((entry.part, *entry.also), computer, self.verification.everything),
+        )
 
     def _lost(self) -> Parts:
         """Explain the measured loss first. Where packets are known to get lost, something else may fail by chance.

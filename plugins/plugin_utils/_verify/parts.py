@@ -17,7 +17,8 @@ class Fault(NamedTuple):
     """How a part of a kind may be broken: in a sentence, what to do, and the command that shows it.
 
     Texts have {place} and {what}. What can be pasted of a remedy, and mends it, is `run site.yml` or `on {place}: <command>`;
-    what stands behind `see` only shows. `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
+    what stands behind `see` only shows. Where what was read gives a command, it stands before it (commands.py).
+    `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
     A `hard` fault lets nothing pass, so a success that needs the part clears it; of another one a success says little.
     A fault that is `read` is never concluded: a value on the machine shows it.
     """
@@ -151,8 +152,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("names", "several"): Fault(
         "on {place} {what} has a second address: another line of /etc/hosts, or a name server",
-        "on {place}: sed -i -E '/rosfleet.multimaster/! s/^[^#].*[[:space:]]{what}([[:space:]]|$)/# &/' /etc/hosts; see there: "
-        "lines with the name that are not the collection's are comments then; a name server must be corrected itself",
+        "correct the other line of /etc/hosts, or the name server",
         HOSTS,
         cost=2.0,
         read=True,
@@ -286,7 +286,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("route", "closed"): Fault(
         "a route of {place} leads nowhere: {what}",
-        f"on {{place}}: ip route del {{what}}; see {ROUTES}",
+        f"look for the program or the file that makes it; see {ROUTES}",
         f"{ROUTES} show table all",
         what="of the type blackhole, unreachable or prohibit",
         read=True,
@@ -294,7 +294,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("route", "rule"): Fault(
         "a rule for routing on {place} sends packets another way than planned: {what}",
-        f"on {{place}}: ip rule del {{what}}; see {ROUTES}",
+        f"look for the program or the file that makes it; see {ROUTES}",
         ROUTES,
         what="see ip rule",
         read=True,

@@ -29,6 +29,14 @@ SHOWING = re.compile(
         ("on arm: systemctl restart a b; see on arm: journalctl", (Step("arm", "systemctl restart a b"),)),
         ("end it first; on arm: yes | rosnode cleanup", (Step("arm", "yes | rosnode cleanup"),)),
         ("see on arm: nft list ruleset", ()),
+        (
+            "on arm: ip link set dev eth0 up; then run site.yml, which sets its routes; if it does not last, look",
+            (Step("arm", "ip link set dev eth0 up"), Step("controller", "site.yml")),
+        ),
+        (
+            "on arm: ip route del blackhole 1; ip rule; if it does not last, look",
+            (Step("arm", "ip route del blackhole 1; ip rule"),),
+        ),
         ("look at the cable; see on arm: ip link", ()),
         ("see on the controller: ansible arm", ()),
     ],
