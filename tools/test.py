@@ -288,7 +288,7 @@ SUITES = [
     Suite(
         "faults",
         "catalogue",
-        (sys.executable, "tests/faults/run.py", "--page"),
+        (sys.executable, "tests/faults/run.py", "--remedy", "--page"),
         faults,
         labs=("faults",),
         limit=LONG_LIMIT,

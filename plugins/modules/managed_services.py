@@ -13,7 +13,9 @@ description:
   - A unit is restarted when its text changes, and when its process runs with other inputs than planned. The planned
     inputs are the value of a line C(Environment=ROSFLEET_INPUTS=<digest>) in its content, for example a digest of all
     files that the service reads when it starts. The present inputs are those in the environment of the running process.
-    So a service is restarted exactly when it has to be, also after a run that was interrupted before the restart.
+    So a service is restarted when it has to be, also after a run that was interrupted before the restart.
+  - A unit is restarted, too, when a file below C(/etc) that its content names was written more than 5 s after its
+    process started. So a file that somebody changed, and that is restored, counts for the service that has read it.
   - A unit that systemd restarts together with another one (C(PartOf=), C(BindsTo=), C(Requires=)) is not restarted
     twice.
   - A unit counts as started when systemd says so, hence C(Type=notify) proves most. All units are looked at once more

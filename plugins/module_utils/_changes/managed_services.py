@@ -82,6 +82,9 @@ class ManagedServices(ModuleRun):
         self.former = [name for name in self.remembered.get("units", []) if name not in self.names]
         self.machine = files.read(self.wanted, self.remembered, self.record)
         self.states = self.after = self.systemd.show(self.names + self.former)
+        self.overtaken = {
+            unit.name: self.systemd.overtaken(unit.content, self.states[unit.name]) for unit in self.units
+        }
 
     def _plan(self) -> None:
         owned = files.owned_files(self.remembered, self.machine)
@@ -99,7 +102,7 @@ class ManagedServices(ModuleRun):
             if path in written
         }
         self.pending = set(self.remembered.get("pending", []))
-        self.actions = units.plan(self.units, self.removed, self.states, self.texts, self.pending)
+        self.actions = units.plan(self.units, self.removed, self.states, self.texts, self.pending, self.overtaken)
         self.reload = files.changes(self.files) or any(state.reload == "yes" for state in self.states.values())
         acts = any(action.run or action.switch for action in self.actions)
         self.changed = bool(self.reload or self.former or acts)

@@ -5,15 +5,23 @@
 
 import os
 import shutil
+import stat
+import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import INPUTS, PROPERTIES, State
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import (
+    INPUTS,
+    PROPERTIES,
+    State,
+    files_read,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, processes, systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 _JOURNAL_LINES = 15
 _QUICK = 60.0  # seconds; calls that start nothing
+_SOON = 5.0  # seconds; a file of that time may have been read, and clocks are set
 
 # The folders that systemd makes for a unit (systemd.exec(5)): property, and below which folder.
 _DIRECTORIES = (
@@ -53,6 +61,12 @@ class Systemd:
             name: State(*[block.get(prop, "") for prop in PROPERTIES] + [_inputs_of(block.get("MainPID", "0"))])
             for name, block in zip(names, blocks)
         }
+
+    def overtaken(self, content: str, state: State) -> str:
+        """Name a file that a unit's text names, and that was written after its process had started; raises OSError."""
+        paths = files_read(content) if state.pid not in ("", "0") else []
+        began = processes.started(state.pid) if paths else None
+        return next((path for path in paths if began is not None and _written_after(path, began)), "")
 
     def unit_path(self) -> typing.List[str]:
         """Ask for the folders that systemd reads units from; raises Problem."""
@@ -130,6 +144,15 @@ def _inputs_of(pid: str) -> str:
     except (FileNotFoundError, NotADirectoryError, ProcessLookupError):  # it has ended since
         return ""
     return inputs.encode("utf-8", "surrogateescape").decode("utf-8", "replace")  # it goes into results
+
+
+def _written_after(path: str, began: float) -> bool:
+    """Say if a file was written after a time. One of the future was written by another clock: of it nobody knows."""
+    try:
+        found = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return stat.S_ISREG(found.st_mode) and began + _SOON < found.st_mtime <= time.time()
 
 
 # The folders of a unit

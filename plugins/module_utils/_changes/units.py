@@ -17,6 +17,8 @@ ENABLED = ("enabled", "enabled-runtime")
 INPUTS = "ROSFLEET_INPUTS"  # the environment variable that holds a digest of all that a process was started with
 _NAME = re.compile(r"[A-Za-z0-9:_.\\-]+(@[A-Za-z0-9:_.\\-]+)?\.(service|socket|timer|path|target)")
 _INPUTS = re.compile(rf"^[ \t]*Environment[ \t]*=.*?\b{INPUTS}=([^\s\"']+)", re.MULTILINE)
+# A file below /etc, as an argument of a program or behind EnvironmentFile=.
+_FILE = re.compile(r"(?<![\w./])/etc/[^\s\"';]+")
 _INSTALL = re.compile(r"^[ \t]*(WantedBy|RequiredBy|UpheldBy|Alias|Also)[ \t]*=[ \t]*\S", re.MULTILINE)
 # The settings that make systemd restart a unit together with another one (systemd.unit(5)).
 _FOLLOWS = re.compile(r"^[ \t]*(?:PartOf|BindsTo|Requires|Requisite)[ \t]*=(.*)$", re.MULTILINE)
@@ -108,6 +110,12 @@ def planned_inputs(content: str) -> str:
     return found[-1] if found else ""
 
 
+def files_read(content: str) -> typing.List[str]:
+    """The files below /etc that a unit's text names."""
+    lines = [line for line in content.splitlines() if not line.lstrip().startswith(("#", ";"))]
+    return sorted({path for line in lines for path in _FILE.findall(line)})
+
+
 def followed(content: str) -> typing.Set[str]:
     """The units with which systemd restarts the unit of this text."""
     return {name for names in _FOLLOWS.findall(content) for name in names.split()}
@@ -139,16 +147,19 @@ def plan(
     states: typing.Dict[str, State],
     texts: typing.Dict[str, str],
     pending: typing.Container[str],
+    written: typing.Mapping[str, str],
 ) -> typing.List[Action]:
     """Plan the actions: those of the removed units, last first, then those of the planned units in their order; pure.
 
     `texts` has the units whose file is about to be written ("new", "changed"). `pending` has the units that were not
-    restarted after an earlier run had written their file.
+    restarted after an earlier run had written their file. `written` has the units of which a file that they read was
+    written after they had started, and that file.
     """
     actions = [_removal(name, states[name]) for name in reversed(removed)]
     restarted: typing.Set[str] = set()
     for unit in units:
-        action = _listed(unit, states[unit.name], texts.get(unit.name, ""), unit.name in pending, restarted)
+        reasons = Reasons(texts.get(unit.name, ""), unit.name in pending, written.get(unit.name, ""), restarted)
+        action = _listed(unit, states[unit.name], reasons)
         if action.run in ("restart", "follow"):
             restarted.add(unit.name)
         actions.append(action)
@@ -162,19 +173,28 @@ def _removal(name: str, state: State) -> Action:
     return Action(name, switch, run, "it is no longer listed")
 
 
-def _listed(unit: Unit, state: State, text: str, pending: bool, restarted: typing.Set[str]) -> Action:
-    """The action for a planned unit; `restarted` are the units before it that are restarted."""
+class Reasons(typing.NamedTuple):
+    """What is known of a unit beside its state: see `plan`; `restarted` are the units before it that are restarted."""
+
+    text: str
+    pending: bool
+    written: str
+    restarted: typing.Set[str]
+
+
+def _listed(unit: Unit, state: State, reasons: Reasons) -> Action:
+    """The action for a planned unit."""
     switch = ""
-    if unit.enabled and (text or state.file_state != "enabled"):
+    if unit.enabled and (reasons.text or state.file_state != "enabled"):
         # A changed text may name other targets, so the links of the old one have to go.
         switch = "reenable" if state.file_state == "enabled" else "enable"
     elif not unit.enabled and state.file_state in ENABLED:
         switch = "disable"
-    run, why = _run(unit, state, text, pending, restarted)
+    run, why = _run(unit, state, reasons)
     return Action(unit.name, switch, run, why)
 
 
-def _run(unit: Unit, state: State, text: str, pending: bool, restarted: typing.Set[str]) -> typing.Tuple[str, str]:
+def _run(unit: Unit, state: State, reasons: Reasons) -> typing.Tuple[str, str]:
     """The `run` and `why` of the action for a planned unit."""
     running = state.active in RUNNING
     if not unit.started:
@@ -183,14 +203,16 @@ def _run(unit: Unit, state: State, text: str, pending: bool, restarted: typing.S
         return "start", f"it was {state.active}"
     if state.sub.startswith("auto-restart"):
         return "restart", "it had ended and was waiting for another start"
-    if text:
+    if reasons.text:
         return "restart", "its text changed"
     planned = planned_inputs(unit.content)
     if planned and state.pid != "0" and planned != state.inputs:
         return "restart", f"it ran with the inputs {state.inputs[:12] or 'of nobody'}"
-    if pending:
+    if reasons.pending:
         return "restart", "an earlier run did not come to its end"
-    others = sorted(followed(unit.content) & restarted)
+    if reasons.written and state.pid != "0":
+        return "restart", f"{reasons.written} was written after its start"
+    others = sorted(followed(unit.content) & reasons.restarted)
     if others:
         return "follow", f"systemd restarts it with {others[0]}"
     if state.active == "activating":

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The reader of a process's environment."""
+"""The readers of a process's environment and of its start."""
 
 import os
+import time
 import typing
 
 
@@ -14,6 +15,18 @@ def environment(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Dict
     """
     with open(os.path.join(proc, str(pid), "environ"), "rb") as stream:
         return parse(stream.read())
+
+
+def started(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[float]:
+    """Tell when a process was started, by the clock of now (proc(5), /proc/PID/stat); None where it has ended."""
+    try:
+        with open(os.path.join(proc, str(pid), "stat"), "rb") as stream:
+            fields = stream.read().rpartition(b")")[2].split()
+        with open(os.path.join(proc, "uptime"), "rb") as stream:
+            uptime = float(stream.read().split()[0])
+    except (FileNotFoundError, NotADirectoryError, ProcessLookupError):
+        return None
+    return time.time() - uptime + int(fields[19]) / os.sysconf("SC_CLK_TCK")
 
 
 def parse(content: bytes) -> typing.Dict[str, str]:

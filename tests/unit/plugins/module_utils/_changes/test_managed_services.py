@@ -55,6 +55,11 @@ class FakeSystemd:
     def runs(self):
         return True
 
+    def overtaken(self, content, state):
+        """The file that the unit's text names as `behind <path>`, as long as it runs since its first start."""
+        path = content.partition("behind ")[2].split("\n")[0]
+        return path if state.invocation == "1" else ""
+
     def unit_path(self):
         return [str(self.folder)]
 
@@ -207,6 +212,15 @@ def test_a_unit_that_does_not_start_brings_the_previous_state_back(computer):
     # What was restarted on the way is restarted by the next run, too: code of other modules may be newer than it.
     assert computer.record() == {**record, "pending": [CORE, SYNC]}
     assert states(computer.apply(first)) == [(CORE, "restarted", ["restart"]), (SYNC, "restarted", ["restart"])]
+
+
+def test_a_restored_file_counts_for_the_process_that_has_read_the_former_one(computer):
+    units = {CORE: text(1), SYNC: text(1, "behind /etc/robots/sync.json")}
+    computer.apply(units)
+    run = computer.apply(units)
+    assert states(run) == [(CORE, "unchanged", []), (SYNC, "restarted", ["restart"])]
+    assert "(/etc/robots/sync.json was written after its start)" in run.summary(check_mode=False)
+    assert not computer.run(units).changed
 
 
 def test_a_former_unit_that_does_not_start_again_is_told(computer, monkeypatch):

@@ -4,9 +4,10 @@
 """systemctl as it is called, by a program that stands for it; and the folders that systemd makes for units."""
 
 import os
+import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import systemctl
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import systemctl, units
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
@@ -55,6 +56,31 @@ def test_the_state_of_units_with_the_inputs_of_their_processes(computer, monkeyp
     assert (found["a.service"].result, found["a.service"].inputs) == ("exit-code", "")
     assert (found["b.service"].active, found["b.service"].inputs) == ("active", f"of {os.getpid()}")
     assert systemctl.Systemd(1).show([]) == {} and len(computer.asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("age", "overtakes"),
+    [
+        (-60.0, True),  # seconds after the start of a process that runs for two minutes
+        (60.0, False),
+        (1.0, False),
+        (-1.0, False),  # it may have been read all the same
+        (-600.0, False),  # written by a clock that was ahead
+        (None, False),
+    ],
+)
+def test_a_file_that_was_written_after_the_start_of_the_process(tmp_path, monkeypatch, age, overtakes):
+    path, began = tmp_path / "one.json", time.time() - 120
+    if age is not None:
+        path.write_text("{}")
+        os.utime(path, (began - age, began - age))
+    monkeypatch.setattr(systemctl, "files_read", lambda content: [str(tmp_path), str(path)])
+    monkeypatch.setattr(systemctl.processes, "started", lambda pid: began)
+    state = units.State(**dict.fromkeys(units.State._fields, ""))._replace(pid="7")
+    assert systemctl.Systemd(1).overtaken("", state) == (str(path) if overtakes else "")
+    assert systemctl.Systemd(1).overtaken("", state._replace(pid="0")) == ""
+    monkeypatch.setattr(systemctl.processes, "started", lambda pid: None)
+    assert systemctl.Systemd(1).overtaken("", state) == ""
 
 
 @pytest.mark.parametrize(

@@ -46,10 +46,12 @@ def absent(name):
     return state(name, load="not-found", active="inactive", sub="dead", file_state="", fragment="", pid="0", inputs="")
 
 
-def plan(states=(), units=None, removed=(), texts=None, pending=()):
+def plan(states=(), units=None, removed=(), texts=None, pending=(), written=None):
     known = {name: state(name) for name in [*NAMES, *removed]}
     known.update({entry.name: entry for entry in states})
-    return units_module.plan(UNITS if units is None else list(units), list(removed), known, texts or {}, pending)
+    return units_module.plan(
+        UNITS if units is None else list(units), list(removed), known, texts or {}, pending, written or {}
+    )
 
 
 def actions(steps):
@@ -93,6 +95,28 @@ def test_who_follows_a_restarted_unit_is_not_restarted_by_us():
 def test_what_runs_decides(changed, run, why):
     step = plan([state(SYNC, **changed)])[2]
     assert step.run == run and why in step.why
+
+
+def test_a_file_that_was_written_after_the_start_has_not_been_read():
+    written = {SYNC: "/etc/robots/sync.json"}
+    assert plan(written=written)[2][2:] == ("restart", "/etc/robots/sync.json was written after its start")
+    assert plan([state(SYNC, pid="0")], written=written)[2].run == ""
+
+
+@pytest.mark.parametrize(
+    ("line", "files"),
+    [
+        ("EnvironmentFile=/etc/robots/environment", ["/etc/robots/environment"]),
+        ("EnvironmentFile=-/etc/default/one", ["/etc/default/one"]),
+        ("ExecStart=/usr/bin/one --config=/etc/b.json /etc/a.json %t/x", ["/etc/a.json", "/etc/b.json"]),
+        ("ExecStart=/bin/sh -c 'exec one \"/etc/a\"; true'", ["/etc/a"]),
+        ("# EnvironmentFile=/etc/a", []),
+        ("ExecStart=/opt/etc/a /usr/etc/b", []),
+        ("", []),
+    ],
+)
+def test_the_files_that_a_text_names(line, files):
+    assert units_module.files_read(f"[Service]\n{line}\n") == files
 
 
 def test_an_interrupted_run_is_continued():

@@ -1,7 +1,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The reader of a process's environment."""
+"""The readers of a process's environment and of its start."""
+
+import os
+import subprocess
+import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import processes
@@ -27,3 +31,17 @@ def test_a_process_is_read_below_proc(tmp_path):
 def test_a_process_that_has_ended_is_an_error(tmp_path):
     with pytest.raises(OSError):
         processes.environment(7, str(tmp_path))
+
+
+def test_the_start_of_a_process_by_the_clock_of_now(tmp_path):
+    before = time.time()
+    with subprocess.Popen(["sleep", "9"]) as process:
+        began = processes.started(process.pid)
+        process.kill()
+    assert before - 0.1 <= began <= time.time() + 0.1
+    assert processes.started(process.pid) is None
+    (tmp_path / "7").mkdir()
+    (tmp_path / "7" / "stat").write_text(f"7 (a ) b) S {' '.join(['0'] * 18)} 5000 0")
+    (tmp_path / "uptime").write_text("100.25 7.00\n")
+    ago = 100.25 - 5000 / os.sysconf("SC_CLK_TCK")
+    assert processes.started(7, str(tmp_path)) == pytest.approx(time.time() - ago, abs=1.0)
