@@ -3,7 +3,8 @@
 
 """The command that mends a part, where it needs more than the part's name: pure, parts and what was read there in, words out.
 
-The words are pasted by people as root, so what a machine told is in them only if it has the form of a device or of a number.
+The words are pasted by people as root, so what a machine told is in them only if it has the form of a device, of a number, or of
+a file below /etc.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import SITE, Part
 
 DEVICE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.@-]{0,14}")
+
+FILE = re.compile(r"/etc/(?!.*\.\.)[A-Za-z0-9_./-]+")
+SETTING = re.compile(r"[a-z0-9_]+(\.[a-z0-9_]+)+")
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,16 @@ def _other_lines(_place: Place, parts: Sequence[Part]) -> Commands:
     yield rf"sed -i -E '/rosfleet.multimaster/! s/^[^#].*[[:space:]]({names})([[:space:]]|$)/# &/' /etc/hosts"
 
 
+def _other_settings(place: Place, parts: Sequence[Part]) -> Commands:
+    """The line that decides at the next boot becomes a comment; nothing of a package is changed."""
+    probe = place.computer.seen.probe
+    for entry in probe.next_boot if probe else ():
+        asked = entry.kind == "sysctl" and entry.name in {part.what for part in parts}
+        if asked and FILE.fullmatch(entry.file) and SETTING.fullmatch(entry.name):
+            name = entry.name.replace(".", "[./]")
+            yield rf"sed -i -E 's,^[[:space:]]*-?{name}[[:space:]]*=,# &,' {entry.file}"
+
+
 # (kind, mode) -> the commands, from what was read.
 COMMANDS: Mapping[tuple[str, str], Callable[[Place, Sequence[Part]], Commands]] = {
     ("link", "down"): _up,
@@ -118,16 +132,22 @@ COMMANDS: Mapping[tuple[str, str], Callable[[Place, Sequence[Part]], Commands]] 
     ("route", "closed"): _closed,
     ("route", "rule"): _rules,
     ("names", "several"): _other_lines,
+    ("boot", "sysctl"): _other_settings,
 }
-# After these the computer has lost routes.
-WITHOUT_ROUTES = {("link", "down"), ("interface", "prefix")}
+# What site.yml does after these.
+THEN = {
+    ("link", "down"): "sets its routes",
+    ("interface", "prefix"): "sets its routes",
+    ("boot", "sysctl"): "sets it at boot",
+}
 
 
 def command(parts: Sequence[Part], computer: Participant | None, everything: Everything) -> str:
     """Return what to paste for parts that are one finding; empty where nothing was read that says it."""
-    found = COMMANDS.get((parts[0].kind, parts[0].mode))
+    fault = parts[0].kind, parts[0].mode
+    found = COMMANDS.get(fault)
     if found is None or computer is None:
         return ""
     words = "; ".join(dict.fromkeys(found(Place(computer, everything), parts)))
-    after = f"; then {SITE}, which sets its routes" if (parts[0].kind, parts[0].mode) in WITHOUT_ROUTES else ""
+    after = f"; then {SITE}, which {THEN[fault]}" if fault in THEN else ""
     return f"on {parts[0].place}: {words}{after}" if words else ""

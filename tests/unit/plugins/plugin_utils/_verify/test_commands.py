@@ -7,7 +7,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.commands import COMMANDS, command
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import Verification
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import DefaultRoute
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import AfterBoot, DefaultRoute
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import FAULTS, Part
 from fleets import diagnosed, fig12, observed, update
 
@@ -27,6 +27,10 @@ def told(change, kind, mode, *whats):
 
 def routes(*found):
     return lambda probe: update(probe, default_routes=found)
+
+
+def boots(file):
+    return lambda probe: update(probe, next_boot=(AfterBoot("sysctl", "net.ipv4.ip_forward", "1", "0", file),))
 
 
 def interface(**values):
@@ -70,6 +74,16 @@ def interface(**values):
             ("names", "several", "dabo-nav", "dabo.nav"),
             r"sed -i -E '/rosfleet.multimaster/! s/^[^#].*[[:space:]](dabo-nav|dabo\.nav)([[:space:]]|$)/# &/' /etc/hosts",
         ),
+        (
+            boots("/etc/sysctl.d/99-z.conf"),
+            ("boot", "sysctl", "net.ipv4.ip_forward"),
+            "sed -i -E 's,^[[:space:]]*-?net[./]ipv4[./]ip_forward[[:space:]]*=,# &,' /etc/sysctl.d/99-z.conf; "
+            "then run site.yml, which sets it at boot",
+        ),
+        (boots("/etc/sysctl.d/99-z.conf"), ("boot", "sysctl", "net.ipv4.conf.all.rp_filter"), ""),
+        (boots("/usr/lib/sysctl.d/50-z.conf"), ("boot", "sysctl", "net.ipv4.ip_forward"), ""),
+        (boots("/etc/../bin/z"), ("boot", "sysctl", "net.ipv4.ip_forward"), ""),
+        (boots("/etc/a; reboot"), ("boot", "sysctl", "net.ipv4.ip_forward"), ""),
         (interface(), ("clock", "off", ""), ""),
     ],
 )
