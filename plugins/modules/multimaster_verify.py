@@ -1279,6 +1279,7 @@ services:
       sub_state: running
       restarts: 0
       differing: []
+      drop_ins: []
       since: Sun 2026-11-22 09:12:44 UTC
   contains:
     name:
@@ -1315,6 +1316,12 @@ services:
       description:
         - The variables of O(environment_file) and of O(variables) that its running process has with another value, or not at all.
           Null where the process cannot be looked at.
+      returned: always
+      type: list
+      elements: str
+      sample: []
+    drop_ins:
+      description: The drop-in files of its unit that set variables. They are looked for where some variables differ.
       returned: always
       type: list
       elements: str

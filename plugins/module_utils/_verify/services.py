@@ -6,7 +6,9 @@
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import processes, systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
 
+_MOST = 65536  # bytes of a drop-in file
 _PROPERTIES = (
     "LoadState",
     "ActiveState",
@@ -15,6 +17,7 @@ _PROPERTIES = (
     "NRestarts",
     "MainPID",
     "EnvironmentFiles",
+    "DropInPaths",
     "StateChangeTimestamp",
 )
 
@@ -33,6 +36,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "sub_state": seen.get("SubState", ""),
             "restarts": int(seen.get("NRestarts") or 0),
             "differing": [],
+            "drop_ins": [],
             "since": seen.get("StateChangeTimestamp", ""),
         }
         pid = seen.get("MainPID", "0")
@@ -41,6 +45,8 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
                 entry["differing"] = differing(processes.environment(pid), variables)
             except OSError:
                 entry["differing"] = None  # it ended since, or is not ours to look at
+        if entry["differing"]:
+            entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if sets_environment(path)]
         found.append(entry)
     return found
 
@@ -49,6 +55,15 @@ def state_of(unit: str) -> typing.Dict[str, str]:
     """Read the properties of a unit; empty where systemd does not answer."""
     shown = systemd.show([unit], _PROPERTIES).units
     return shown[0] if shown else {}
+
+
+def sets_environment(path: str) -> bool:
+    """Say if a drop-in file of a unit has variables; systemctl show writes a blank in a path otherwise, so it is not found."""
+    try:
+        lines = read_regular(path, _MOST).splitlines()
+    except OSError:
+        return False
+    return any(line.lstrip().startswith(b"Environment") for line in lines)
 
 
 def differing(process: typing.Dict[str, str], wanted: typing.Dict[str, str]) -> typing.List[str]:

@@ -4,7 +4,7 @@
 """The command that mends a part, where it needs more than the part's name: pure, parts and what was read there in, words out.
 
 The words are pasted by people as root, so what a machine told is in them only if it has the form of a device, of a number, or of
-a file below /etc.
+a file below /etc or of systemd.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts
 DEVICE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.@-]{0,14}")
 
 FILE = re.compile(r"/etc/(?!.*\.\.)[A-Za-z0-9_./-]+")
+DROP_IN = re.compile(r"/(etc|run)/systemd/system/(?!.*\.\.)[A-Za-z0-9_./@-]+\.conf")
 SETTING = re.compile(r"[a-z0-9_]+(\.[a-z0-9_]+)+")
+ROS = ("roscore", "discovery", "sync")  # services
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,16 @@ def _other_settings(place: Place, parts: Sequence[Part]) -> Commands:
             yield rf"sed -i -E 's,^[[:space:]]*-?{name}[[:space:]]*=,# &,' {entry.file}"
 
 
+def _drop_ins(place: Place, _parts: Sequence[Part]) -> Commands:
+    """Drop-in files that set variables are set aside; nodes are registered at the roscore, so all of them start again."""
+    services = place.computer.seen.probe.services if place.computer.seen.probe else ()
+    files = [path for entry in services for path in entry.drop_ins if DROP_IN.fullmatch(path)]
+    if files:
+        yield from (f"mv {path} {path}.off" for path in files)
+        yield "systemctl daemon-reload"
+        yield f"systemctl restart {' '.join(entry.unit for entry in services if entry.name in ROS)}"
+
+
 # (kind, mode) -> the commands, from what was read.
 COMMANDS: Mapping[tuple[str, str], Callable[[Place, Sequence[Part]], Commands]] = {
     ("link", "down"): _up,
@@ -133,6 +145,7 @@ COMMANDS: Mapping[tuple[str, str], Callable[[Place, Sequence[Part]], Commands]] 
     ("route", "rule"): _rules,
     ("names", "several"): _other_lines,
     ("boot", "sysctl"): _other_settings,
+    ("environment", "service"): _drop_ins,
 }
 # What site.yml does after these.
 THEN = {

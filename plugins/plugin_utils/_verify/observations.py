@@ -194,6 +194,7 @@ class Service:
     sub_state: str = ""
     restarts: int = 0
     differing: tuple[str, ...] | None = ()
+    drop_ins: tuple[str, ...] = ()  # files of somebody else that give it variables, where some differ
     since: str = ""  # when it became what it is, as systemd writes it
 
 

@@ -22,3 +22,13 @@ def test_a_service_without_the_file_of_the_environment_differs_in_nothing(monkey
     seen = {"ActiveState": "active", "MainPID": str(os.getpid()), "EnvironmentFiles": files}
     monkeypatch.setattr(services, "state_of", lambda unit: seen)
     assert services.services(["connections"], {"NOT_HERE": "1"})[0]["differing"] == differing
+
+
+def test_a_drop_in_file_that_sets_variables_is_named_where_some_differ(monkeypatch, tmp_path):
+    for name, text in (("a", "[Service]\n  EnvironmentFile=/run/one\n"), ("b", "[Service]\nNice=5\n")):
+        (tmp_path / f"{name}.conf").write_text(text)
+    paths = " ".join(str(tmp_path / f"{name}.conf") for name in "abc")
+    seen = {"MainPID": str(os.getpid()), "EnvironmentFiles": "one", "DropInPaths": paths}
+    monkeypatch.setattr(services, "state_of", lambda unit: seen)
+    assert services.services(["sync"], {"NOT_HERE": "1"})[0]["drop_ins"] == [str(tmp_path / "a.conf")]
+    assert services.services(["sync"], {})[0]["drop_ins"] == []

@@ -3,11 +3,17 @@
 
 """What is to be pasted, from what was read on the computer, and nothing that a machine could put into it."""
 
+from dataclasses import replace
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.commands import COMMANDS, command
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import Verification
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import AfterBoot, DefaultRoute
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    AfterBoot,
+    DefaultRoute,
+    Service,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import FAULTS, Part
 from fleets import diagnosed, fig12, observed, update
 
@@ -31,6 +37,12 @@ def routes(*found):
 
 def boots(file):
     return lambda probe: update(probe, next_boot=(AfterBoot("sysctl", "net.ipv4.ip_forward", "1", "0", file),))
+
+
+def dropped(*files):
+    units = [Service(name, f"multimaster-{name}.service") for name in ("address", "discovery", "sync")]
+    units[-1] = replace(units[-1], differing=("ROS_IP",), drop_ins=files)
+    return lambda probe: update(probe, services=tuple(units))
 
 
 def interface(**values):
@@ -84,6 +96,14 @@ def interface(**values):
         (boots("/usr/lib/sysctl.d/50-z.conf"), ("boot", "sysctl", "net.ipv4.ip_forward"), ""),
         (boots("/etc/../bin/z"), ("boot", "sysctl", "net.ipv4.ip_forward"), ""),
         (boots("/etc/a; reboot"), ("boot", "sysctl", "net.ipv4.ip_forward"), ""),
+        (
+            dropped("/run/systemd/system/multimaster-sync.service.d/a.conf"),
+            ("environment", "service", ""),
+            "mv /run/systemd/system/multimaster-sync.service.d/a.conf /run/systemd/system/multimaster-sync.service.d/a.conf.off; "
+            "systemctl daemon-reload; systemctl restart multimaster-discovery.service multimaster-sync.service",
+        ),
+        (dropped("/etc/passwd.conf"), ("environment", "service", ""), ""),
+        (dropped("/etc/systemd/system/a.conf;reboot.conf"), ("environment", "service", ""), ""),
         (interface(), ("clock", "off", ""), ""),
     ],
 )
