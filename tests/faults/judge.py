@@ -15,6 +15,7 @@ from typing import Any
 from catalogue import Fault
 
 FIRST, RIVAL, OTHER, NOTHING = "first", "one of several", "another part first", "nothing was named"
+UNMADE = "the lab could not make it"  # so nothing was judged
 WRONG = ("failed", "warning")
 
 

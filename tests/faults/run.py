@@ -78,7 +78,7 @@ class Catalogue:
 
     def tried(self, fault: Fault) -> Result:
         """One fault from its injection until the fleet is as before."""
-        remedied = ""
+        remedied, made = "", True
         try:
             for step in fault.inject:
                 self._do(step)
@@ -87,14 +87,20 @@ class Catalogue:
             found, predicted, seconds = self._verified(fault)
             remedied = self._remedied(fault) if self.remedies and found.findings else ""
         except (AssertionError, subprocess.SubprocessError) as problem:  # the other faults are tried all the same
-            found, predicted, seconds = judge.Named(text=f"it could not be made: {problem}"), Agreement(), 0.0
+            found, predicted, seconds, made = (
+                judge.Named(text=f"it could not be made: {problem}"),
+                Agreement(),
+                0.0,
+                False,
+            )
         finally:
             for step in fault.undo:
                 self._do(step, check=False)
             left = state.back(self.lab, self.before, self.masters)
         if left:
             self._repair()
-        return Result(fault, judge.verdict(fault, found), found, seconds, tuple(left), predicted, remedied)
+        verdict = judge.verdict(fault, found) if made else judge.UNMADE
+        return Result(fault, verdict, found, seconds, tuple(left), predicted, remedied)
 
     def _do(self, step: Step, *, check: bool = True) -> None:
         if step.where == LAB:
