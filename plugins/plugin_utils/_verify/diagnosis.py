@@ -240,9 +240,9 @@ class _Diagnosis:
     def _succeeded(self, observer: str, target: str) -> dict[str, Parts]:
         """Find the checks that succeed in a pair, with the parts that they need."""
         found = {}
-        for check in self.verification.checks:
-            case = self.verification.case(check, observer, target)
-            if case and (check.id, observer, target) not in self.bad:
+        for check, case in self.verification.cases(observer, target):
+            if (check.id, observer, target) not in self.bad:
+                case.counted = True  # its verdict is enough
                 judged = check.judge(case)
                 if judged is not None and judged.verdict == OK:
                     found[check.id] = check.needs(case)

@@ -159,6 +159,15 @@ class Verification:
         chosen = {name: self.tried[name] for name in self.run}
         return number(chosen), sum(len(self.ways.members.keys() - {name}) for name in self.run)
 
+    def cases(self, observer: str, target: str) -> Iterator[tuple[Check, Case]]:
+        """Make the cases of one pair, one for each scope, and give each check its own."""
+        made = {}
+        for check in self.checks:
+            if check.scope not in made:
+                made[check.scope] = self.case(check, observer, target)
+            if case := made[check.scope]:
+                yield check, case
+
     def case(self, check: Check, observer: str, target: str) -> Case | None:
         """Make the case of one pair; None where the check has none."""
         if observer not in self.run or (observer != target) < (check.scope in (MEMBER, MASTER)):

@@ -105,8 +105,8 @@ def test_nothing_but_lost_packets_depends_on_the_seed():
 
 def test_what_is_only_counted_is_what_good_rows_say():
     """A judge returns early where nobody reads its sentences; all else is the same row for row."""
-    for number in range(60):
-        trial = harness.draw(number, [[faults.FAULTS[number % len(faults.FAULTS)]]])
+    for number in range(0, len(faults.FAULTS), 2):
+        trial = harness.draw(number, [[faults.FAULTS[number]]])
         verification, passed = Verification(CHECKS, trial.state.fleet, trial.observations), Counter()
         rows, made = list(verification.rows()), list(verification.rows(passed))
         counted = Counter()

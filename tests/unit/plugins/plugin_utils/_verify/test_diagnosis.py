@@ -114,7 +114,7 @@ def test_of_very_many_results_some_are_explained(monkeypatch):
 
 
 def test_one_fault_in_a_large_fleet_is_one_finding_in_seconds():
-    fleet = plan(robots=60)
+    fleet = plan(robots=40)
     seen = observed(fleet)
     silent(seen, [name for name in seen if name != TWO], [TWO])
     seen[TWO] = Observation(unreachable=True, problem="no route to host")
