@@ -1428,6 +1428,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify impor
     changes,
     claims,
     exchange,
+    ghosts,
     masters,
     network,
     parameters,
@@ -1663,6 +1664,8 @@ def talk(params: Params, machine: typing.Optional[Result]) -> Result:
         return {"msg": "The router of the common network has no talker."}
     ros = Ros(params["environment_file"], by_hand(params, machine))
     missing = ros.missing()
+    if not missing:
+        ghosts.end_ghosts(ros, params["name"])
     error = missing or talker.start(ros, params["run"], params["name"], params["lifetime"])
     if not error:
         return {

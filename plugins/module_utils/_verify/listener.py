@@ -8,6 +8,7 @@ It is registered at the roscore, which tells it of publishers; it asks each of t
 
 import os
 import queue
+import re
 import threading
 import time
 import typing
@@ -19,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_r
 
 WORKERS = 32  # publishers that are asked at the same time: one that does not answer takes its worker for some seconds
 AGAIN = 0.5  # seconds until a publisher is asked again that did not answer
+FAREWELL = 30.0  # seconds in which a busy roscore may take the registrations back
 
 Said = typing.Dict[str, typing.Any]
 
@@ -29,6 +31,11 @@ def place_of(topic: str, uri: str, caller: str) -> typing.Tuple[str, int]:
     if code != 1:
         raise OSError(f"it does not give the topic: {plain(said)}")
     return str(place[1]), int(place[2])
+
+
+def listener_of(computer: str) -> str:
+    """Return the beginning of the node name of a computer's listener."""
+    return re.sub(r"\W", "_", f"multimaster_verify_listener_{computer}")
 
 
 class Listener:
@@ -57,17 +64,25 @@ class Listener:
         registered: typing.List[str] = []
         try:
             for topic in self.wanted:
+                registered.append(topic)  # also where the answer does not come in time: the roscore may carry it out
                 self._told(topic, self.ros.ask("registerSubscriber", topic, node.TYPE, self.node.uri, caller=self.name))
-                registered.append(topic)
             self._done.wait(max(0.0, deadline - time.monotonic()))
         finally:
             self._done.set()
-            for topic in registered:
+            self._leave(registered, time.monotonic() + FAREWELL)
+            self.node.ended = True
+
+    def _leave(self, topics: typing.Sequence[str], deadline: float) -> None:
+        """Take the registrations back. What stays would be a node that does not answer, on every robot."""
+        for topic in topics:
+            while time.monotonic() < deadline:
                 try:
                     self.ros.ask("unregisterSubscriber", topic, self.node.uri, caller=self.name)
-                except OSError:
-                    break  # the roscore has ended
-            self.node.ended = True
+                    break
+                except OSError as problem:
+                    if isinstance(problem.__cause__, ConnectionRefusedError):
+                        return  # the roscore has ended
+                    time.sleep(AGAIN)
 
     def _told(self, topic: str, publishers: typing.Any) -> None:
         """Ask the publishers that are new."""

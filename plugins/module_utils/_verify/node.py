@@ -7,6 +7,7 @@ The talker is this file as a program of its own, handed over as text, so nothing
 Whoever calls may be anybody: bytes, connections and time are bounded.
 """
 
+import contextlib
 import os
 import selectors
 import signal
@@ -320,12 +321,13 @@ def main(name: str, topic: str, text: str) -> None:
     uri = os.environ["ROS_MASTER_URI"]
     node = Node(name, host_of(os.environ, uri), uri, {topic: text})
     roscore = xmlrpc.client.ServerProxy(uri)
-    while not _registered(roscore, name, topic, node.uri):
-        time.sleep(RETRY)
     try:
+        while not _registered(roscore, name, topic, node.uri):
+            time.sleep(RETRY)
         node.serve()
     finally:
-        roscore.unregisterPublisher(name, topic, node.uri)
+        with contextlib.suppress(OSError, xmlrpc.client.Error):
+            roscore.unregisterPublisher(name, topic, node.uri)
 
 
 def _registered(roscore: typing.Any, name: str, topic: str, uri: str) -> bool:

@@ -3,14 +3,13 @@
 
 """The topics of all talkers, heard by one node of this computer."""
 
-import re
 import socket
 import time
 import typing
 from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import Listener, Said
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import Listener, Said, listener_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import sentence_of, topic_of
@@ -117,8 +116,3 @@ def _uri(ros: Ros, node: str) -> str:
         return ros.ask("lookupNode", node)
     except OSError:
         return ""  # it ended since
-
-
-def listener_of(computer: str) -> str:
-    """Return the beginning of the node name of the listener."""
-    return re.sub(r"\W", "_", f"multimaster_verify_listener_{computer}")

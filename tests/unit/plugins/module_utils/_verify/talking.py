@@ -51,10 +51,13 @@ class Roscore:
         return 1, "", int(self.subscribers[topic].pop(caller) == uri)
 
     def getSystemState(self, caller):
-        return 1, "", [[[topic, list(nodes)] for topic, nodes in self.publishers.items() if nodes], [], []]
+        tables = (self.publishers, self.subscribers)
+        return 1, "", [[[topic, list(nodes)] for topic, nodes in table.items() if nodes] for table in tables] + [[]]
 
     def lookupNode(self, caller, name):
-        found = [nodes[name] for nodes in self.publishers.values() if name in nodes]
+        found = [
+            nodes[name] for table in (self.publishers, self.subscribers) for nodes in table.values() if name in nodes
+        ]
         return (1, "", found[0]) if found else (-1, "unknown node", "")
 
 

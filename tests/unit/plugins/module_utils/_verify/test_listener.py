@@ -81,3 +81,40 @@ def test_without_a_roscore_it_says_so(made, master):
     made.uri = "http://127.0.0.1:9"
     with pytest.raises(OSError, match="http://127.0.0.1:9: "):
         Listener(made, "listener", {ONE: "run one"}).run(time.monotonic() + 5)
+
+
+class Busy(Roscore):
+    """It carries out the first registration, and the first withdrawal not, and answers neither in time."""
+
+    def __init__(self):
+        super().__init__()
+        self.calls = []
+
+    def registerSubscriber(self, caller, topic, kind, uri):
+        super().registerSubscriber(caller, topic, kind, uri)
+        self.calls.append("register")
+        raise OSError("too late")
+
+    def unregisterSubscriber(self, caller, topic, uri):
+        self.calls.append("unregister")
+        if self.calls.count("unregister") == 1:
+            raise OSError("too late")
+        return super().unregisterSubscriber(caller, topic, uri)
+
+
+def test_a_busy_roscore_keeps_no_registration(made):
+    roscore = Busy()
+    with served(roscore) as made.uri, pytest.raises(OSError, match="too late"):
+        Listener(made, "listener", {ONE: "run one", TWO: "run two"}).run(time.monotonic() + 5)
+    assert roscore.calls == ["register", "unregister", "unregister"]
+    assert roscore.subscribers == {ONE: {}}
+
+
+def test_a_roscore_that_has_ended_is_not_asked_again(made):
+    with served(Roscore()) as made.uri:
+        listener = Listener(made, "listener", {ONE: "run one"})
+    began = time.monotonic()
+    listener._leave([ONE, TWO], began + 30)
+    assert time.monotonic() - began < 5
+    listener.node.ended = True
+    listener.node.serve()

@@ -63,6 +63,19 @@ def test_a_talker_waits_for_its_roscore_and_says_when_it_refuses():
         assert process.stdout.read().strip() == "the roscore refuses the talker: no more topics"
 
 
+def test_a_talker_that_has_no_answer_takes_its_registration_back_too():
+    class Busy(Roscore):
+        def registerPublisher(self, caller, topic, kind, uri):
+            super().registerPublisher(caller, topic, kind, uri)
+            raise OSError("too late")
+
+    roscore = Busy()
+    with served(roscore) as uri:
+        with talking(uri, "/talker", TOPIC, "x"):
+            until(lambda: roscore.of(TOPIC))
+        assert roscore.of(TOPIC) == []
+
+
 def test_every_subscriber_gets_the_text_at_once_and_again(own):
     with socket.create_connection(place(own)) as connection:
         connection.sendall(node.header({"callerid": "/rviz", "topic": TOPIC, "type": node.TYPE, "md5sum": node.SUM}))

@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Talkers and listeners of earlier verifications on this computer that were killed, and are still registered.
+
+They would be found as nodes that do not answer, on every robot.
+"""
+
+import re
+import socket
+import typing
+from urllib.parse import urlsplit
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import listener_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import node_of
+
+CONNECT = 2.0  # seconds
+UNREGISTER = ("unregisterPublisher", "unregisterSubscriber")
+
+
+def end_ghosts(ros: Ros, computer: str) -> typing.List[str]:
+    """Unregister them and return their names. Nothing is done without a roscore: whoever needs one says that it is missing."""
+    own = re.compile(rf"{node_of('', computer)}[^_]+\Z|/{listener_of(computer)}_\d+_\d+\Z")
+    ended: typing.Dict[str, str] = {}  # node -> URI
+    try:
+        tables = ros.ask("getSystemState")[:2]
+        for node in sorted({node for table in tables for _topic, nodes in table for node in nodes if own.match(node)}):
+            uri = str(ros.ask("lookupNode", node))
+            if _has_ended(uri):
+                ended[node] = uri
+        for method, table in zip(UNREGISTER, tables):
+            for topic, nodes in table:
+                for node in ended.keys() & set(nodes):
+                    ros.ask(method, topic, ended[node], caller=node)
+    except (OSError, ValueError, TypeError):
+        pass
+    return list(ended)
+
+
+def _has_ended(uri: str) -> bool:
+    """Return True if nobody listens there. Who does not answer may be busy."""
+    try:
+        parsed = urlsplit(uri)
+        socket.create_connection((parsed.hostname or "", parsed.port or 0), timeout=CONNECT).close()
+    except ConnectionRefusedError:
+        return True
+    except OSError:
+        pass
+    return False
