@@ -233,7 +233,9 @@ class Rules:
 
     def topic(self, node: str, topic: str, kind: str, publisher: bool) -> bool:
         """True where this publisher (or subscriber) is wanted. A sync list cannot take back an ignored node."""
-        if any(len(name) > MAX_NAME or self.do_not_sync.matches(name) for name in (node, topic, kind)):
+        if max(len(node), len(topic), len(kind)) > MAX_NAME:
+            return False
+        if self.do_not_sync and any(map(self.do_not_sync.matches, (node, topic, kind))):
             return False
         if (self.ignore_publishers if publisher else self.ignore_subscribers).matches(topic):
             return False

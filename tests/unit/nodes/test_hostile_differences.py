@@ -3,6 +3,7 @@
 """Hostile peers on the quick way: one that answers questions for differences, and one that asks them. Sockets on 127.0.0.1."""
 
 import gzip
+import json
 import queue
 import socket
 import threading
@@ -24,7 +25,7 @@ from rosfleet_multimaster.edge.rpc_server import Ready, RpcServer
 from rosfleet_multimaster.edge.xml_rpc import STATE
 from rosfleet_multimaster.parts import fetcher, followed, told
 from rosfleet_multimaster.parts.followed import Answer, Surroundings, View
-from rosfleet_multimaster.parts.served import DIFFERENCES, OwnMaster, Served
+from rosfleet_multimaster.parts.served import DIFFERENCES, PACKED, OwnMaster, Served
 from rosfleet_multimaster.parts.told import Told
 
 URI, OWN = "http://robot2:11311/", "http://own:11311/"
@@ -43,9 +44,9 @@ def rows(**parts):
 class Peer:
     """A discovery that answers the first question for differences truly, and then as the test says."""
 
-    def __init__(self, answer):
-        """`answer(questions so far)`: the values of the answer, or bytes with all of HTTP."""
-        self.asked, peer = [], self
+    def __init__(self, answer, method):
+        """`answer(questions so far)`: the values of the answer, or bytes with all of HTTP. `method`: the one that it has."""
+        self.asked, peer, own = [], self, method
 
         class Handler(BaseHTTPRequestHandler):
             protocol_version = "HTTP/1.1"
@@ -53,7 +54,9 @@ class Peer:
 
             def do_POST(self):
                 arguments, method = xmlrpc.client.loads(self.rfile.read(int(self.headers["Content-Length"])))
-                found = [DIFFERENCES] if method != DIFFERENCES else peer.next(arguments, answer)
+                found = [own] if method != own else peer.next(arguments, answer)
+                if own == PACKED and method == own and isinstance(found, list):
+                    found = json.dumps(found)
                 if isinstance(found, bytes):
                     self.wfile.write(found)
                     self.close_connection = True
@@ -80,15 +83,15 @@ class Peer:
         return ["e", 1, True, document(TRUE), NOTHING, ""] if len(self.asked) == 1 else answer(self.asked)
 
 
-@pytest.fixture(name="following")
-def _following(monkeypatch):
-    """Follow a hostile peer: (peer, states, why it is over)."""
+@pytest.fixture(name="following", params=[DIFFERENCES, PACKED])
+def _following(monkeypatch, request):
+    """Follow a hostile peer, on each of the two ways: (peer, states, why it is over)."""
     monkeypatch.setattr(followed, "TIMEOUT", 0.3)
     monkeypatch.setattr(followed, "WAIT", (0.2, 0.3))
     made = []
 
     def follow(answer):
-        peer, states, over = Peer(answer), queue.Queue(), queue.Queue()
+        peer, states, over = Peer(answer, request.param), queue.Queue(), queue.Queue()
         fetch = Fetch(URI, peer.uri, Filters({}).rules("robot2"))
         found = fetcher._fetch(fetch, None, View(fetch, OWN, False, Members(), Surroundings()), True)
         found.follower.start(lambda *news: states.put(news[1]), lambda *why: over.put(why[1]))

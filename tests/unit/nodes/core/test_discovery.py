@@ -223,9 +223,20 @@ def test_it_is_asked_again_where_it_does_not_answer_or_has_no_state_yet():
 def test_a_change_is_an_event_and_a_repetition_is_none():
     core = met()
     core.datagram(state(2001), PEER, True, 11.0)
+    core.tick(11.0)
     assert changes(core) == [("changed", "kobuki2computer", True)]
     core.datagram(state(2001), PEER, True, 11.2)
+    core.tick(11.2)
     assert changes(core) == []
+
+
+def test_what_many_datagrams_change_is_told_once():
+    core = met()
+    for stamp in (2001, 2002, 2003):
+        core.datagram(state(stamp), PEER, True, 11.0)
+    core.tick(11.0)
+    assert changes(core) == [("changed", "kobuki2computer", True)]
+    assert [master.stamp for master in core.masters()][1] == 2003
 
 
 def test_empty_datagrams_are_ignored_silently_and_malformed_ones_counted():
@@ -599,8 +610,8 @@ def test_back_online_is_a_change_and_it_is_asked_again_who_it_is():
     core.datagram(state(), PEER, True, 81.0)
     core.tick(core.next_tick())
     actions = take(core)
-    assert [type(action) for action in actions] == [Event, Ask]
-    assert actions[0].master.online
+    assert [type(action) for action in actions] == [Ask, Event]
+    assert actions[1].master.online
 
 
 def test_removal_can_be_switched_off():

@@ -9,6 +9,7 @@ from dataclasses import replace
 from xmlrpc.client import Fault
 
 import pytest
+from rosfleet_multimaster.core import bounded_json
 from rosfleet_multimaster.core.filters import Filters, Pattern, Rules
 from rosfleet_multimaster.core.graph import Malformed, Node, Policy, Provider, State, document
 from rosfleet_multimaster.core.members import Members
@@ -18,7 +19,7 @@ from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.parts import fetcher, followed
 from rosfleet_multimaster.parts.followed import Answer, Surroundings, View
-from rosfleet_multimaster.parts.served import DIFFERENCES, OwnMaster, Served
+from rosfleet_multimaster.parts.served import DIFFERENCES, PACKED, OwnMaster, Served
 from rosfleet_multimaster.parts.told import Told
 
 URI = "http://robot2:11311/"
@@ -76,7 +77,7 @@ class Here:
 def test_a_change_is_told_at_once_and_alone(there):
     there.has({"/a": "/one"})
     here = Here(there)
-    assert sorted(here.found.state.publishers) == ["/a"] and here.found.quick
+    assert sorted(here.found.state.publishers) == ["/a"] and here.found.method == PACKED
     time.sleep(0.05)
     began = time.monotonic()
     there.has({"/a": "/one", "/b": "/two"})
@@ -119,11 +120,39 @@ def test_what_becomes_secret_is_gone_at_once(there):
     here.found.follower.stop()
 
 
+@pytest.mark.parametrize("has", [PACKED, DIFFERENCES, ""])
+def test_each_way_is_found_and_who_told_its_way_is_not_asked_for_it_again(there, has):
+    """Also where another program has come in its place, which has not that way."""
+    there.has({"/a": "/one"})
+    asked, methods = [], there.server.methods
+    names = sorted(set(methods) - {PACKED, DIFFERENCES} | {has})
+    methods["system.listMethods"] = lambda: asked.append(1) or names
+    for gone in {PACKED, DIFFERENCES} - {has}:
+        del methods[gone]
+    for known, times in (("", 1), (PACKED, has != PACKED), (has, not has)):
+        fetch = Fetch(URI, there.uri, Filters({}).rules("robot2"))
+        view = View(fetch, "http://own:11311/", False, Members(), Surroundings())
+        asked.clear()
+        found = fetcher._fetch(fetch, None, view, True, known)
+        assert sorted(found.state.publishers) == ["/a"] and found.method == has and len(asked) == times
+        assert (found.follower is None) == (not has)
+
+
+def test_a_large_state_travels_as_xml_and_is_followed(there, monkeypatch):
+    monkeypatch.setattr(bounded_json, "MOST", 1000)
+    there.has({f"/a/{number}": "/one" for number in range(100)})
+    here = Here(there)
+    assert len(here.found.state.publishers) == 100 and here.found.method == PACKED
+    there.has({"/b": "/one"})
+    assert here.topics() == ["/b"]
+    here.found.follower.stop()
+
+
 def test_where_the_quick_way_is_off_the_whole_is_fetched(monkeypatch):
     there = Discovery(told=False, monkeypatch=monkeypatch)
     there.has({"/a": "/one"})
     here = Here(there)
-    assert sorted(here.found.state.publishers) == ["/a"] and not here.found.quick and here.found.follower is None
+    assert sorted(here.found.state.publishers) == ["/a"] and not here.found.method and here.found.follower is None
     there.server.stop()
 
 

@@ -622,8 +622,7 @@ class Discovery:
                 entry.contact_due = now
         self._move(entry, Sign.HEARD if entry.beat.stamp != Stamp() else Sign.HEARD_EMPTY, News(now))
         if entry.outlook() != before:
-            self._news()
-            self._publish()
+            self._news()  # told with the next tick: where many masters meet, many datagrams are read at once
 
     def _promised(self, entry: Peer, rate: float, now: float) -> None:
         """Take the rate in a heartbeat, which anybody can write. A lower one delays that a loss is seen: it must be confirmed."""
@@ -743,7 +742,7 @@ class Discovery:
         def rank(entry: Peer) -> Tuple[bool, bool, bool]:
             return entry.monitor_uri == at and not entry.given_up, entry.online, not entry.overdue
 
-        best = max(entries, key=rank)
+        best = max(entries, key=rank) if len(entries) > 1 else entries[0]
         if len(entries) > 1 and (best.overdue or not best.online) and best.contact_due is None and best.asked is None:
             best.contact_due, self._first_step = (
                 self._ticked,

@@ -28,6 +28,8 @@ def plain(value: typing.Any, most: int = LONGEST) -> str:
     sequence or one that turns the direction of writing, is shown as Python writes it (`\\x1b`). Plain text stays as it is.
     """
     text = str(value)
+    if is_plain(text, most) and text == text.strip():
+        return text
     head = text[: 2 * most + 2].strip()[: most + 1]
     more = len(head) > most or bool(text[2 * most + 2 :].strip())
     shown = "".join(map(_shown, head))

@@ -356,10 +356,11 @@ class Sync:
     def announced(self, master: Announced, now: float) -> None:
         """Take the news of discovery that a master is there, or changed."""
         stranger = self.members.objection(master.uri, master.name, host_of(master.monitor_uri))
-        if stranger or master.uri == self.own_uri or not self.filters.wants_host(master.name):
+        remote = self.remotes.get(master.uri)
+        wanted = remote is not None and remote.announced.name == master.name
+        if stranger or master.uri == self.own_uri or not (wanted or self.filters.wants_host(master.name)):
             self.remotes.pop(master.uri, None)  # it may have been wanted under another name
             return
-        remote = self.remotes.get(master.uri)
         if remote is None:
             remote = self.remotes[master.uri] = Remote(master, *self._rules(master))
         elif master.name != remote.announced.name or master.discoverer != remote.announced.discoverer:

@@ -16,7 +16,7 @@ from ..edge.rpc_client import Rpc
 from ..edge.xml_rpc import STATE, TooLarge
 from . import program
 from .followed import MOST, TIMEOUT, Answer, Follower, Misplaced, Surroundings, View
-from .served import DIFFERENCES
+from .served import DIFFERENCES, PACKED
 
 MOST_FOLLOWED = 128  # masters: more are fetched when they announce a change
 
@@ -26,7 +26,7 @@ class Fetched(NamedTuple):
 
     state: State
     places: Places
-    quick: bool  # this master tells its changes
+    method: str  # by which this master tells its changes; "" where it tells none
     follower: Optional[Follower]
 
 
@@ -51,6 +51,7 @@ class Fetcher:
         self._differences = differences
         self._followers: Dict[str, Follower] = {}
         self._around = Surroundings()
+        self._methods: Dict[str, str] = {}  # master -> the method by which it told its changes
         self.states = self.changes = 0  # that came
 
     def tick(self, now: float) -> Optional[float]:
@@ -59,18 +60,21 @@ class Fetcher:
             self._stop(uri)
         for fetch in self._core.due(now):
             self._stop(fetch.uri)
+            self._methods = {uri: method for uri, method in self._methods.items() if uri in self._core.remotes}
             before = self._core.remotes[fetch.uri].state
             view = View(fetch, self._core.own_uri, self._core.sync_remote_nodes, self._core.members, self._around)
             quick = self._differences and len(self._followers) < MOST_FOLLOWED
-            job = partial(_fetch, fetch, before, view, quick)
+            job = partial(_fetch, fetch, before, view, quick, self._methods.get(fetch.uri, ""))
             self._workers.submit(job, partial(self._fetched, fetch))
         return self._core.next_due()
 
     def _fetched(self, fetch: Fetch, found: Optional[Fetched], problem: Optional[Exception]) -> None:
-        state, places, quick, follower = found or Fetched(None, None, False, None)  # type: ignore[arg-type]
+        state, places, method, follower = found or Fetched(None, None, "", None)  # type: ignore[arg-type]
         taken = self._core.fetched(
-            fetch, state, str(problem or ""), monotonic(), places, quick=quick, following=follower is not None
+            fetch, state, str(problem or ""), monotonic(), places, quick=bool(method), following=follower is not None
         )
+        if found is not None:
+            self._methods[fetch.uri] = method
         if follower is not None and taken:
             self._followers[fetch.uri] = follower
             follower.start(
@@ -114,20 +118,27 @@ def _advice(problem: Exception) -> str:
     return "; nothing new of it is taken, what was registered stays: leave out there what nobody needs, by multimaster_exports"
 
 
-def _fetch(fetch: Fetch, before: Optional[State], view: View, quick: bool) -> Fetched:
-    """The state of a master, filtered there where it can be, and as much of it as is taken."""
+def _fetch(fetch: Fetch, before: Optional[State], view: View, quick: bool, known: str = "") -> Fetched:
+    """The state of a master, filtered there where it can be, and as much of it as is taken.
+
+    `known`: the method by which it told its changes before. It may be another program by now.
+    """
     rpc = Rpc(fetch.monitor_uri, TIMEOUT, STATE)
     follower: Optional[Follower] = None
     try:
-        quick = quick and fetch.quick and _tells_changes(rpc)
-        if quick:
-            answer, state = rpc.call(DIFFERENCES, view.wanted, "", 0, 0, read=_whole)
+        method = (known or _method(rpc)) if quick and fetch.quick else ""
+        if method:
+            answer, state = rpc.call(method, view.wanted, "", 0, 0, read=_whole)
             taken = view.taken(state, before)
             if size(state) <= MOST:
-                follower = Follower(rpc, fetch, view, answer, state, taken)
+                follower = Follower(rpc, method, fetch, view, answer, state, taken)
         else:
             taken = _without_changes(rpc, view.wanted, lambda value: view.taken(parse(value), before))
-        return Fetched(taken, view.places(taken), quick, follower)
+        return Fetched(taken, view.places(taken), method, follower)
+    except Fault:
+        if not known:
+            raise
+        return _fetch(fetch, before, view, quick)
     except Malformed as problem:
         raise ValueError(f"it sends no state of a master: {problem}") from None
     finally:
@@ -142,13 +153,16 @@ def _whole(value: Any) -> Any:
     return answer, state
 
 
-def _tells_changes(rpc: Rpc) -> bool:
+def _method(rpc: Rpc) -> str:
+    """The method by which this master tells its changes; "" where it tells none."""
+
+    def best(methods: Any) -> str:
+        return next((name for name in (PACKED, DIFFERENCES) if isinstance(methods, list) and name in methods), "")
+
     try:
-        return bool(
-            rpc.call("system.listMethods", read=lambda methods: isinstance(methods, list) and DIFFERENCES in methods)
-        )
+        return str(rpc.call("system.listMethods", read=best))
     except Fault:
-        return False
+        return ""
 
 
 def _without_changes(rpc: Rpc, wanted: Any, read: Callable[[Any], State]) -> State:

@@ -5,6 +5,7 @@
 import random
 from typing import Any, Callable, Dict, List, Optional
 
+from ..core import bounded_json
 from ..core.differences import applied, digest
 from ..core.graph import Malformed, State, parse
 from ..core.limits import limited, size
@@ -16,7 +17,6 @@ from ..edge.addresses import address_of, network, networks
 from ..edge.clock import monotonic, processor_time
 from ..edge.loop import Ended, in_thread
 from ..edge.rpc_client import Rpc
-from .served import DIFFERENCES
 
 WAIT = (20.0, 30.0)  # seconds that an answer may take: not the same for all who ask
 TIMEOUT = 10.0  # seconds for an answer besides
@@ -35,6 +35,11 @@ class Answer:
     """An answer to a question for differences. Raises Malformed."""
 
     def __init__(self, value: Any) -> None:
+        if isinstance(value, str):
+            try:
+                value = bounded_json.read(value)
+            except ValueError as problem:
+                raise Malformed(f"no values: {problem}") from None
         if not isinstance(value, (list, tuple)) or len(value) != 6:
             raise Malformed("not an array of six elements")
         self.epoch, self.revision, self.whole, self.document, self.gone, self.digest = value
@@ -103,9 +108,11 @@ def _resolved(names: List[str]) -> Dict[str, str]:
 class Follower:
     """Follows one master, in a thread of its own."""
 
-    def __init__(self, rpc: Rpc, fetch: Fetch, view: View, answer: Answer, state: State, taken: State) -> None:
-        """`answer`: the one with the whole state; `taken`: what is taken of it."""
-        self.fetch = fetch
+    def __init__(
+        self, rpc: Rpc, method: str, fetch: Fetch, view: View, answer: Answer, state: State, taken: State
+    ) -> None:
+        """`method` is asked for the differences; `answer`: the one with the whole state; `taken`: what is taken of it."""
+        self.fetch, self._method = fetch, method
         self._rpc, self._view, self._taken, self._state = rpc, view, taken, state
         self._epoch, self._revision = answer.epoch, answer.revision
         self._pace, self._ended = Pace(), Ended()
@@ -139,7 +146,7 @@ class Follower:
         began, spent = monotonic(), processor_time()
         self._rpc.limit(wait + TIMEOUT)
         wanted = [] if self._epoch else self._view.wanted  # it is known as long as the epoch is
-        answer = self._rpc.call(DIFFERENCES, wanted, self._epoch, self._revision, wait, read=Answer)
+        answer = self._rpc.call(self._method, wanted, self._epoch, self._revision, wait, read=Answer)
         if self._ended:
             return
         answered = monotonic()

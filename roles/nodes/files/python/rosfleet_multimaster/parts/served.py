@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Callable, Dict, Iterable, List, Optional, Set, Tuple
 
+from ..core import bounded_json
 from ..core.filters import InvalidPattern, Pattern, Rules
 from ..core.graph import Policy, State, document, offered, own_types, stamp_text
 from ..core.members import ALLOW, Members
@@ -23,6 +24,7 @@ from . import program
 from .told import LONGEST_WAIT, Look, Told
 
 DIFFERENCES = "rosfleetDifferences"
+PACKED = "rosfleetDifferencesPacked"  # the same, its answers as texts of JSON
 NO_STATE = State("", "")
 
 Viewer = Callable[[State], Tuple[State, List[Rules]]]
@@ -82,7 +84,10 @@ class Served:
 
     def methods(self) -> Dict[str, Callable[..., Any]]:
         """The methods by their names."""
-        quick = {} if self._told is None else {DIFFERENCES: Waiting(partial(self._differences, self._told))}
+        quick: Dict[str, Any] = {}
+        if self._told is not None:
+            quick[DIFFERENCES] = Waiting(partial(self._differences, self._told, _as_it_is))
+            quick[PACKED] = Waiting(partial(self._differences, self._told, bounded_json.written))
         return {
             **quick,
             "masterContacts": self._master_contacts,
@@ -118,7 +123,15 @@ class Served:
             return document(state, [*rules, wanted])
 
     def _differences(
-        self, told: Told, caller: str, may_wait: bool, filters: Any, epoch: Any, revision: Any, wait: Any
+        self,
+        told: Told,
+        written: Callable[[Any], Any],
+        caller: str,
+        may_wait: bool,
+        filters: Any,
+        epoch: Any,
+        revision: Any,
+        wait: Any,
     ) -> Any:
         """Tell the news since a revision: [epoch, revision, whole, document, gone, digest]. Waits for it, so many seconds at most."""
         if not isinstance(epoch, str) or not isinstance(revision, int) or not isinstance(wait, (int, float)):
@@ -133,12 +146,12 @@ class Served:
                 with self._filtering:
                     return document(offered(shown), [*rules, wanted])
 
-            return Look((self._is_here(caller), *viewer(NO_STATE)[1], wanted), seen)
+            return Look((written, self._is_here(caller), *viewer(NO_STATE)[1], wanted), seen, written)
 
         answer = told.answer(caller, wanted, look, epoch, revision, min(max(wait, 0.0), LONGEST_WAIT) * may_wait)
         # A whole state may be as it is sent, packed. Else a digest is there where nothing is new.
         self.changes.add(not isinstance(answer, list) or not answer[5])
-        return answer
+        return written(answer) if isinstance(answer, list) else answer
 
     def _md5sums(self, caller: str, types: Any) -> List[List[str]]:
         """The md5 sums of message types of topics that this master's own nodes have, and the caller may see."""
@@ -164,6 +177,10 @@ class Served:
         except InvalidPattern as problem:  # what is secret is not known, so everything is
             raise Refused(str(problem)) from None
         return lambda state: self._policy.view(state, caller, [secret])
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
 
 
 def _wanted(filters: Any) -> Rules:

@@ -25,17 +25,22 @@ MOST_READY = 8  # whole states that are kept as they are sent, packed
 Key = Tuple[str, str]  # caller, epoch
 
 
+def _as_it_is(answer: Any) -> Any:
+    return answer
+
+
 class Look(NamedTuple):
     """The present view of a caller: the rules, as something to compare, and the document that they make of a state."""
 
     rules: Hashable
     document: Callable[[State], List[Any]]
+    written: Callable[[Any], Any] = _as_it_is  # makes of a whole answer what travels
 
 
 class Told:
     """The answers to questions for differences. Asked in threads of the server, which wait here."""
 
-    def __init__(self, current: Callable[[], Any], ready: Callable[[List[Any]], Any] = list) -> None:
+    def __init__(self, current: Callable[[], Any], ready: Callable[[Any], Any] = _as_it_is) -> None:
         """`current()` raises Refused while there is no state to tell. `ready(answer)`: a whole state as it is kept and sent."""
         self._current, self._start = current, os.urandom(6).hex()
         self._changed = threading.Condition()
@@ -120,7 +125,9 @@ class Told:
             if key not in self._wholes:
                 while len(self._wholes) >= MOST_READY:
                     self._wholes.popitem(last=False)
-                self._wholes[key] = self._ready([epoch, now, True, seeing.document(state), [[], [], []], ""])
+                self._wholes[key] = self._ready(
+                    seeing.written([epoch, now, True, seeing.document(state), [[], [], []], ""])
+                )
             return self._wholes[key]
 
     def _wait(self, seen: int, until: float) -> bool:
