@@ -136,6 +136,16 @@ def test_a_change_is_announced_at_once_and_twice_again():
     assert [round(now, 1) for now, kind, host in out if kind is Kind.STATE] == [20.0, 20.2, 21.0]
 
 
+@pytest.mark.parametrize(("rate", "local", "beats"), [(1.0, 1000.0, 2), (0.5, 1000.0, 3), (1.0, 1001.0, 3)])
+def test_what_is_of_others_is_told_with_the_next_beat_where_that_comes_soon(rate, local, beats):
+    core = started(heartbeat_hz=rate)
+    run(core, 0.25, 20.25)
+    core.own_state(Master(**{**OWN.__dict__, "stamp": 1001.0, "local_stamp": local}), 20.4)
+    out, _events = run(core, 20.4, 22.2, 0.1)
+    told = [now for now, kind, _host in out if kind is Kind.STATE]
+    assert len(told) == beats
+
+
 def test_the_announced_stamps_are_those_of_the_state():
     core = node()
     core.own_state(Master(**{**OWN.__dict__, "stamp": 1700000000.123456, "local_stamp": 1700000000.0}), 0.0)

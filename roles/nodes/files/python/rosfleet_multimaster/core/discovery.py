@@ -49,6 +49,7 @@ from .outsiders import Budget, Outsiders
 from .peer import LONG_AGO, Act, Contact, Key, Master, Peer, Sign
 
 REPEAT_CHANGES = (0.0, 0.2, 1.0)  # seconds after a change: one lost datagram must not delay it
+OFTEN = 1.0  # heartbeats a second, of which the next one is soon enough to tell that what a master has of others has changed
 REPEAT_REQUESTS = (0.0, 1.0, 5.0)  # seconds after the start
 ANSWER_PAUSE = 0.1  # seconds between two answers to one address
 SCAN, EARLY = 1.0, 0.5  # seconds between two ticks at most; and the tidying may come so much before its time
@@ -235,7 +236,9 @@ class Discovery:
             self._own_since = now
         if before is None or not before.online:
             self.greet(now)
-        elif (before.stamp, before.local_stamp) != (master.stamp, master.local_stamp):
+        elif before.local_stamp != master.local_stamp or (
+            before.stamp != master.stamp and self.settings.heartbeat_hz < OFTEN
+        ):
             self._announce = [now + after for after in REPEAT_CHANGES]
         self._publish()
         self.tick(now)
