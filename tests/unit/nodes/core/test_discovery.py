@@ -4,7 +4,9 @@ import random
 
 import pytest
 from rosfleet_multimaster.core.discovery import (
+    ECHO,
     MAX_ASKED,
+    MAX_MASTERS,
     MAX_PER_ADDRESS,
     MAX_STRANGERS,
     STRANGER_LIMIT,
@@ -144,6 +146,37 @@ def test_what_is_of_others_is_told_with_the_next_beat_where_that_comes_soon(rate
     out, _events = run(core, 20.4, 22.2, 0.1)
     told = [now for now, kind, _host in out if kind is Kind.STATE]
     assert len(told) == beats
+
+
+def test_the_copy_of_a_beat_counts_as_one_and_is_a_sign_of_life_only_where_one_is_needed():
+    core = met()
+    core.datagram(state(2001, rate=1.0), PEER, True, 11.0)
+    core.datagram(state(2001, rate=1.0), PEER, False, 11.01)
+    entry = core._entries[next(iter(core._entries))]
+    assert entry.heard == 11.0 and list(entry.beats)[-2:] == [11.0, 11.01]
+    core.datagram(state(2001, rate=1.0), PEER, False, 11.0 + 2 * ECHO)  # no copy any more
+    assert entry.heard == 11.0 + 2 * ECHO
+    entry.requested = 11.2
+    core.datagram(state(2001, rate=1.0), PEER, False, 11.21)  # the answer to a question
+    assert entry.heard == 11.21 and not entry.overdue
+
+
+def test_another_beat_is_no_copy_whoever_sends_it():
+    core = met()
+    core.datagram(state(2001), PEER, True, 11.0)
+    core.datagram(state(2002), PEER, True, 11.01)
+    core.datagram(state(2001), ("10.0.0.9", 11511), True, 11.02)
+    core.tick(11.02)
+    assert [master.stamp for master in core.masters()][1] == 2002 and core._strangers
+
+
+def test_a_flood_of_beats_of_a_known_master_is_not_remembered():
+    core = met()
+    for stamp in range(2000, 2000 + 2 * MAX_MASTERS):
+        core.datagram(state(stamp), PEER, True, 11.0)
+    assert len(core._echoes) == MAX_MASTERS
+    core.tick(12.5)
+    assert not core._echoes
 
 
 def test_the_announced_stamps_are_those_of_the_state():

@@ -51,6 +51,7 @@ from .peer import LONG_AGO, Act, Contact, Key, Master, Peer, Sign
 REPEAT_CHANGES = (0.0, 0.2, 1.0)  # seconds after a change: one lost datagram must not delay it
 OFTEN = 1.0  # heartbeats a second, of which the next one is soon enough to tell that what a master has of others has changed
 REPEAT_REQUESTS = (0.0, 1.0, 5.0)  # seconds after the start
+ECHO = 0.05  # seconds between a heartbeat to the group and the same one by unicast, or the other way round, at most
 ANSWER_PAUSE = 0.1  # seconds between two answers to one address
 SCAN, EARLY = 1.0, 0.5  # seconds between two ticks at most; and the tidying may come so much before its time
 ASLEEP = 1.5  # seconds between two ticks after which this computer was asleep, and the others were not silent
@@ -69,6 +70,7 @@ MAX_STRANGERS, MAX_ASKED = 1024, 32  # senders that have not said who they are; 
 MAX_ANSWERED = 4096  # addresses that are answered in a second
 FORGET_STRANGER = 30.0  # seconds of silence
 FAR = float("inf")
+Sent = Tuple[Tuple[str, int], bytes]  # a datagram: from, content
 
 
 @dataclass(frozen=True)
@@ -203,6 +205,7 @@ class Discovery:
         self._budget = Budget()
         self._turn = False
         self._public: Dict[str, Master] = {}
+        self._echoes: Dict[Sent, Tuple[Peer, float]] = {}  # the last heartbeats
         self._stale = False  # something may be another than what is public
         self._first_step: Optional[float] = None  # see _next_step
         self._crowds: Optional[Set[str]] = None  # addresses with several masters
@@ -289,7 +292,7 @@ class Discovery:
 
     def datagram(self, data: bytes, source: Tuple[str, int], multicast: bool, now: float) -> None:
         """Take a datagram. An empty one is a probe of somebody's verification."""
-        if not data:
+        if self._says_nothing(data, source, now):
             return
         try:
             beat = decode(data)
@@ -320,6 +323,21 @@ class Discovery:
             self._stranger(key, beat, now)
         else:
             self._heard(entry, beat, now)
+            self._remember(entry, beat, (source, data), now)
+
+    def _remember(self, entry: Peer, beat: Heartbeat, sent: Sent, now: float) -> None:
+        if beat.kind is Kind.STATE and len(self._echoes) < MAX_MASTERS:
+            self._echoes[sent] = (entry, now)
+
+    def _says_nothing(self, data: bytes, source: Tuple[str, int], now: float) -> bool:
+        """True for an empty datagram, and for a heartbeat that came a moment ago by the other way: to the group or by unicast."""
+        if not data:
+            return True
+        entry, at = self._echoes.get((source, data), (None, LONG_AGO))
+        if entry is None or now - at > ECHO or not entry.online or entry.leaving or entry.overdue or entry.given_up:
+            return False
+        entry.beats.append(now)
+        return True
 
     def contacted(
         self,
@@ -387,6 +405,7 @@ class Discovery:
         if now >= self._next_scan - EARLY:  # rather now than to wake for it
             self._next_scan = now + SCAN
             self._answered = {host: at for host, at in self._answered.items() if now - at < ANSWER_PAUSE}
+            self._echoes.clear()
             self.outsiders.forget(now)
             while self._strangers and now - next(iter(self._strangers.values())).heard > FORGET_STRANGER:
                 self._strangers.pop(next(iter(self._strangers)))
