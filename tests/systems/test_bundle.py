@@ -77,8 +77,9 @@ def test_throughput_is_measured_and_a_slow_link_is_named_where_somebody_expects_
     speeds = {(entry["from"], entry["to"]): entry["mbit_s"] for entry in here["throughput"]}
     assert 0 < speeds["kobuki1computer", "kobuki2computer"] < 9, speeds
     assert speeds["kobuki2computer", "kobuki1computer"] > 20, speeds
-    (finding,) = here["findings"]
-    assert (finding["kind"], finding["mode"], finding["verdict"]) == ("link", "slow out", "warning"), finding
+    # A stranger of an earlier test in this lab is still told for a while.
+    told = [(row["kind"], row["mode"], row["verdict"]) for row in here["findings"] if row["kind"] != "stranger"]
+    assert told == [("link", "slow out", "warning")], here["findings"]
     there = judged(lab, tmp_path / "slow.zip", tmp_path / "found.json")
     assert there["throughput"] == here["throughput"] and there["findings"] == here["findings"]
 
