@@ -18,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import registered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, prediction
 
 OPTIONS = ("fleet", "machine", "table")
@@ -56,10 +57,10 @@ class ActionModule(ActionBase):
 
 
 def machines(fleet: FleetPlan, hostvars: Mapping[str, Any], name: str) -> dict[str, Mapping[str, Any]]:
-    """Return what was read on each computer; one whose result makes no sense counts as not looked at."""
+    """Return what was read on each computer, registered by this name (with a dot: a part of it); one whose result makes no sense counts as not looked at."""
     read = {}
     for host in fleet.computers:
-        info = plain_data(hostvars[host].get(name) or {}) if host in hostvars else {}
+        info = plain_data(registered(hostvars[host], name)) if host in hostvars else {}
         if found.looked_at(info) and found.makes_sense(fleet, host, info):
             read[host] = info
     return read

@@ -3,7 +3,7 @@
 
 """Whether the prediction of reachability agrees with what was measured under a fault: of the ways that both know. Pure.
 
-The prediction is that of playbooks/predict.yml for now, from what multimaster_info has read beside the measurement.
+The prediction is that of playbooks/predict.yml for now, from what the verification has read of the machines beside it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Agreement:
 def agreement(recorded: Mapping[str, Any]) -> Agreement:
     """Compare the prediction for now with what was measured; `recorded` is what callbacks/observations.py keeps."""
     fleet = from_plain(FleetPlan, recorded["fleet"])
-    predicted = prediction.predict(fleet, machines(fleet, recorded["registered"], "multimaster_info"))
+    predicted = prediction.predict(fleet, machines(fleet, recorded["registered"], "verify_started.machine"))
     found = dict(measured(recorded["registered"]))
     states = {(pair.traffic, pair.observer, pair.target): pair.now for pair in predicted.pairs}
     known = [way for way in states if way in found and not _another_filter(way, states)]

@@ -120,9 +120,10 @@ def _other_settings(place: Place, parts: Sequence[Part]) -> Commands:
     probe = place.computer.seen.probe
     for entry in probe.next_boot if probe else ():
         asked = entry.kind == "sysctl" and entry.name in {part.what for part in parts}
-        if asked and FILE.fullmatch(entry.file) and SETTING.fullmatch(entry.name):
+        file = entry.file.partition(" line ")[0]
+        if asked and FILE.fullmatch(file) and SETTING.fullmatch(entry.name):
             name = entry.name.replace(".", "[./]")
-            yield rf"sed -i -E 's,^[[:space:]]*-?{name}[[:space:]]*=,# &,' {entry.file}"
+            yield rf"sed -i -E 's,^[[:space:]]*-?{name}[[:space:]]*=,# &,' {file}"
 
 
 def _drop_ins(place: Place, _parts: Sequence[Part]) -> Commands:

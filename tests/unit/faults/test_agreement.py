@@ -24,7 +24,7 @@ def recorded(world, ping=True, large=True, heard=True, means="", calls_itself="d
     member = {"name": "dabo-nav", "address": ADDRESS["dabo-nav"], "addresses": [means or ADDRESS["dabo-nav"]]}
     member.update(ping_address={"ok": ping}, ping_large={"ok": large} if ping else None)
     topic = {"computer": "dabo-nav", "heard": heard, "publishers": [{"uri": f"http://{calls_itself}:40000/"}]}
-    results = {name: {"multimaster_info": info_of(world.machines[name])} for name in PLAN.computers}
+    results = {name: {"verify_started": {"machine": info_of(world.machines[name])}} for name in PLAN.computers}
     results["tibi-nav"].update(verify_probe={"members": [member], "topics": [topic]})
     return {"fleet": to_plain(PLAN), "registered": results}
 

@@ -87,7 +87,7 @@ def interface(**values):
             r"sed -i -E '/rosfleet.multimaster/! s/^[^#].*[[:space:]](dabo-nav|dabo\.nav)([[:space:]]|$)/# &/' /etc/hosts",
         ),
         (
-            boots("/etc/sysctl.d/99-z.conf"),
+            boots("/etc/sysctl.d/99-z.conf line 3"),  # as the machine tells it
             ("boot", "sysctl", "net.ipv4.ip_forward"),
             "sed -i -E 's,^[[:space:]]*-?net[./]ipv4[./]ip_forward[[:space:]]*=,# &,' /etc/sysctl.d/99-z.conf; "
             "then run site.yml, which sets it at boot",
