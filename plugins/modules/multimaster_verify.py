@@ -11,8 +11,6 @@ description:
     the names, pings by name and by address, connects to the discovery nodes, compares the clocks, calls
     C(rosservice call /master_discovery/list_masters), and hears what every other computer publishes (section 4.3).
     On the computer of a roscore it also reads what that holds, of which robot it is, and which nodes are connected.
-  - With O(state=streamed), between the last two, it sends for a moment to the talker of each other computer and returns how fast that
-    was. Such a task needs C(throttle) with V(1), since streams at the same time would measure each other.
   - It takes three tasks, so that any number of C(--forks) works. With O(state=started), every computer that has ROS
     starts a talker, a small node without rospy in a unit that ends by itself after O(lifetime); with O(look) and
     O(multicast) the machine is looked at and a listener started in the same run. With
@@ -20,6 +18,8 @@ description:
     subscribes to all talkers, as C(rostopic echo) does to one. With O(state=stopped), the
     talkers end. Use the C(linear) strategy (the default), so that a task is through on every computer before the next
     one begins.
+  - With O(state=streamed), between the last two, it sends for a moment to the talker of each other computer and returns how fast
+    that was. Such a task needs C(throttle) with V(1), since streams at the same time would measure each other.
   - It is a measurement, so what is missing is a result and no failure; M(rosfleet.multimaster.fleet_report) judges it.
   - It runs the commands of ROS as the user C(nobody) and needs root itself, for raw sockets and for the talker's unit.
 extends_documentation_fragment:

@@ -62,7 +62,7 @@ def test_a_bundle_without_names(lab, tmp_path):
 
 @contextlib.contextmanager
 def slow(lab, host, mbit_s):
-    """What a computer sends is slowed down, as by a weak signal."""
+    """Slow down the packets that a computer sends, as a weak signal does."""
     lab.run(host, f"tc qdisc add dev eth0 root tbf rate {mbit_s}mbit burst 16kb latency 100ms")
     try:
         yield

@@ -174,7 +174,7 @@ def _removal(name: str, state: State) -> Action:
 
 
 class Reasons(typing.NamedTuple):
-    """What is known of a unit beside its state: see `plan`; `restarted` are the units before it that are restarted."""
+    """The grounds to restart a unit beside its state: see `plan`; `restarted` are the units before it that are restarted."""
 
     text: str
     pending: bool

@@ -69,7 +69,7 @@ def message(text: str) -> bytes:
 
 
 class _Stream:
-    """What has come of a stream, since its first piece."""
+    """The part of a stream that has come, since its first piece."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = min(seconds, STREAM)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What teardown.yml takes back at once is what the roles take back one after the other."""
+"""teardown.yml takes back at once what the roles take back one after the other."""
 
 import pathlib
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What killed talkers and listeners leave in a roscore, over real sockets."""
+"""Registrations that killed talkers and listeners leave in a roscore, over real sockets."""
 
 import socket
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is to be pasted, from what was read on the computer, and nothing that a machine could put into it."""
+"""The command to paste is made of what was read on the computer, and holds nothing that a machine could put into it."""
 
 from dataclasses import replace
 
