@@ -73,7 +73,7 @@ def _run(random, fleet, faulty):
 def _injected(random, number, state, run, rows):
     """The trial with these faults, or None where one of them cannot be injected, or cannot be seen beside the other."""
     healthy_state, found, bases = state, [], (state,)
-    seen = observe(state, run, number)
+    seen = _measured(state, run, number)
     for of in rows:
         row = random.choice(of)
         chance = random.getstate()
@@ -81,18 +81,23 @@ def _injected(random, number, state, run, rows):
         if made is None or any(place == made[1] for _row, place in found):
             return None
         before, (state, place) = state, made
-        now = observe(state, run, number)
+        now = _measured(state, run, number)
         if now == seen:
             return None
         if found:
             random.setstate(chance)
             alone = row.inject(healthy_state, random)
-            if alone is None or alone[1] != place or now == observe(alone[0], run, number):
+            if alone is None or alone[1] != place or now == _measured(alone[0], run, number):
                 return None  # it hides the one before
             bases = (alone[0], before)
         seen = now
         found.append((row, place))
-    return Trial(number, state, run, tuple(found), seen, bases=bases)
+    return Trial(number, state, run, tuple(found), observe(state, run, number), bases=bases)
+
+
+def _measured(state, run, number):
+    """The observations without the rules that were read: a rule that drops nothing is no fault."""
+    return {name: replace(seen, filters=None) for name, seen in observe(state, run, number).items()}
 
 
 def named(trial):

@@ -6,11 +6,15 @@
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.found import HOOKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import ACCEPT
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import rules
 
 from tests.simulator.network import Network
 from tests.simulator.ros import Ros
 from tests.simulator.state import RUNS
 
+WITHOUT_NFT = 0.5  # of all computers
 NO_ROS = "there is no command rostopic in the PATH of /etc/rosfleet-multimaster/environment; install it"
 
 
@@ -40,12 +44,41 @@ def _of(state, network, ros, name, there, started, listeners):
         multicast=measured,
         probe=_router(network, name) if plan.is_router else _probe(state, network, ros, name, started),
         packet_filter=_filter(state, name) if plan.firewall else None,
+        filters=_filters(state, network, name),
     )
 
 
 def _filter(state, name):
     """Whether the rules of the collection are as planned. Rules of others are not looked at."""
     return seen.PacketFilter(msg="The rules of nftables were right.")
+
+
+def _filters(state, network, name):
+    """The rules of others, where nft is there to tell them: on every second computer."""
+    if network.chance("nft", name) < WITHOUT_NFT:
+        return seen.Filters()
+    own = rules(state.fleet, state.fleet.computers[name])
+    chains = {}
+    for rule in state.world.machines[name].rules:
+        if rule not in own:
+            chains.setdefault(rule.chain, []).append(_rule(rule))
+    hooks = {chain: hook for hook, chain in HOOKS.items()}
+    found = (seen.FilterChain(hooks[chain], "inet others", ACCEPT, tuple(listed)) for chain, listed in chains.items())
+    return seen.Filters(True, tuple(found))
+
+
+def _rule(rule):
+    return seen.FilterRule(
+        verdict=rule.verdict,
+        protocol=rule.protocol,
+        ports=rule.ports,
+        sources=tuple(map(str, rule.sources)),
+        destinations=tuple(map(str, rule.destinations)),
+        incoming=rule.incoming,
+        leaving=rule.leaving,
+        state=rule.state,
+        above=rule.above,
+    )
 
 
 def _network(network, name, by_name):

@@ -36,7 +36,7 @@ ROOMS = {
         "_plan": {"_fleet"},
         "_changes": {"_fleet"},
         "_world": {"_plan", "_fleet"},
-        "_verify": {"_plan", "_fleet"},
+        "_verify": {"_plan", "_fleet", "_world"},
         "_report": {"_verify", "_plan", "_fleet"},
         "_bundle": {"_report", "_verify", "_plan", "_fleet"},
         "_adopt": {"_fleet"},

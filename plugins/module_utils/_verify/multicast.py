@@ -3,6 +3,7 @@
 
 """The work of multicast_verify: its options, and what each of its states does. multimaster_verify measures with it, too."""
 
+import errno
 import ipaddress
 import re
 import typing
@@ -154,6 +155,8 @@ def start(settings: Settings, index: int) -> Result:
         why = error.strerror or error
         if isinstance(error, PermissionError):
             why = f"{why}; it needs root, so set become: true"
+        if error.errno == errno.ENOBUFS:  # ip(7), IP_ADD_MEMBERSHIP
+            why = f"{why}; this kernel joins no more groups, so raise net.ipv4.igmp_max_memberships"
         raise Problem(f"Cannot listen for {where}: {why}.") from error
     leave(lambda: serve(sockets, settings, path), sockets, "multicast_verify's helper")
     return {"msg": f"Listening for {where}, for {settings.lifetime} s at most."}

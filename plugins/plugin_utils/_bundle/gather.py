@@ -48,6 +48,7 @@ def gathered(
             names["packet_filter"],
             names["plan"],
             names["streams"],
+            names["machine"],
         )
         for host in fleet.computers
         if host in hosts

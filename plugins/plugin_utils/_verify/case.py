@@ -17,6 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
     Member,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Exchanges
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.filtered import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     Datagrams,
     Exchange,
@@ -156,6 +157,7 @@ class Everything:
     exchanges: Exchanges
     usual: Mapping[str, int]  # network -> the MTU that most have there
     least: float  # Mbit/s that are expected of a stream; 0 for any
+    filters: ReadFilters  # the packet filters, by the rules that were read
 
 
 class Case:  # no dataclass: there are hundreds of thousands in a large fleet, and each is looked at by many checks
@@ -165,6 +167,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         "address",
         "counted",
         "exchanges",
+        "filters",
         "fleet",
         "least",
         "member",
@@ -191,6 +194,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         self.ways = everything.ways
         self.run = everything.run
         self.exchanges = everything.exchanges
+        self.filters = everything.filters
         self.usual = everything.usual
         self.least = everything.least
         self.observer = observer

@@ -18,7 +18,6 @@ from typing import NamedTuple
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import Part
 
 GAIN = 4.0  # of a failure that a part explains, in the measure of Fault.cost
-UNREAD = 1.0  # what a part costs more that a value would show, if somebody had looked
 KNOWN = 2.0  # what a part gains that was read to be broken
 MOST = 5  # of these, with the part itself: a longer list helps nobody
 MARGIN = 1.0  # parts that are as good as the best one, but for this: it is one of these
@@ -44,14 +43,14 @@ def explain(
     failures: Sequence[Failure],
     known: Set[Part],
     passed: Callable[[Part], int],
-    unread: Callable[[Part], bool] = lambda part: False,
+    doubt: Callable[[Part], float | None] = lambda part: None if part.fault.read else 0.0,
 ) -> tuple[list[Chosen], list[int]]:
     """Choose parts until nothing is left that any part explains; return them, and the numbers of the rest.
 
     `known` are broken for sure. `passed` counts the successes that need a part; it is asked only about the best ones.
-    What a value would show is concluded only where it is `unread`, since nobody could look.
+    `doubt` says what a part costs more since nobody has read it; None where it is not concluded at all.
     """
-    cover = _Cover(failures, known, passed, unread)
+    cover = _Cover(failures, known, passed, doubt)
     chosen = []
     while (best := cover.best()) is not None:
         chosen.append(Chosen(best, cover.take(best)))
@@ -67,14 +66,17 @@ class _Cover:
         failures: Sequence[Failure],
         known: Set[Part],
         passed: Callable[[Part], int],
-        unread: Callable[[Part], bool],
+        doubt: Callable[[Part], float | None],
     ) -> None:
         self.failures, self.known, self.passed = failures, known, passed
         self.open = set(range(len(failures)))
         self.covers: dict[Part, list[int]] = defaultdict(list)
+        self.doubts: dict[Part, float | None] = {}
         for number, failure in enumerate(failures):
             for part in failure.suspects:
-                if part in known or not part.fault.read or unread(part):
+                if part not in self.doubts:
+                    self.doubts[part] = 0.0 if part in known else doubt(part)
+                if self.doubts[part] is not None:
                     self.covers[part].append(number)
         self.counted: dict[Part, int] = {}
         # (smaller is better, the part); a score is never better than when it was put here
@@ -126,7 +128,7 @@ class _Cover:
     def _cost(self, part: Part) -> float:
         if part in self.known:
             return -KNOWN
-        return part.fault.cost + (UNREAD if part.fault.read else 0.0)
+        return part.fault.cost + (self.doubts.get(part) or 0.0)
 
     def equals(self, best: Part, numbers: Set[int]) -> list[Part]:
         """List the parts that explain the same failures nearly as well as the best one, and better ones before."""

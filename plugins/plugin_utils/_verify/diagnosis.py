@@ -23,13 +23,15 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     OK,
     UNKNOWN,
     WARNING,
+    Check,
     Row,
     Verification,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.filtered import GROUP, ROSCORE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import NONE, Parts, losing
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.offsets import offset
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import FOLLOWS, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import FOLLOWS, RULED, Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.since import since
 
 WEIGHTS = {FAILED: 1.0, WARNING: 0.9, UNKNOWN: 0.5}
@@ -39,6 +41,8 @@ ASKED = 60  # pairs that are looked at for a success that clears a part
 MOST = 20_000  # rows that are explained
 ENOUGH = 3  # successes that clear it, where it lets nothing pass
 MANY = 20  # those that are counted of a part that lets some things pass: their share says how likely it is
+UNREAD = 1.0  # what a part costs more that a value would show, if somebody had looked
+NOT_FOUND = 2.0  # what a packet filter costs more where the rules were read and none of them drops it
 NAMED = 4  # names, networks and the like that a finding names
 
 
@@ -140,11 +144,21 @@ class _Diagnosis:
         case = self.verification.case(check, row.observer, row.target)
         if case is None:
             return
-        if evidence := check.evidence(case):
+        if evidence := check.evidence(case) or self._dropped(check, row):
             for part in evidence:
                 self.broken[part].proof.append(row)
         else:
             self.open.append((row, (check.suspects or check.needs)(case)))
+
+    def _dropped(self, check: Check, row: Row) -> Parts:
+        """Find the packet filter with a rule that drops what a check has sent in vain."""
+        if not check.carries or row.verdict not in (FAILED, WARNING):
+            return NONE
+        ends = (row.target, row.observer) if check.carries == GROUP else (row.observer, row.target)
+        if check.carries == ROSCORE:
+            ends = row.observer, self.verification.ways.master(self.verification.run[row.observer].plan.robot)
+        part = self.verification.everything.filters.dropping(*ends, check.carries)
+        return NONE if part is None else frozenset({part})
 
     def result(self) -> Diagnosis:
         """Explain what no value explains."""
@@ -157,7 +171,7 @@ class _Diagnosis:
         ]
         # what was read may have a text that says more; a row suspects the part without it
         told = {part._replace(what=""): part for part in self.broken}
-        chosen, rest = explain(failures, {*self.broken, *told}, self.successes, self._unread)
+        chosen, rest = explain(failures, {*self.broken, *told}, self.successes, self._doubt)
         for entry in chosen:
             known = entry.part if entry.part in self.broken else told.get(entry.part, entry.part)
             broken = self.broken[known]
@@ -196,6 +210,16 @@ class _Diagnosis:
         case = self.verification.case(self.checks[row.check], row.observer, row.target)
         return losing(case, row.observer, row.target) | losing(case, *case.masters) if case else NONE
 
+    def _doubt(self, part: Part) -> float | None:
+        """Say what it costs more to conclude a part that reading did not show; None where it would have shown it."""
+        if part.fault.read:
+            return UNREAD if self._unread(part) else None
+        return (
+            NOT_FOUND
+            if (part.kind, part.mode) in RULED and self.verification.everything.filters.lets_pass(part)
+            else 0.0
+        )
+
     def _unread(self, part: Part) -> bool:
         """Nobody could look at the place of a part."""
         if not part.fault.unseen:
@@ -208,12 +232,16 @@ class _Diagnosis:
         places: dict[str, list[Part]] = defaultdict(list)
         for part in self.broken:
             places[part.place].append(part)
-        for part in list(self.broken):
-            reasons = FOLLOWS.get((part.kind, part.mode), ())
-            reason = next((other for other in places[part.place] if (other.kind, other.mode) in reasons), None)
-            if reason is not None and reason in self.broken:
-                gone = self.broken.pop(part)
-                self.broken[reason].rows += gone.proof
+        reasons: dict[Part, Part] = {}
+        for part in self.broken:
+            kinds = FOLLOWS.get((part.kind, part.mode), ())
+            reason = next((other for other in places[part.place] if (other.kind, other.mode) in kinds), None)
+            if reason is not None:
+                reasons[part] = reason
+        for part, reason in reasons.items():
+            while reason in reasons:  # which follows from another one
+                reason = reasons[reason]
+            self.broken[reason].rows += self.broken.pop(part).proof
 
     def _passed(self, rows: Sequence[Row]) -> tuple[str, ...]:
         """List the checks that succeed in the pairs of some rows, once for each pair."""

@@ -22,6 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case 
     usual_mtus,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Exchanges
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.filtered import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import NONE, Parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.pairs import ALL, number, tried
@@ -92,6 +93,7 @@ class Check:
     needs: Callable[[Case], Parts] = _nothing
     suspects: Callable[[Case], Parts] | None = None
     evidence: Callable[[Case], Parts] = _nothing
+    carries: str = ""  # the packets that it sends, a word of filtered.TRAFFIC: a rule that drops them is evidence, too
     shown: bool = False  # what is good of it is read, too, so there is a row of each
 
 
@@ -126,7 +128,10 @@ class Verification:
                 if computer.plan.is_master and computer.seen.probe and not computer.seen.probe.exchange.error
             },
         )
-        self.everything = Everything(fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways), least)
+        filters = ReadFilters(fleet, {name: computer.seen for name, computer in self.run.items()})
+        self.everything = Everything(
+            fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways), least, filters
+        )
 
     def rows(self, passed: Passed | None = None) -> Iterator[Row]:
         """Apply every check to every computer of the run, and to every pair that was to be tried by one of them.

@@ -12,6 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
+    Filters,
     Multicast,
     Observation,
     PacketFilter,
@@ -30,6 +31,7 @@ def observation(
     packet_filter: str = "",
     plan: str = "",
     streams: str = "",
+    machine: str = "",
 ) -> Observation:
     """Read the registered results of one computer; the message of the first one that failed is its problem."""
     results = [registered(variables, name) for name in (*earlier, multicast, probe)]
@@ -46,6 +48,7 @@ def observation(
             found=as_found(variables, plan),
             services=services(variables, plan),
             streams=complete(Streams, variables, streams, "streams"),
+            filters=complete(Filters, variables, f"{machine}.filters", "chains"),
         )
     except Mismatch as found:  # what one computer was told by strangers must not cost the others their report
         return Observation(

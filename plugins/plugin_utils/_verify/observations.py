@@ -476,6 +476,40 @@ class PacketFilter:
     msg: str = ""
 
 
+@dataclass(frozen=True)
+class FilterRule:
+    """A rule of the packet filter, as multimaster_info has read it; what is empty matches everything."""
+
+    verdict: str
+    protocol: str = ""
+    ports: tuple[int, ...] = ()  # of the destination: the first and the last one
+    sources: tuple[str, ...] = ()
+    destinations: tuple[str, ...] = ()
+    incoming: str = ""
+    leaving: str = ""
+    state: str = ""
+    above: int = 0  # bytes
+
+
+@dataclass(frozen=True)
+class FilterChain:
+    """A chain of the packet filter."""
+
+    hook: str
+    table: str = ""
+    policy: str = ""
+    rules: tuple[FilterRule, ...] = ()
+    unread: int = 0  # rules that say more than is understood
+
+
+@dataclass(frozen=True)
+class Filters:
+    """All chains of the packet filter that may drop something."""
+
+    readable: bool = False
+    chains: tuple[FilterChain, ...] = ()
+
+
 # All
 
 
@@ -491,3 +525,4 @@ class Observation:
     found: AsFound | None = None  # None where preflight did not look
     services: tuple[str, ...] | None = None  # of the planned ones those that can run there, as preflight found
     streams: Streams | None = None  # None where no throughput was measured
+    filters: Filters | None = None  # None where the machine was not looked at

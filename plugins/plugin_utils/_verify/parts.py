@@ -106,6 +106,9 @@ FILTERS: Mapping[tuple[str, str], Fault] = {
     for direction, (said, more) in DIRECTIONS.items()
 }
 
+#: The packet filters that a rule shows, where rules can be read.
+RULED = frozenset({*FILTERS, ("filter", "forward")})
+
 FAULTS: Mapping[tuple[str, str], Fault] = {
     # A computer
     ("computer", "off"): Fault(
@@ -117,9 +120,10 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=2.0,
     ),
     ("computer", "unmeasured"): Fault(
-        "{place} could not be looked at",
+        "{place} could not be looked at: {what}",
         "see on the controller: ansible-playbook playbooks/verify.yml -vv --limit {place}",
         read=True,
+        what="a measurement gave no result",
     ),
     ("computer", "overloaded"): Fault(
         "{place} is overloaded",
@@ -328,10 +332,11 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=3.5,
     ),
     ("filter", "forward"): Fault(
-        "a packet filter on {place} drops what is meant for another network, as Docker sets it up",
+        "a packet filter on {place} drops {what} meant for another network, as Docker sets it up",
         f"let packets between the robots' networks pass there; see {FORWARDED}",
         FORWARDED,
         cost=2.5,
+        what="what is",
     ),
     ("filter", "changed"): Fault(
         "the packet filter of {place} is not as planned",
@@ -572,9 +577,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
 
 # What follows from another fault of the same place, though it was read by itself: fault -> the faults before it.
 FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
+    **{("filter", f"{mode} {way}"): (("filter", mode),) for mode in DROPPED for way in ("in", "out")},
+    ("computer", "unmeasured"): (("link", "down"), ("interface", "address")),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("roscore", "dead"): (("interface", "duplicate"),),  # it is the other one that refuses
     ("discovery", "dead"): (("roscore", "dead"),),
+    # A node whose datagrams its own kernel refuses leaves the group, and tries again.
+    ("discovery", "group"): (("filter", "group out"), ("filter", "group"), ("filter", "udp out"), ("filter", "udp")),
     ("sync", "dead"): (("roscore", "dead"),),
     ("service", "restarting"): (("roscore", "dead"), ("set_up", "others")),
     ("names", "unknown"): (("names", "order"),),

@@ -89,8 +89,8 @@ def _machine(fleet: FleetPlan, plan: ComputerPlan, info: Info) -> Machine:
         ),
         lookups=lookups(info["routing"].get("rules", ())),
         tables={entry["table"]: tuple(map(_route, entry["routes"])) for entry in info["routing"].get("tables", ())},
-        rules=(*own, *_rules(info["filters"]["chains"])),
-        unclear=_unclear(info["filters"]["chains"]),
+        rules=(*own, *rules(info["filters"]["chains"])),
+        unclear=unclear(info["filters"]["chains"]),
         groups=planned.groups(plan)
         if any("multicast_routing" in name for name in info.get("owned", ()))
         else frozenset(),
@@ -137,7 +137,7 @@ def _address(text: str) -> IPv4Address | None:
     return IPv4Address(text) if text and ":" not in text else None
 
 
-def _rules(chains: Iterable[Info]) -> tuple[Rule, ...]:
+def rules(chains: Iterable[Info]) -> tuple[Rule, ...]:
     """Make the rules of the chains; the policy of each is its last rule."""
     made = []
     for number, chain in enumerate(chains):
@@ -149,7 +149,7 @@ def _rules(chains: Iterable[Info]) -> tuple[Rule, ...]:
 
 
 def _rule(hook: str, table: str, entry: Info) -> Rule:
-    first, last = entry.get("ports", (0, 65535))
+    first, last = entry.get("ports") or (0, 65535)
     return Rule(
         chain=hook,
         verdict=entry["verdict"],
@@ -165,7 +165,8 @@ def _rule(hook: str, table: str, entry: Info) -> Rule:
     )
 
 
-def _unclear(chains: Iterable[Info]) -> frozenset[str]:
+def unclear(chains: Iterable[Info]) -> frozenset[str]:
+    """Name the chains with rules that are not among those of `rules`, since they say more than is understood."""
     return frozenset(HOOKS[chain["hook"]] for chain in chains if chain["unread"])
 
 

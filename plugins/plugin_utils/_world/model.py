@@ -217,12 +217,17 @@ class Machine:
         return {chain: list(tables.values()) for chain, tables in found.items()}
 
     def verdict(self, chain: str, packet: Packet, incoming: str = "", leaving: str = "") -> str:
-        """Return the verdict of its packet filter on a packet: the first table that does not accept it decides."""
+        """Return the verdict of its packet filter on a packet."""
+        rule = self.objection(chain, packet, incoming, leaving)
+        return rule.verdict if rule else ACCEPT
+
+    def objection(self, chain: str, packet: Packet, incoming: str = "", leaving: str = "") -> Rule | None:
+        """Return the rule that decides against a packet: the first table that does not accept it has it."""
         for rules in self._chains.get(chain, ()):
-            found = next((rule.verdict for rule in rules if rule.matches(packet, incoming, leaving)), ACCEPT)
-            if found != ACCEPT:
+            found = next((rule for rule in rules if rule.matches(packet, incoming, leaving)), None)
+            if found is not None and found.verdict != ACCEPT:
                 return found
-        return ACCEPT
+        return None
 
     def with_interface(self, changed: Interface) -> Machine:
         """The machine with another state of one interface: the kernel's routes of its addresses change with it."""

@@ -27,6 +27,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     Interface,
     Machine,
     Packet,
+    Rule,
     World,
 )
 
@@ -84,6 +85,7 @@ class Trace:
     translations: tuple[tuple[str, IPv4Address, IPv4Address], ...] = ()  # machine, new source, the one before
     device: str = ""  # by which it came in at its end
     kept: float = 1.0  # the share of such packets that no interface on the way loses
+    rule: Rule | None = None  # of the packet filter that ends it
 
     @property
     def ok(self) -> bool:
@@ -101,9 +103,9 @@ class Trace:
 class End(Exception):
     """A packet ends: what becomes of it, and where."""
 
-    def __init__(self, outcome: str, where: str) -> None:
+    def __init__(self, outcome: str, where: str, rule: Rule | None = None) -> None:
         super().__init__(outcome, where)
-        self.outcome, self.where = outcome, where
+        self.outcome, self.where, self.rule = outcome, where, rule
 
 
 class _Journey:
@@ -132,7 +134,8 @@ class _Journey:
         except End as end:
             hops, links = tuple(self.hops), tuple(self.links)
             changed = tuple(self.translations)
-            return Trace(end.outcome, end.where, self.by, hops, self.packet, links, changed, self.device, self.kept)
+            way = Trace(end.outcome, end.where, self.by, hops, self.packet, links, changed, self.device, self.kept)
+            return replace(way, rule=end.rule) if end.rule else way
 
     def _local(self, machine: Machine) -> bool:
         destination = self.packet.destination
@@ -202,9 +205,9 @@ class _Journey:
         return self._leave(machine, interface)
 
     def _filter(self, machine: Machine, chain: str, incoming: str, leaving: str) -> None:
-        verdict = machine.verdict(chain, self.packet, incoming, leaving)
-        if verdict != ACCEPT:
-            raise End(REJECTED if verdict == REJECT else FILTERED, machine.name)
+        rule = machine.objection(chain, self.packet, incoming, leaving)
+        if rule is not None:
+            raise End(REJECTED if rule.verdict == REJECT else FILTERED, machine.name, rule)
 
     def _translate(self, machine: Machine, device: Interface) -> None:
         source = self.packet.source

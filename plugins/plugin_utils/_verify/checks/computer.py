@@ -26,6 +26,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     Documented,
     Judgement,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.filtered import ROSCORE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import NONE, Parts, joined, of, roscore
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     DefaultRoute,
@@ -242,6 +243,11 @@ def _measured(case: Case) -> Judgement | None:
     return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good)
 
 
+def _why(case: Case) -> str:
+    seen = case.observer.seen
+    return (seen.problem or next(iter(seen.probe.problems if seen.probe else ()), "")).rstrip(".")
+
+
 MEASURED = Check(
     id="measured",
     title="computer could be looked at",
@@ -249,7 +255,7 @@ MEASURED = Check(
     judge=_measured,
     documented=Documented("computer", "the measurements gave a result"),
     needs=lambda case: of("computer", case.observer.name, "unmeasured"),
-    evidence=lambda case: of("computer", case.observer.name, "unmeasured"),
+    evidence=lambda case: of("computer", case.observer.name, "unmeasured", what=_why(case)),
 )
 
 
@@ -291,8 +297,16 @@ def _without_link(case: Case, network: str) -> Parts:
     states = _states(case, network)
     if len(states) < 2:
         return NONE
-    dead = all(state in DOWN for state in states)
-    return of("network", network, "dead") if dead else of("link", case.observer.name, "down", what=network)
+    if all(state in DOWN for state in states):
+        return of("network", network, "dead")
+    return of("link", case.observer.name, "flapping" if _comes_and_goes(case, network) else "down", what=network)
+
+
+def _comes_and_goes(case: Case, network: str) -> bool:
+    """A link that is down now has carried answers in the same run: others on its network were answered through it."""
+    name = case.observer.name
+    near = (one for one in case.run.values() if one.name != name and network in own_networks(one, case.ways))
+    return any(name in one.answered for one in near)
 
 
 def _states(case: Case, network: str) -> list[str]:
@@ -463,6 +477,7 @@ MASTER_URI = Check(
     title="ROS_MASTER_URI means the robot's roscore",
     scope=COMPUTER,
     judge=_master_uri,
+    carries=ROSCORE,
     documented=Documented("computer", "`ROS_MASTER_URI` and the roscore's own `getUri` are the planned URI", "3.2"),
     needs=lambda case: roscore(case, case.observer.name, case.masters[0]),
     suspects=_roscore_suspects,

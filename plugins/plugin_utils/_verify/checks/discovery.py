@@ -21,6 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engin
     Documented,
     Judgement,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.filtered import GROUP
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs import (
     NONE,
     Parts,
@@ -130,6 +131,7 @@ UDP_MULTICAST = Check(
     title="datagrams on the multicast group arrive",
     scope=MEMBER,
     judge=_udp_multicast,
+    carries=GROUP,
     documented=Documented(
         "pair that the group reaches",
         "UDP datagrams on the group and port in use arrive, from the planned address",
@@ -176,6 +178,7 @@ UDP_UNICAST = Check(
     title="datagrams to the computer arrive",
     scope=MEMBER,
     judge=_udp_unicast,
+    carries="udp",
     documented=Documented("pair with discovery", "UDP datagrams to the computer itself arrive on that port"),
     needs=_unicast_needs,
     suspects=lambda case: (
@@ -328,6 +331,7 @@ RPC_PORT = Check(
     title="port of the discovery node opens",
     scope=MASTER_TOO,
     judge=_rpc_port,
+    carries="rpc",
     documented=Documented("to masters", "the TCP port of the discovery node opens"),
     needs=_port_needs,
     suspects=_port_suspects,

@@ -67,13 +67,14 @@ def _not_answering(case: Case) -> Parts:
     silent = case.exchange.silent if case.exchange else ()
     hung = {"/master_discovery": "discovery", "/master_sync": "sync"}
     nodes = joined(of(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
-    refused = [entry.node for entry in (case.exchange.silences if case.exchange else ()) if _ended(entry)]
+    refused = [entry.node for entry in (case.exchange.silences if case.exchange else ()) if _ended(case, entry)]
     return nodes | (of("registration", case.observer.name, "ghost", what=_some(refused)) if refused else NONE)
 
 
-def _ended(entry: Silent) -> bool:
-    """Nobody listens at its port, and the computer is there to say so."""
-    return "refused" in entry.error.lower()
+def _ended(case: Case, entry: Silent) -> bool:
+    """Nobody listens at its port, and the computer is there to say so; a packet filter that refuses says the same."""
+    filtered = case.filters.dropping(case.observer.name, case.ways.at(entry.host) or entry.host, "nodes")
+    return "refused" in entry.error.lower() and filtered is None
 
 
 NODES_ANSWER = Check(

@@ -280,6 +280,7 @@ PING_ADDRESS = Check(
     title="ping by address",
     scope=MEMBER,
     judge=_ping_address,
+    carries="icmp",
     documented=Documented("pair", "one of three ICMP echo requests to its address is answered", "3.2, 4.2"),
     needs=_pinged,
     suspects=_ping_suspects,

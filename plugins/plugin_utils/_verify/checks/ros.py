@@ -128,6 +128,7 @@ TOPIC_HEARD = Check(
     ),
     needs=_heard_needs,
     suspects=_heard_suspects,
+    carries="nodes",
     evidence=_heard_evidence,
 )
 

@@ -44,6 +44,17 @@ def test_a_success_clears_a_part():
     assert explained(failures, passed=Passed({wall("g"): 1})) == ([(off("a"), ()), (off("b"), ())], [])
 
 
+def test_a_part_that_reading_did_not_show_costs_more():
+    suspects = [Failure(frozenset({wall("a"), off("b")}))]
+
+    def chosen(costs):
+        (entry,), _rest = explain(suspects, set(), lambda part: 0, lambda part: costs.get(part, 0.0))
+        return [entry.part, *entry.rivals]
+
+    assert chosen({off("b"): 5.0}) == [wall("a")]
+    assert chosen({wall("a"): 5.0}) == chosen({wall("a"): None}) == [off("b")]
+
+
 def test_two_faults_are_two():
     failures = [{off("a"), wall("g")}, {off("a"), wall("h")}, {off("b"), wall("g")}, {off("b"), wall("h")}]
     passed = Passed({wall("g"): 3, wall("h"): 3})

@@ -65,6 +65,12 @@ def _interface(**values):
     return lambda seen: update(seen[ONE].probe.forwarding.interfaces[0], **values)
 
 
+def _no_link(seen):
+    _interface(state="down")(seen)
+    silent(seen, [ONE], [TWO])
+    silent(seen, [TWO], [ONE])
+
+
 def _small(seen):
     """The interface has a small MTU, so the other's large packets do not arrive."""
     _interface(mtu=1000)(seen)
@@ -100,7 +106,9 @@ FAULTS = [
     (_sources("mdns4_minimal", "files", "dns"), "name_order", WARNING, "names", ONE, "order"),
     (_no_files, "name_order", WARNING, "names", ONE, "order"),
     (_interface(prefixes=(24,)), "addresses", WARNING, "interface", ONE, "prefix"),
-    (_interface(state="down"), "addresses", WARNING, "link", ONE, "down"),
+    (_no_link, "addresses", WARNING, "link", ONE, "down"),
+    # It has answered in the same run.
+    (_interface(state="down"), "addresses", WARNING, "link", ONE, "flapping"),
     (_filter, "packet_filter", FAILED, "filter", ONE, "changed"),
     (
         _service(load_state="not-found", active_state="inactive", sub_state="dead"),
