@@ -9,7 +9,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 packages=(
-  git rsync shellcheck openssh-client                     # tests
+  git rsync shellcheck openssh-client nftables            # tests
   podman netavark iptables runc conmon mmdebstrap zstd    # lab
   wireguard-tools wireguard-go                            # the tunnel of docs/hostile_networks.md, with any kernel
   chromium-headless-shell                                 # the page of the report

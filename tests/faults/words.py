@@ -21,10 +21,11 @@ DOWN, UP = 1.0, 2.0  # seconds
 LONGEST = 300.0  # seconds that a link flaps at most
 CLASS = Path("/sys/class/net")
 
-# A general query of IGMPv2, once, from a computer that has no part in the fleet.
+# A general query of IGMPv3 (RFC 3376, 4.1), once, from a computer that has no part in the fleet. All members answer it for
+# themselves; to one of IGMPv2 those are silent who hear the answer of another one, and the switch keeps what it knew of them.
 QUERY = """
 import socket
-query = bytes([0x11, 10, 0xEE, 0xF5, 0, 0, 0, 0])
+query = bytes([0x11, 10, 0xEC, 0x78, 0, 0, 0, 0, 2, 125, 0, 0])
 with socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_IGMP) as sender:
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("%s"))
     sender.sendto(query, ("224.0.0.1", 0))
