@@ -427,6 +427,7 @@ FAULTS = (
     Fault("strict reverse path", on(gateways, settings(rp_filter=STRICT)), (("reverse_path", "strict"),)),
     Fault("filter of what is forwarded", on(gateways, rule(FORWARD)), (("filter", "forward"),)),
     Fault("masquerading", on(gateways, masquerade), (("translation", "on"),)),
+    Fault("filter of all", on(computers, rule(IN, new=True)), (("filter", "all in"), ("filter", "all"))),
     Fault("filter of ICMP", on(computers, rule(IN, "icmp")), (("filter", "icmp in"), ("filter", "icmp"))),
     Fault("filter of UDP", on(with_discovery, rule(IN, "udp", ports="udp")), (("filter", "udp in"), ("filter", "udp"))),
     Fault(

@@ -50,7 +50,7 @@ KINDS = (
         "pings",
         "Pings and ways",
         "ICMP echo by address, by name and with large packets, with the time of an answer; the way there.",
-        ("ping_address", "ping_name", "ping_large", "ping_loss", "route", "neighbour"),
+        ("ping_address", "ping_name", "ping_large", "ping_loss", "route", "neighbour", "answers_arp"),
     ),
     Kind(
         "udp",

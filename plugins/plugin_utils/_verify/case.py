@@ -55,6 +55,7 @@ class Participant:
     # who answered each round of pings of the group, by the number of the round
     rounds: Sequence[tuple[int, frozenset[str]]] = ()
     answers_broadcasts: bool = False  # by plan
+    claimed: Mapping[str, bool] = field(default_factory=dict)  # address on its networks -> somebody answered for it
     macs: frozenset[str] = frozenset()  # its hardware addresses
 
     @classmethod
@@ -75,6 +76,7 @@ class Participant:
             answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
             callers=frozenset(entry.address for entry in multicast.callers),
             rounds=_rounds(multicast.icmp),
+            claimed=_claimed(probe),
             macs=frozenset(entry.mac.lower() for entry in probe.forwarding.interfaces if entry.mac),
             answers_broadcasts=ANSWERS_BROADCASTS in {(entry.name, entry.value) for entry in plan.sysctl},
         )
@@ -92,6 +94,13 @@ class Participant:
 
 def _streams(seen: Observation) -> Mapping[str, Stream]:
     return {entry.computer: entry for entry in seen.streams.streams} if seen.streams else {}
+
+
+def _claimed(probe: Probe) -> Mapping[str, bool]:
+    found: dict[str, bool] = {}
+    for claim in probe.claims:
+        found[claim.address] = found.get(claim.address, False) or bool(claim.macs)
+    return found
 
 
 def _possible(plan: ComputerPlan, seen: Observation) -> ComputerPlan:

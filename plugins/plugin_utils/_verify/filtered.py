@@ -32,6 +32,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
 
 NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 32768
 GROUP, ROSCORE = "group", "roscore"
+ALL = "all"  # of a rule, or of a policy, that is for packets of any kind
 
 
 class Traffic(NamedTuple):
@@ -91,8 +92,9 @@ class ReadFilters:
             return Part("filter", both(sender, target), "pair")
         if failed.rule.chain == FORWARD:
             return Part("filter", failed.where, "forward", TRAFFIC[traffic].said if failed.rule.protocol else "")
+        mode = traffic if failed.rule.protocol else ALL
         answered = failed is way.back
-        return Part("filter", failed.where, traffic if answered else f"{traffic} {WORDS[failed.rule.chain]}")
+        return Part("filter", failed.where, mode if answered else f"{mode} {WORDS[failed.rule.chain]}")
 
     def _of_group(self, sender: str, target: str) -> Part | None:
         """Return the filter at one of the two ends that drops a datagram to the group."""
@@ -106,7 +108,8 @@ class ReadFilters:
         )
         for machine, chain, rule in ends:
             if rule is not None and chain not in machine.unclear:
-                return Part("filter", machine.name, f"{GROUP if rule.destinations else 'udp'} {WORDS[chain]}")
+                mode = GROUP if rule.destinations else "udp" if rule.protocol else ALL
+                return Part("filter", machine.name, f"{mode} {WORDS[chain]}")
         return None
 
     def _packet(self, member: Member, traffic: str) -> Packet:

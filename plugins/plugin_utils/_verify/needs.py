@@ -48,6 +48,7 @@ def _way(case: Case, one: str, other: str) -> Parts:
     parts |= duplicates(case, one, other)
     for asks, answers in pairwise(dict.fromkeys(place for place, _network in links(case, one, other))):
         parts |= of("neighbour", asks, "fixed", what=answers) | of("neighbour", answers, "fixed", what=asks)
+        parts |= of("neighbour", asks, "mute") | of("neighbour", answers, "mute")
     for place, network in links(case, one, other):
         parts |= of("link", place, "down", what=network) | of("network", network, "dead")
     for gateway in gateways(case, one, other):
@@ -215,8 +216,8 @@ def passes(one: str, other: str, *whats: str) -> Parts:
     """List the packet filters at the ends that may drop packets from one computer to the other, or their answers."""
     if one == other or not one or not other:
         return NONE
-    coming = [mode for what in whats for mode in (f"{what} in", what)]
-    going = [mode for what in whats for mode in (f"{what} out", what)]
+    coming = [mode for what in (*whats, "all") for mode in (f"{what} in", what)]
+    going = [mode for what in (*whats, "all") for mode in (f"{what} out", what)]
     changed = of("filter", one, "changed") | of("filter", other, "changed")
     return of("filter", other, *coming) | of("filter", one, *going) | changed
 

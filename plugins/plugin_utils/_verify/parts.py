@@ -90,7 +90,12 @@ DROPPED = {
     "rpc": ("connections to TCP port {what} of the discovery node", "TCP port {what}"),
     "roscore": ("connections to TCP port {what} of the roscore", "TCP port {what}"),
     "nodes": ("connections to the TCP ports of nodes", "all TCP ports above 1024"),
+    "all": (
+        "packets that no rule of it lets pass",
+        "what the fleet sends: ICMP, UDP port 11511, all TCP ports above 1024",
+    ),
 }
+RARER = {"group": 0.2, "all": 0.3}  # what these cost more
 # Where: word of the mode -> how it is said, and what it costs more than the plain one.
 DIRECTIONS = {"in": ("incoming", 0.2), "out": ("outgoing", 0.8), "": ("incoming and outgoing", 0.4)}
 
@@ -99,7 +104,7 @@ FILTERS: Mapping[tuple[str, str], Fault] = {
         f"a packet filter on {{place}} drops {said} {dropped}",
         f"allow {allowed} between the computers of the fleet; see {RULES}",
         RULES,
-        cost=(2.7 if mode == "group" else 2.5) + more,
+        cost=2.5 + RARER.get(mode, 0.0) + more,
         what={"udp": "11511", "rpc": "11611", "roscore": "11311"}.get(mode, ""),
     )
     for mode, (dropped, allowed) in DROPPED.items()
@@ -198,6 +203,12 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "another computer has the address of {place}, too",
         "give one of the two another address; see on another computer there: arping -D -I <interface> <its address>",
         cost=4.5,
+    ),
+    ("neighbour", "mute"): Fault(
+        "{place} answers nobody who asks for its hardware address: a packet filter for ARP, or arp_ignore",
+        "let it answer; see on {place}: nft list tables; sysctl -a --pattern arp_ignore",
+        "on {place}: nft list tables; sysctl -a --pattern arp_ignore",
+        cost=3.5,
     ),
     ("neighbour", "fixed"): Fault(
         "on {place} somebody has set the hardware address of {what} by hand, and it is not that of {what}",
@@ -577,7 +588,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
 
 # What follows from another fault of the same place, though it was read by itself: fault -> the faults before it.
 FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
-    **{("filter", f"{mode} {way}"): (("filter", mode),) for mode in DROPPED for way in ("in", "out")},
+    **{
+        ("filter", f"{mode} {way}"): tuple(
+            ("filter", more) for more in (mode, f"all {way}", "all") if more != f"{mode} {way}"
+        )
+        for mode in DROPPED
+        for way in ("in", "out")
+    },
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address")),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("roscore", "dead"): (("interface", "duplicate"),),  # it is the other one that refuses

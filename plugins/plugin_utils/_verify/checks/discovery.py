@@ -104,7 +104,7 @@ def _group_suspects(case: Case) -> Parts:
         return losing(case, one, other)
     sender = case.peer.seen.multicast if case.peer else None
     if sender is not None and sender.send_errors.count:  # its own kernel refuses to send
-        return of("filter", other, "group out", "group", "udp out", "udp")
+        return of("filter", other, "group out", "group", "udp out", "udp", "all out", "all")
     return _group_needs(case) - losing(case, one, other)
 
 
@@ -310,7 +310,7 @@ def _port_suspects(case: Case) -> Parts:
         node = of("discovery", case.target, "dead", "port") | of("roscore", case.target, "dead")
         return node | duplicates(case, case.observer.name, case.target)
     filtered = of(
-        "filter", case.target, "rpc in", "rpc"
+        "filter", case.target, "rpc in", "rpc", "all in", "all"
     )  # one for all interfaces also drops what a computer sends itself
     nobody = of("discovery", case.target, "dead", "port")
     return _port_needs(case) - nobody | of("discovery", case.target, "hung") | filtered

@@ -40,6 +40,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Ping, Policy, Route
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.policy import taker
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
 
@@ -254,6 +255,7 @@ def _unreachable(case: Case, reporter: str) -> Parts:
     found = of("network", network, "dead") | of("computer", following, "off")
     for place in (reporter, following):
         found |= of("link", place, "down", what=network) | of("interface", place, "address", "prefix")
+        found |= of("neighbour", place, "mute")
     beyond = case.ways.network(case.robots[1])
     if not is_in(case, reporter, beyond):  # or it has looked for the target in a network of its own
         found |= of("route", reporter, "missing", "other", what=beyond) | of("route", reporter, "missing")
@@ -417,6 +419,50 @@ NEIGHBOUR = Check(
 )
 
 
+# Whether a neighbour answers, whatever its packet filters drop
+
+
+def _asked(case: Case) -> tuple[str, str]:
+    """Return the target's address on a network of the observer, and this network; two empty texts where it has none."""
+    own, its = case.robots
+    if own == its and case.address in case.observer.claimed:
+        return case.address, case.ways.network(own)
+    outer = case.ways.discovery_addresses.get(case.target, "")
+    return (outer, COMMON) if own != its and outer in case.observer.claimed else ("", "")
+
+
+def _answers_arp(case: Case) -> Judgement | None:
+    address, _network = _asked(case)
+    answered = case.observer.claimed.get(address)
+    if answered is None or (not answered and case.member and case.member.ping_address and case.member.ping_address.ok):
+        return None  # the question may have got lost
+    if answered and case.counted:
+        return PASSED
+    expected = f"somebody answers who has {address}"
+    return Judgement(OK if answered else FAILED, expected, "somebody does" if answered else "nobody answers")
+
+
+def _arp_needs(case: Case) -> Parts:
+    one, other, network = case.observer.name, case.target, _asked(case)[1]
+    parts = of("computer", other, "off") | of("interface", other, "address") | of("neighbour", other, "mute")
+    parts |= of("link", one, "down", what=network) | of("link", other, "down", what=network)
+    return parts | of("network", network, "dead")
+
+
+ANSWERS_ARP = Check(
+    id="answers_arp",
+    title="computer on the same network answers ARP",
+    scope=MEMBER,
+    judge=_answers_arp,
+    documented=Documented(
+        "pair on one network",
+        "somebody answers the question who has its address, which no packet filter for IP drops; tells such a filter from a "
+        "network that is dead",
+    ),
+    needs=_arp_needs,
+)
+
+
 # Whose an address is
 
 
@@ -481,4 +527,5 @@ CHECKS = (
     PING_LARGE,
     PING_LOSS,
     NEIGHBOUR,
+    ANSWERS_ARP,
 )

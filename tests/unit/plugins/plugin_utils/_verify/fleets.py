@@ -7,6 +7,7 @@ A test changes some observations with `update` and looks at the findings that ar
 """
 
 import zlib
+from dataclasses import replace
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
@@ -175,10 +176,21 @@ def network_part(fleet, own):
     ]
     return {
         "members": (SeenMember(own.computer, str(own.address), addresses=(str(own.address),)), *members),
-        "claims": tuple(Claim(str(entry.address), f"eth{number}") for number, entry in enumerate(own.networks)),
+        "claims": tuple(_claims(fleet, own)),
         "default_routes": (DefaultRoute("eth0", gateway="192.168.1.254"),),
         "forwarding": Forwarding(int(own.is_gateway or own.is_router), tuple(interfaces), 0),
     }
+
+
+def _claims(fleet, own):
+    """Nobody answers for the own addresses, and the others on each network for theirs."""
+    for number, entry in enumerate(own.networks):
+        yield Claim(str(entry.address), f"eth{number}")
+        for other in others_of(fleet, own.computer):
+            near = {other.address, other.discovery_address}
+            yield from (
+                Claim(str(address), f"eth{number}", (mac(other.name),)) for address in near if address in entry.network
+            )
 
 
 def _outer_route(fleet, own, other):
@@ -401,16 +413,26 @@ def no_answer(error="no answer to 3 requests"):
 
 
 def silent(seen, observers, targets):
-    """Nothing of an observer reaches any of the targets: pings, datagrams, connections. What is registered stays."""
+    """Nothing of an observer reaches any of the targets: ARP, pings, datagrams, connections. What is registered stays."""
     for observer in observers:
         for target in targets:
             if target != observer:
                 _silent(seen, observer, target)
 
 
+def no_arp(seen, target, observers=()):
+    """Nobody hears an answer of the target to the question who has its addresses."""
+    for name in observers or seen:
+        probe = seen[name].probe
+        if probe:
+            claims = [replace(one, macs=tuple({*one.macs} - {mac(target)})) for one in probe.claims]
+            update(probe, claims=claims)
+
+
 def _silent(seen, observer, target):
     probe, multicast = seen[observer].probe, seen[observer].multicast
     member = of(probe.members, target)
+    no_arp(seen, target, [observer])
     update(member, ping_address=no_answer(), ping_name=no_answer(), ping_large=None, loss=1.0)
     for entry in probe.topics:
         if entry.computer == target:

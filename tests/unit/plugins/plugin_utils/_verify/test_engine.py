@@ -59,6 +59,7 @@ def test_everything_is_good_between_three_robot_networks():
         "reachable",
         "measured",
         "address_once",
+        "answers_arp",
         "addresses",
         "mtu",
         "reverse_path",

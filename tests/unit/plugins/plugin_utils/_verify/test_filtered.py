@@ -95,6 +95,28 @@ CASES = [
         "group",
         Part("filter", GATE, "group out"),
     ),
+    # All that nothing lets in.
+    (
+        {"tibi_visio": chain("input", FilterRule("accept", protocol="icmp"), policy="drop")},
+        "car-visio",
+        GATE,
+        "nodes",
+        Part("filter", GATE, "all in"),
+    ),
+    (
+        {"tibi_visio": chain("input", FilterRule("accept", protocol="icmp"), policy="drop")},
+        "car-visio",
+        GATE,
+        "group",
+        Part("filter", GATE, "all in"),
+    ),
+    (
+        {"tibi_visio": chain("input", FilterRule("accept", protocol="icmp"), policy="drop")},
+        "car-visio",
+        GATE,
+        "icmp",
+        None,
+    ),
     # A rule that is not understood may let it pass before.
     ({"tibi_nav": chain("input", drop(protocol="icmp"), unread=1)}, OTHER, INNER, "icmp", None),
     # What makes no sense is left out.

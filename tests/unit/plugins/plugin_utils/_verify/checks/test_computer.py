@@ -21,6 +21,7 @@ from fleets import (
     fig12,
     good,
     no_answer,
+    no_arp,
     notable,
     observed,
     of,
@@ -188,6 +189,7 @@ def test_a_computer_that_is_down_is_named_once():
         update(probe.list_masters, masters=without(probe.list_masters.masters, TWO))
         update(probe, topics=without(probe.topics, TWO, "computer"))
         update(of(multicast.udp, TWO), heard_from=False, unicast=None, source_address=None)
+    no_arp(seen, TWO)
     found = diagnosis.diagnose(fleet, seen)
     assert parts(found) == [("computer", TWO, "off")] and not found.unexplained
     assert "no route to host" in {row.found for row in found.findings[0].rows}

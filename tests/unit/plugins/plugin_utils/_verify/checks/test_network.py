@@ -4,7 +4,7 @@
 """Checks of the network between two computers: names, routes, pings, for two robots and between three robot networks."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
     Claim,
     ListMasters,
@@ -23,6 +23,7 @@ from fleets import (
     lost_route,
     mac,
     no_answer,
+    no_arp,
     notable,
     of,
     outside,
@@ -78,6 +79,8 @@ def test_a_refused_connection_tells_that_a_computer_without_pings_is_there(tcp, 
                     update(entry, ping_address=no_answer(), ping_name=no_answer(), ping_large=None, loss=1.0, tcp=tcp)
             topics = one.probe.topics if one.probe else ()
             update(one.probe or one, **({"topics": without(topics, INNER_TIBI[-1], "computer")} if topics else {}))
+        if tcp != "refused":
+            no_arp(seen, INNER_TIBI[-1])
         update(seen[INNER_TIBI[-1]], unreachable=True, probe=None, multicast=None)
 
     found = diagnosed(change, fig12())
@@ -385,3 +388,19 @@ def test_a_gateway_without_a_route_looks_for_the_target_in_a_network_of_its_own(
                 )
 
     assert parts(diagnosed(change, fig12())) == [("route", "car-visio", "missing")]
+
+
+def test_a_neighbour_that_nobody_finds_is_told():
+    """Who answers ARP is there, whatever its packet filters drop. A question that got lost is none of its faults."""
+
+    def rows(change):
+        return {(row.observer, row.target): row for row in evaluate(change, fig12()) if row.check == "answers_arp"}
+
+    good = rows(None)
+    assert {target for observer, target in good if observer == "tibi-nav"} == {"tibi-visio", "tibi-monitor"}
+    assert {target for observer, target in good if observer == "tibi-visio"} >= {"tibi-nav", "car-visio"}
+    assert {row.verdict for row in good.values()} == {OK}
+    lost = rows(lambda seen: no_arp(seen, "tibi-nav"))
+    assert lost.keys() == good.keys() - {("tibi-visio", "tibi-nav"), ("tibi-monitor", "tibi-nav")}
+    cut = rows(lambda seen: silent(seen, ["tibi-visio", "tibi-monitor"], ["tibi-nav"]))
+    assert [row.target for row in cut.values() if row.verdict == FAILED] == ["tibi-nav", "tibi-nav"]
