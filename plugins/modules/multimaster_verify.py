@@ -1459,6 +1459,9 @@ class Part(typing.NamedTuple):
     # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
     # is there, and a robot's other computers would only ask the same roscore.
     settled: bool = False
+    beside: bool = (
+        False  # it measures with the others of the fleet and waits for them alone, so all else goes on meanwhile
+    )
 
 
 def present(params: Params) -> typing.Set[str]:
@@ -1559,7 +1562,7 @@ def validated(
 
 
 PARTS = (
-    Part("multicast", look_multicast, None, commands=True),  # first: it waits most
+    Part("multicast", look_multicast, None, commands=True, beside=True),  # first: it waits most
     Part("members", look_members, [], router=True),
     Part("claims", look_claims, [], router=True),
     Part("policy", lambda params, ros, deadline: network.policy(), {"rules": [], "closed": []}, router=True),
@@ -1625,9 +1628,14 @@ def look(params: Params, quiet: bool) -> Result:
     def late(part: Part) -> typing.Tuple[Part, typing.Any, str]:
         return part, part.nothing, f"{part.name} gave no result within {LONGEST:g} s."
 
-    for settled in (False, True):
-        now = [part for part in PARTS if part.settled == settled and wanted(part, params, quiet)]
-        for part, value, problem in concurrently(attempt, now, LONGEST, late):
+    def lane(parts: typing.List[Part]) -> typing.List[typing.Tuple[Part, typing.Any, str]]:
+        stages = ([part for part in parts if part.settled == settled] for settled in (False, True))
+        return [found for stage in stages for found in concurrently(attempt, stage, LONGEST, late)]
+
+    now = [part for part in PARTS if wanted(part, params, quiet)]
+    lanes = [[part for part in now if part.beside == beside] for beside in (True, False)]
+    for found in concurrently(lane, lanes, 2 * LONGEST, lambda parts: list(map(late, parts))):
+        for part, value, problem in found:
             result[part.name] = value
             result["problems"] += [problem] if problem else []
     result["seconds"] = round(time.monotonic() - began, 1)

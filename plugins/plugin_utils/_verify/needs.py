@@ -45,16 +45,21 @@ def _way(case: Case, one: str, other: str) -> Parts:
     parts = set(of("filter", both(one, other), "pair"))
     for computer in (one, other):
         parts |= of("computer", computer, "off") | of("interface", computer, "address", "prefix")
-    parts |= duplicates(case, one, other)
+    parts |= duplicates(case, one, other) | neighbours(case, one, other) | neighbours(case, other, one)
     for asks, answers in pairwise(dict.fromkeys(place for place, _network in links(case, one, other))):
         parts |= of("neighbour", asks, "fixed", what=answers) | of("neighbour", answers, "fixed", what=asks)
-        parts |= of("neighbour", asks, "mute") | of("neighbour", answers, "mute")
     for place, network in links(case, one, other):
         parts |= of("link", place, "down", what=network) | of("network", network, "dead")
     for gateway in gateways(case, one, other):
         parts |= of("computer", gateway, "off") | of("forwarding", gateway, "off") | of("filter", gateway, "forward")
         parts |= of("reverse_path", gateway, "strict")
     return frozenset(parts | _routes(case, one, other))
+
+
+def neighbours(case: Case, one: str, other: str) -> Parts:
+    """List who has to answer ARP, so that a packet gets from one computer to the other; its answer needs those of the way back."""
+    pairs = pairwise(dict.fromkeys(place for place, _network in links(case, one, other)))
+    return joined(of("neighbour", answers, "mute") for _asks, answers in pairs)
 
 
 def duplicates(case: Case, one: str, other: str) -> Parts:

@@ -34,6 +34,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.needs
     large,
     losing,
     multicast,
+    neighbours,
     of,
     passes,
     roscore,
@@ -170,7 +171,8 @@ def _udp_unicast(case: Case) -> Judgement | None:
 def _unicast_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
     there = passes(one, other, "udp") | of("computer", other, "unmeasured", "login")
-    return way(case, one, other) | there | _outside(case)
+    nobody_asks = neighbours(case, other, one) - neighbours(case, one, other)  # a datagram gets no answer
+    return way(case, one, other) - nobody_asks | there | _outside(case)
 
 
 UDP_UNICAST = Check(
@@ -218,7 +220,12 @@ SOURCE = Check(
         "pair between networks", "datagrams arrive from the planned address: no gateway translates it (warning)", "4.2"
     ),
     needs=lambda case: _unicast_needs(case) | translated(case, case.observer.name, case.target),
-    suspects=lambda case: _unicast_needs(case) | translating(case, case.observer.name, case.target),
+    # Whatever drops the questions of ARP may drop the answers, too.
+    suspects=lambda case: (
+        _unicast_needs(case)
+        | neighbours(case, case.target, case.observer.name)
+        | translating(case, case.observer.name, case.target)
+    ),
 )
 
 
