@@ -1418,6 +1418,7 @@ msg:
 import re
 import time
 import typing
+from itertools import chain
 
 from ansible.module_utils.basic import AnsibleModule
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
@@ -1612,6 +1613,22 @@ def wanted(part: Part, params: Params, quiet: bool) -> bool:
     return not (quiet and part.commands) and (params["is_master"] or not part.settled)
 
 
+Looked = typing.Tuple[Part, typing.Any, str]  # a part, its value, and why there is none
+
+
+def in_lanes(
+    parts: typing.List[Part], attempt: typing.Callable[[Part], Looked], late: typing.Callable[[Part], Looked]
+) -> typing.List[Looked]:
+    """Look at parts at the same time: those that are settled after the others, and beside both what waits for the fleet."""
+
+    def lane(its: typing.List[Part]) -> typing.List[Looked]:
+        stages = ([part for part in its if part.settled == settled] for settled in (False, True))
+        return [found for stage in stages for found in concurrently(attempt, stage, LONGEST, late)]
+
+    lanes = [[part for part in parts if part.beside == beside] for beside in (True, False)]
+    return list(chain.from_iterable(concurrently(lane, lanes, 2 * LONGEST, lambda its: list(map(late, its)))))
+
+
 def look(params: Params, quiet: bool) -> Result:
     """Look at all wanted parts at the same time; what cannot be looked at is a sentence in `problems`."""
     began = time.monotonic()
@@ -1619,25 +1636,18 @@ def look(params: Params, quiet: bool) -> Result:
     result["problems"] = []
     ros = Ros(params["environment_file"], params["environment"])
 
-    def attempt(part: Part) -> typing.Tuple[Part, typing.Any, str]:
+    def attempt(part: Part) -> Looked:
         try:
             return part, part.look(params, ros, began + params["patience"]), ""
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
             return part, part.nothing, f"{part.name} could not be looked at: {problem}."
 
-    def late(part: Part) -> typing.Tuple[Part, typing.Any, str]:
+    def late(part: Part) -> Looked:
         return part, part.nothing, f"{part.name} gave no result within {LONGEST:g} s."
 
-    def lane(parts: typing.List[Part]) -> typing.List[typing.Tuple[Part, typing.Any, str]]:
-        stages = ([part for part in parts if part.settled == settled] for settled in (False, True))
-        return [found for stage in stages for found in concurrently(attempt, stage, LONGEST, late)]
-
-    now = [part for part in PARTS if wanted(part, params, quiet)]
-    lanes = [[part for part in now if part.beside == beside] for beside in (True, False)]
-    for found in concurrently(lane, lanes, 2 * LONGEST, lambda parts: list(map(late, parts))):
-        for part, value, problem in found:
-            result[part.name] = value
-            result["problems"] += [problem] if problem else []
+    for part, value, problem in in_lanes([part for part in PARTS if wanted(part, params, quiet)], attempt, late):
+        result[part.name] = value
+        result["problems"] += [problem] if problem else []
     result["seconds"] = round(time.monotonic() - began, 1)
     return result
 
