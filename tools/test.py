@@ -268,7 +268,7 @@ SUITES = [
         "catalogue",
         (sys.executable, "tests/faults/run.py", "--quick"),
         faults,
-        seconds=480,
+        seconds=600,
         labs=("faults",),
     ),
     demonstration("single_computer", 80, "--suite=kobuki2computer=trixie"),  # one robot of each release
