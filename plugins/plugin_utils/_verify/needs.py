@@ -56,9 +56,9 @@ def _way(case: Case, one: str, other: str) -> Parts:
     return frozenset(parts | _routes(case, one, other))
 
 
-def neighbours(case: Case, one: str, other: str) -> Parts:
+def neighbours(case: Case, sender: str, target: str) -> Parts:
     """List who has to answer ARP, so that a packet gets from one computer to the other; its answer needs those of the way back."""
-    pairs = pairwise(dict.fromkeys(place for place, _network in links(case, one, other)))
+    pairs = pairwise(dict.fromkeys(place for place, _network in links(case, sender, target)))
     return joined(of("neighbour", answers, "mute") for _asks, answers in pairs)
 
 
