@@ -1460,9 +1460,8 @@ class Part(typing.NamedTuple):
     # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
     # is there, and a robot's other computers would only ask the same roscore.
     settled: bool = False
-    beside: bool = (
-        False  # it measures with the others of the fleet and waits for them alone, so all else goes on meanwhile
-    )
+    # It measures with the others of the fleet and waits for them alone, so all else goes on meanwhile.
+    beside: bool = False
 
 
 def present(params: Params) -> typing.Set[str]:

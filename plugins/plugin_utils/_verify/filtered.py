@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from ipaddress import IPv4Address
-from typing import NamedTuple
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Member
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
@@ -29,27 +28,12 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     Rule,
     World,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.prediction import NODES
 
-NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 32768
 GROUP, ROSCORE = "group", "roscore"
 ALL = "all"  # of a rule, or of a policy, that is for packets of any kind
-
-
-class Traffic(NamedTuple):
-    """A kind of packets, with the name that it has in the modes of a filter."""
-
-    protocol: str
-    said: str  # of what is passed on
-
-
-TRAFFIC: Mapping[str, Traffic] = {
-    "icmp": Traffic("icmp", "ICMP"),
-    "udp": Traffic("udp", "UDP"),
-    GROUP: Traffic("udp", "UDP"),
-    "rpc": Traffic("tcp", "TCP"),
-    ROSCORE: Traffic("tcp", "TCP"),
-    "nodes": Traffic("tcp", "TCP"),
-}
+# the word of a filter's mode -> the protocol of such packets
+TRAFFIC: Mapping[str, str] = {"icmp": "icmp", "udp": "udp", GROUP: "udp", "rpc": "tcp", ROSCORE: "tcp", "nodes": "tcp"}
 WORDS = {IN: "in", OUT: "out"}
 CHAINS = {"in": (IN,), "out": (OUT,), "forward": (FORWARD,)}  # by the last word of a mode; of the others both ends
 
@@ -91,7 +75,7 @@ class ReadFilters:
         if _of_two(failed.rule):
             return Part("filter", both(sender, target), "pair")
         if failed.rule.chain == FORWARD:
-            return Part("filter", failed.where, "forward", TRAFFIC[traffic].said if failed.rule.protocol else "")
+            return Part("filter", failed.where, "forward", TRAFFIC[traffic].upper() if failed.rule.protocol else "")
         mode = traffic if failed.rule.protocol else ALL
         answered = failed is way.back
         return Part("filter", failed.where, mode if answered else f"{mode} {WORDS[failed.rule.chain]}")
@@ -113,7 +97,7 @@ class ReadFilters:
         return None
 
     def _packet(self, member: Member, traffic: str) -> Packet:
-        protocol = TRAFFIC[traffic].protocol
+        protocol = TRAFFIC[traffic]
         if traffic == "icmp":
             return Packet(protocol, member.address)
         if traffic == "udp":
