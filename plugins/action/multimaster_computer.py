@@ -15,6 +15,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.conf
     Result,
     seconds_of,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.kept import visit
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.environment import SEEN, differences
 
 # The concerns that can cut the controller off. They come first, in a run of their own.
 GUARDED = ("sysctl", "routes")
@@ -27,27 +29,60 @@ class ActionModule(GuardedAction):
     """Runs the module for what can cut the controller off, then over a new connection to confirm that and for all the rest."""
 
     what = "kernel settings and routes"
+    _kept = ""  # the label of the process that the first run has kept for the second
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
         """Run the module and return the result of all concerns; see ActionBase."""
         result: Result = ActionBase.run(self, tmp, task_vars)
         args = {name: options for name, options in self._task.args.items() if options is not None}
+        wanted = args.get("shells") or {}
+        if wanted:
+            args["shells"] = {}  # the module only reads
+        found = {**result, **self._brought(args, task_vars)}
+        return found if self._task.check_mode else compared(found, wanted)
+
+    def _brought(self, args: Args, task_vars: dict[str, Any] | None) -> Result:
+        """Return the result of one run, or of two."""
         word = "" if self.cannot_be_cut else secrets.token_hex(8)
         trial, rest = split(args, word)
         seconds = max((seconds_of(options.get("confirm_within")) for options in trial.values()), default=0)
         if not seconds:
-            return {**result, **self._execute_module(module_args={**trial, **rest}, task_vars=task_vars)}
+            one: Result = self._execute_module(module_args={**trial, **rest}, task_vars=task_vars)
+            return one
         first, reason = self._first(trial, seconds, task_vars)
         if first.get("failed"):
-            return {**result, **first}
+            return first
+        self._kept = word
         confirming = {**confirmations(trial, first), **rest}
         if not confirming:
             second = {}
         elif first and not first.get("unconfirmed"):
-            second = self._execute_module(module_args={**confirming}, task_vars=task_vars)
+            second = self._once(confirming, task_vars)
         else:
             second = self._second(confirming, seconds, reason, task_vars, REST if rest else 0.0)
-        return {**result, **joined(first, second)}
+        return joined(first, second)
+
+    def _once(self, args: Args, task_vars: dict[str, Any] | None) -> Result:
+        """Run the module once: the process of an earlier run does it, where there is one."""
+        label, self._kept = self._kept, ""
+        found = visit(self, args, label) if label else None
+        return super()._once(args, task_vars) if found is None else found
+
+
+def compared(found: Result, wanted: Args) -> Result:
+    """Return a result with what the variables do not reach, and as a failure where shells do not see what they are to see."""
+    if not wanted or found.get("failed"):
+        return found
+    seen = found["shells"] if "shells" in found else wanted.get("before") or {}
+    wrong = ["What shells see now could not be read; run site.yml again."]
+    if seen is not None:
+        expected = (wanted.get(name) or () for name in ("files", "exports"))
+        wrong = differences(wanted.get("variables") or {}, {what: seen.get(what) for what in SEEN}, *expected)
+    found = {**found, "warnings": [*found.get("warnings", []), *(wanted.get("notes") or ())]}
+    if not wrong:
+        return found
+    said = {name: value for name, value in found.items() if name in ("changed", "diff", "warnings")}
+    return {**said, "failed": True, "msg": " ".join(wrong)}
 
 
 def split(args: Args, word: str) -> tuple[dict[str, Any], dict[str, Any]]:

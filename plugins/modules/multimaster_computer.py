@@ -36,6 +36,37 @@ options:
     type: list
     elements: dict
     default: []
+  shells:
+    description:
+      - What shells are to see at the end. Where files were written, the module reads what they see then, as RV(shells), and the
+        controller compares it; a variable that does not arrive is a failure.
+      - In check mode nothing is compared.
+    type: dict
+    suboptions:
+      variables:
+        description: The variables of the plan, for example C(ROS_MASTER_URI) V(http://kobuki1computer:11311).
+        type: dict
+        default: {}
+      before:
+        description: What shells saw before, as RV(rosfleet.multimaster.multimaster_info#module:environment); it holds where nothing is written.
+        type: dict
+        default: {}
+      files:
+        description: The paths of the files that carry the variables, for example V(/etc/profile.d/rosfleet-multimaster.sh). Who reads none
+          of them is not asked.
+        type: list
+        elements: str
+        default: []
+      exports:
+        description: Variables of which an older export is known, for example V(ROS_MASTER_URI). Login shells may have another value of these.
+        type: list
+        elements: str
+        default: []
+      notes:
+        description: Sentences of what the variables do not reach on this computer; they become warnings.
+        type: list
+        elements: str
+        default: []
 seealso:
   - module: rosfleet.multimaster.multimaster_due
 author:
@@ -68,6 +99,12 @@ concerns:
       - changed: true
         confirmed: true
         msg: 1 of 1 routes changed.
+shells:
+  description: What shells see at the end, as RV(rosfleet.multimaster.multimaster_info#module:environment).
+  returned: when O(shells) is given, files were written, and not in check mode
+  type: dict
+  sample:
+    login: {ROS_MASTER_URI: "http://kobuki1computer:11311"}
 diff:
   description: What changes, of all concerns.
   returned: when the options are right
@@ -99,7 +136,7 @@ msg:
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import asked_for
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.run import carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.run import SHELLS, carry_out
 
 
 def main() -> None:
@@ -111,10 +148,11 @@ def main() -> None:
             "hosts_entries": {"type": "dict"},
             "managed_files": {"type": "list", "elements": "dict", "default": []},
             "managed_services": {"type": "list", "elements": "dict", "default": []},
+            "shells": {"type": "dict", "options": SHELLS},
         },
         supports_check_mode=True,
     )
-    carry_out(module, asked_for(module.params))
+    carry_out(module, asked_for(module.params), read_back=module.params["shells"] is not None, again=main)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,9 @@ description:
     one begins.
   - With O(state=streamed), between the last two, it sends for a moment to the talker of each other computer and returns how fast
     that was. Such a task needs C(throttle) with V(1), since streams at the same time would measure each other.
+  - The process of the run with O(state=started) waits for at most O(lifetime) behind a socket of root's, and does the run with
+    O(state=collected) when the controller asks there, which saves that computer the start of a module. Where it is gone, or the
+    connection has no pipelining, the module starts as usual.
   - It is a measurement, so what is missing is a result and no failure; M(rosfleet.multimaster.fleet_report) judges it.
   - It runs the commands of ROS as the user C(nobody) and needs root itself, for raw sockets and for the talker's unit.
 extends_documentation_fragment:
@@ -308,6 +311,11 @@ EXAMPLES = r"""
 """
 
 RETURN = r"""
+kept:
+  description: Whether the process of the run with O(state=started) did this one.
+  returned: when O(state=collected) and it did
+  type: bool
+  sample: true
 members:
   description: What this computer sees of every computer of the fleet; of itself only what its name means.
   returned: when O(state=collected)
@@ -1423,7 +1431,7 @@ from itertools import chain
 from ansible.module_utils.basic import AnsibleModule
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends, kept
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
     changes,
@@ -1657,6 +1665,8 @@ def start(module: AnsibleModule) -> Result:
     machine = seen(params)  # first: what is left running here is none of the machine
     heard = None if module.check_mode else group(params, "started")
     spoken = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
+    if not module.check_mode:
+        kept.keep(main, params["run"], params["lifetime"])
     parts = {"multicast": heard, "machine": machine}
     return dict(spoken, **{name: value for name, value in parts.items() if value is not None})
 

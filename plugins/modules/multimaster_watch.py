@@ -211,7 +211,7 @@ import typing
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.left_behind import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import (
     Visit,
     end_others,
     leave,

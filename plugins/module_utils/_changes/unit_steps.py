@@ -26,6 +26,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.unit
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
 
+SWITCHES = ("disable", "enable", "reenable")  # verbs of systemctl
 SETTLE = 1.0  # seconds in which a service that dies at once does so
 
 
@@ -149,9 +150,10 @@ class UnitSteps:
 
     def _start(self) -> None:
         """Enable or disable the planned units, start and restart them in their order, and look whether they stay up."""
-        for action in self.plan.listed:
-            if action.switch:
-                self.systemd.call(action.switch, "--", action.name)
+        for verb in SWITCHES:  # all units at once, since systemd reads all its files again after each call
+            names = [action.name for action in self.plan.listed if action.switch == verb]
+            if names:
+                self.systemd.call(verb, "--", *names)
         # Units that restart together end in reverse order before the first one does: a node that saw its roscore go
         # would end with an error instead of taking leave.
         self._later = [action.name for action in self.plan.actions if action.run == "restart"][1:]

@@ -13,8 +13,17 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import concerns
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import Concern, Options
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, ends, kept
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+_READING = 20.0  # seconds until shells have said what they see
+SHELLS = dict(
+    variables=dict(type="dict", default={}),
+    before=dict(type="dict", default={}),
+    files=dict(type="list", elements="str", default=[]),
+    exports=dict(type="list", elements="str", default=[]),
+    notes=dict(type="list", elements="str", default=[]),
+)
 
 
 class Ended(Exception):
@@ -60,8 +69,13 @@ def carry_out(
     module: typing.Any,
     asked: typing.Sequence[typing.Tuple[Concern, Options]],
     switches: str = deadman.FOLDER,
+    read_back: bool = False,
+    again: typing.Optional[typing.Callable[[], None]] = None,
 ) -> None:
-    """Carry out all concerns in their order, and end the module."""
+    """Carry out all concerns in their order, read what shells see then where that is asked for, and end the module.
+
+    After a trial, the process is kept for the run that follows, which is `again`.
+    """
     try:
         parts = [Part(module, concern, options, switches) for concern, options in asked]
     except Problem as problem:
@@ -75,7 +89,11 @@ def carry_out(
         results.append((part.concern.name, result))
         if result.get("failed") or result.get("same_connection"):
             break
-    return _end(module, parts, results, [entry for entry in differences if entry["before"] != entry["after"]])
+    seen = _seen(results) if read_back and not module.check_mode else {}
+    word, seconds = _trial(parts)
+    if again and word and not module.check_mode and len(results) == len(parts):
+        kept.keep(again, word, seconds)
+    return _end(module, parts, results, [entry for entry in differences if entry["before"] != entry["after"]], seen)
 
 
 def _end(
@@ -83,8 +101,9 @@ def _end(
     parts: typing.Sequence[Part],
     results: typing.Sequence[typing.Tuple[str, Fields]],
     differences: typing.List[typing.Any],
+    seen: Fields,
 ) -> None:
-    """End the module with the results of all concerns that were begun."""
+    """End the module with the results of all concerns that were begun, and with what shells see then."""
     last = results[-1][1] if results else {}
     whole = {
         "changed": any(result["changed"] for _name, result in results if "changed" in result),
@@ -101,7 +120,29 @@ def _end(
         same_connection=bool(last.get("same_connection")),
         msg=" ".join(result["msg"] for _name, result in results) or "Nothing was asked for.",
         **whole,
+        **seen,
     )
+
+
+def _trial(parts: typing.Iterable[Part]) -> typing.Tuple[str, float]:
+    """Return the word that is to confirm a trial, and the seconds that it waits; an empty one where nothing is tried."""
+    tried = [
+        part.params for part in parts if part.guard and part.params["confirm_within"] and part.params["confirmation"]
+    ]
+    return (tried[0]["confirmation"], max(params["confirm_within"] for params in tried)) if tried else ("", 0.0)
+
+
+def _seen(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
+    """Return what shells see where files were written; nothing where that is not to be had, as after a failure."""
+    written = any(name == "managed_files" and result.get("changed") for name, result in results)
+    if not written or results[-1][1].get("failed"):
+        return {}
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
+
+    try:
+        return {"shells": commands.within(_READING, shells.seen)}
+    except Exception:  # whatever a strange machine makes of it; the controller says that nothing was read
+        return {"shells": None}
 
 
 def by_name(results: typing.Iterable[typing.Tuple[str, Fields]]) -> typing.Dict[str, typing.List[Fields]]:

@@ -13,7 +13,7 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer, run, text
 
 _UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # netdevice(7), linux/if.h
 _HOST_PREFIX = {"inet": 32, "inet6": 128}
@@ -143,15 +143,39 @@ def links(folder: str = "/sys/class/net") -> typing.List[Interface]:
 
 def route_to(destination: str) -> RouteTo:
     """The route that the kernel takes to an IPv4 address (ip-route(8), get)."""
-    answer = run(["ip", "-4", "route", "get", destination])
-    if answer.status != 0:
-        return RouteTo(destination, error=answer.error.replace("RTNETLINK answers: ", "") or "no route")
-    return route_from_text(answer.output.decode("utf-8", "replace"), destination)
+    return routes_to([destination])[0]
 
 
 def routes_to(destinations: typing.Iterable[str]) -> typing.List[RouteTo]:
-    """The routes that the kernel takes to IPv4 addresses."""
-    return [route_to(destination) for destination in destinations]
+    """The routes that the kernel takes to IPv4 addresses, all asked for by one process (ip(8), -batch)."""
+    every = list(destinations)
+    asked = list(dict.fromkeys(address for address in every if _is_address(address)))  # ip gives up at anything else
+    lines = "".join(f"route get {address}\n" for address in asked)
+    found = routes_from_batch(run(["ip", "-4", "-oneline", "-force", "-batch", "-"], given=lines.encode()), asked)
+    return [found.get(address) or RouteTo(address, error="this is no IPv4 address") for address in every]
+
+
+def routes_from_batch(answer: Answer, asked: typing.Sequence[str]) -> typing.Dict[str, RouteTo]:
+    """{address: its route} from a line of output for each address that has one, and `Command failed -:N` for the Nth that has none."""
+    failed = {
+        asked[int(number) - 1]: why.replace("RTNETLINK answers: ", "").strip()
+        for why, number in re.findall(r"([^\n]*)\n?Command failed -:(\d+)", answer.error)
+        if 0 < int(number) <= len(asked)
+    }
+    lines = answer.output.decode("utf-8", "replace").splitlines()
+    reached = [address for address in asked if address not in failed]
+    if len(lines) != len(reached):
+        return {address: RouteTo(address, error=answer.error or "ip gave no answer") for address in asked}
+    found = {address: route_from_text(line, address) for address, line in zip(reached, lines)}
+    return {**found, **{address: RouteTo(address, error=why or "no route") for address, why in failed.items()}}
+
+
+def _is_address(text_: str) -> bool:
+    try:
+        ipaddress.IPv4Address(text_)
+    except ValueError:
+        return False
+    return True
 
 
 def default_routes() -> typing.List[RouteTo]:

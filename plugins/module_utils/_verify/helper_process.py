@@ -16,17 +16,17 @@ import struct
 import time
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import (
+    admit,
+    answer,
+    open_door,
+    put_away,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper import (
     Address,
     Datagrams,
     Helper,
     Settings,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.left_behind import (
-    admit,
-    answer,
-    open_door,
-    put_away,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import echo, echo_request, packet
 

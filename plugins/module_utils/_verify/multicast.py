@@ -9,6 +9,12 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import (
+    Visit,
+    end_others,
+    leave,
+    path_of,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper import Settings
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper_process import (
@@ -16,12 +22,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helpe
     open_sockets,
     plain,
     serve,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.left_behind import (
-    Visit,
-    end_others,
-    leave,
-    path_of,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.memberships import (
     igmp6_memberships,

@@ -94,10 +94,7 @@ def members(
 def _add_routes(strange: typing.List[typing.Dict[str, typing.Any]], second: typing.Dict[str, str]) -> None:
     """Add the route to each computer, and to the second address of those that have one."""
     asked = [address for entry in strange for address in (entry["address"], second[entry["name"]]) if address]
-    routes = concurrently(
-        machine.route_to, asked, 15.0, lambda address: machine.RouteTo(address, error="ip gave no answer")
-    )
-    found = {address: route_to_plain(route) for address, route in zip(asked, routes)}
+    found = {route.destination: route_to_plain(route) for route in machine.routes_to(asked)}
     for entry in strange:
         address, other = entry["address"], second[entry["name"]]
         entry.update(route=found[address], discovery_route=found[other] if other not in ("", address) else None)

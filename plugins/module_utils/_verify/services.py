@@ -25,9 +25,8 @@ _PROPERTIES = (
 def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
     """Look at services of the collection: their state, and the variables that differ from the environment file."""
     found = []
-    for name in names:
-        unit = f"multimaster-{name}.service"
-        seen = state_of(unit)
+    units = [f"multimaster-{name}.service" for name in names]
+    for name, unit, seen in zip(names, units, states_of(units)):
         entry: typing.Dict[str, typing.Any] = {
             "name": name,
             "unit": unit,
@@ -51,10 +50,10 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
     return found
 
 
-def state_of(unit: str) -> typing.Dict[str, str]:
-    """Read the properties of a unit; empty where systemd does not answer."""
-    shown = systemd.show([unit], _PROPERTIES).units
-    return shown[0] if shown else {}
+def states_of(units: typing.Sequence[str]) -> typing.List[typing.Dict[str, str]]:
+    """Read the properties of units; empty ones where systemd does not answer."""
+    shown = systemd.show(units, _PROPERTIES).units if units else []
+    return shown if len(shown) == len(units) else [{} for unit in units]
 
 
 def sets_environment(path: str) -> bool:

@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.comm
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import node
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import FAREWELL, Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.services import state_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.services import states_of
 
 TALKER = "multimaster-verify-talker.service"
 PYTHON = "/usr/bin/python3"
@@ -91,7 +91,7 @@ def stop() -> None:
 
 def state() -> typing.Dict[str, typing.Any]:
     """Say if the talker runs, and the last line that it wrote where it does not."""
-    state = state_of(TALKER).get("ActiveState", "")
+    state = states_of([TALKER])[0].get("ActiveState", "")
     if state == "active":
         return {"running": True, "error": ""}
     lines = run(["journalctl", "--quiet", "--no-pager", "--output=cat", "--lines=5", "--unit=" + TALKER])

@@ -105,8 +105,12 @@ class GuardedAction(ActionBase):  # type: ignore[misc]  # ansible-core has no ty
     def _attempt(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None, limit: float) -> Result:
         """Run the module once. Raises AnsibleConnectionFailure, also after `limit` seconds."""
         with _timeout(limit):
-            # Ansible writes its own into the options.
-            result: Result = self._execute_module(module_args={**args}, task_vars=task_vars)
+            return self._once(args, task_vars)
+
+    def _once(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None) -> Result:
+        """Run the module once, however long it takes."""
+        # Ansible writes its own into the options.
+        result: Result = self._execute_module(module_args={**args}, task_vars=task_vars)
         return result
 
     def _new_connection(self) -> None:

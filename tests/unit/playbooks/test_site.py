@@ -56,7 +56,7 @@ def test_a_role_is_looked_at_with_its_own_options(role, module, options):
 
 def test_what_is_looked_at_is_what_is_brought():
     (look,) = [task[PREFIX + "multimaster_due"] for task in PLAY["pre_tasks"] if PREFIX + "multimaster_due" in task]
-    assert list(BROUGHT) == list(CHANGING)
+    assert list(BROUGHT) == [*CHANGING, "shells"]
     for concern in CHANGING:
         assert look[concern] == (
             f"{{{{ site_due.{concern} }}}}"
@@ -83,8 +83,16 @@ def test_every_computer_is_brought_once_and_those_that_forward_first():
     assert conditions == [
         "multimaster_plan.is_router",
         "multimaster_plan.is_gateway",
-        "not multimaster_plan.is_router and not multimaster_plan.is_gateway",
+        "not multimaster_plan.is_router",
     ]
+    _router, gateway, computer = (task[PREFIX + "multimaster_computer"] for task in block)
+    assert gateway == dict.fromkeys(("hosts_entries", "managed_files", "managed_services", "shells"))
+    assert computer == {
+        concern: f"{{{{ none if multimaster_plan.is_gateway else {BROUGHT[concern].strip('{} ')} }}}}".replace(
+            "'} }}", "} }}"
+        )
+        for concern in ROUTER
+    }
 
 
 def test_every_concern_has_a_task():

@@ -11,6 +11,7 @@ from ansible.playbook.task import Task
 from ansible.plugins.connection import ConnectionBase
 from ansible_collections.rosfleet.multimaster.plugins.action import multimaster_computer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import confirmed
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment
 
 SYSCTL = {"settings": [], "confirm_within": 60}
 ROUTES = {"routes": [], "confirm_within": "30"}
@@ -143,3 +144,54 @@ def test_a_failure_after_the_confirmation_leaves_what_was_confirmed(play):
     result, _runs, _connection = play(answer(sysctl=WAITS, routes=RIGHT), failed)
     assert (result["failed"], result["changed"], result["msg"]) == (True, True, "No.")
     assert result["concerns"]["sysctl"][0]["confirmed"] and result["concerns"]["managed_files"][0]["failed"]
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_the_process_of_the_first_run_does_the_second_where_it_is_there(play, monkeypatch, kept):
+    asked = []
+
+    def visit(action, options, label):
+        asked.append((set(options), label))
+        return answer(sysctl=DONE, managed_files=DONE) if kept else None
+
+    monkeypatch.setattr(multimaster_computer, "visit", visit)
+    others = [] if kept else [answer(sysctl=DONE, managed_files=DONE)]
+    result, runs, connection = play(answer(sysctl=WAITS, routes=RIGHT), *others)
+    assert asked == [({"sysctl", "managed_files"}, runs[0]["sysctl"]["confirmation"])], (
+        "once, and never for the first run"
+    )
+    assert (len(runs), connection.resets) == (1 if kept else 2, 1)
+    assert result["msg"] == "Waits. Right. Done." and not result["concerns"]["sysctl"][0]["unconfirmed"]
+
+
+VARIABLES = {"ROS_MASTER_URI": "http://a:11311"}
+LOGIN = environment.values(environment.merge({}, VARIABLES))
+PROFILE = "/etc/profile.d/rosfleet-multimaster.sh"
+SHELLS = {"variables": VARIABLES, "files": [PROFILE], "before": {"login": {}}, "notes": ["No ssh."]}
+
+
+def shells(found):
+    return {**answer(managed_files=DONE), "shells": found}
+
+
+@pytest.mark.parametrize(
+    ("found", "wrong"),
+    [
+        ({"login": LOGIN, "ssh": None, "desktop": None}, ""),
+        ({"login": {}}, "ROS_MASTER_URI is not set in a new login shell"),
+        (None, "could not be read"),
+    ],
+)
+def test_what_shells_see_is_compared_with_the_plan(play, found, wrong):
+    result, runs, _connection = play(shells(found), sysctl=None, routes=None, shells=SHELLS)
+    assert runs[0]["shells"] == {}, "the module only reads"
+    assert bool(result.get("failed")) is bool(wrong) and wrong in result["msg"]
+    assert result["warnings"] == ["No ssh."] and result["changed"] is True
+
+
+def test_where_nothing_was_written_shells_see_what_they_saw_before(play):
+    result, _runs, _connection = play(answer(managed_files=RIGHT), sysctl=None, routes=None, shells=SHELLS)
+    assert result["failed"]
+    seen = {**SHELLS, "before": {"login": LOGIN}}
+    assert "failed" not in play(answer(managed_files=RIGHT), sysctl=None, routes=None, shells=seen)[0]
+    assert "failed" not in play(answer(managed_files=RIGHT), sysctl=None, routes=None, shells=SHELLS, check=True)[0]

@@ -91,13 +91,13 @@ class FakeSystemd:
             for name in self.known():
                 self.change(name, text=self.on_disk(name))
             return
-        name = arguments[-1]
-        if verb in ("enable", "reenable", "disable"):
-            self.change(name, enabled=verb != "disable")
-        elif verb == "stop":
-            self.change(name, active="inactive")
-        else:
-            raise AssertionError(verb)
+        for name in (argument for argument in arguments if argument.endswith(".service")):
+            if verb in ("enable", "reenable", "disable"):
+                self.change(name, enabled=verb != "disable")
+            elif verb == "stop":
+                self.change(name, active="inactive")
+            else:
+                raise AssertionError(verb)
 
     def try_call(self, verb, *names):
         for name in names:

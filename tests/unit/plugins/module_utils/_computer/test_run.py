@@ -14,6 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.con
     Concern,
     asked_for,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 OPTIONS = {"name": {"type": "str", "required": True}, "fails": {"type": "str", "default": ""}}
@@ -108,9 +109,9 @@ def _machine(tmp_path, monkeypatch):
 def carry_out(tmp_path):
     """Run concerns; returns the result of the module."""
 
-    def carry_out(*asked, check_mode=False):
+    def carry_out(*asked, check_mode=False, **how):
         module = Module(check_mode)
-        computer.carry_out(module, asked, str(tmp_path / "run"))
+        computer.carry_out(module, asked, str(tmp_path / "run"), **how)
         return module.end
 
     return carry_out
@@ -176,6 +177,19 @@ def test_what_is_confirmed_stays_where_a_later_one_fails(carry_out, tmp_path):
     assert there(tmp_path) == {"a-now", "a-boot"}
 
 
+def test_what_shells_see_is_read_after_files_were_written(carry_out, monkeypatch):
+    monkeypatch.setattr(shells, "seen", lambda: {"login": {}})
+    assert carry_out(REST[0], read_back=True, check_mode=True).get("shells") is None
+    assert carry_out(REST[0], (FILES, {"name": "x", "fails": "plan"}), read_back=True).get("shells") is None
+    assert carry_out(REST[1], read_back=True)["shells"] == {"login": {}}
+    assert "shells" not in carry_out(REST[1], read_back=True), "nothing was written"
+
+
+def test_shells_that_cannot_be_asked_are_no_failure_of_the_module(carry_out, monkeypatch):
+    monkeypatch.setattr(shells, "seen", lambda: 1 / 0)
+    assert carry_out(REST[0], read_back=True)["shells"] is None
+
+
 def test_a_failure_ends_the_run(carry_out, tmp_path):
     result = carry_out(REST[0], (FILES, {"name": "x", "fails": "apply"}), REST[1])
     assert (result["failed"], result["msg"], result["changed"]) == (True, "x fails.", True)
@@ -221,3 +235,19 @@ def test_the_modules_themselves(carry_out, tmp_path):
     assert result["changed"] and "kobuki1computer" in hosts.read_text(encoding="utf-8")
     assert (tmp_path / "names").read_text(encoding="utf-8") == "y\n"
     assert carry_out(*asked_for(given))["changed"] is False
+
+
+def test_after_a_trial_the_process_is_kept_for_the_run_that_follows(carry_out, monkeypatch):
+    asked = []
+    monkeypatch.setattr(computer.kept, "keep", lambda *options: asked.append(options))
+    for runs, check_mode in (
+        (REST, False),
+        ([(one, {**o, "confirm_within": 0}) for one, o in TRIED], False),
+        (TRIED, True),
+    ):
+        carry_out(*runs, check_mode=check_mode, again=print)
+        assert not asked, "nothing follows"
+    carry_out((SETTINGS, {**TRIED[0][1], "fails": "apply"}), TRIED[1], again=print)
+    assert not asked, "a failure is the end"
+    carry_out(*TRIED, again=print)
+    assert asked == [(print, "word", 60)]

@@ -98,6 +98,32 @@ def test_routes_of_this_machine():
     }
 
 
+def test_the_routes_of_many_addresses_are_asked_of_one_process(monkeypatch):
+    asked = []
+    output = b"10.0.0.2 via 10.0.0.1 dev eth0 src 10.0.0.3 uid 0 \\    cache \nlocal 127.0.0.1 dev lo src 127.0.0.1 \\    cache <local>\n"
+    error = "RTNETLINK answers: No route to host\nCommand failed -:2\nCommand failed -:3"
+
+    def answered(argv, given):
+        asked.append((argv[-2:], given))
+        return commands.Answer(1, output, error)
+
+    monkeypatch.setattr(network, "run", answered)
+    wanted = ["10.0.0.2", "9.9.9.9", "evil\nroute flush", "9.9.9.8", "127.0.0.1", "10.0.0.2"]
+    far, none, evil, silent, near, again = network.routes_to(wanted)
+    lines = b"route get 10.0.0.2\nroute get 9.9.9.9\nroute get 9.9.9.8\nroute get 127.0.0.1\n"
+    assert asked == [(["-batch", "-"], lines)], "each address once, and nothing that is none"
+    assert far == again == RouteTo("10.0.0.2", "10.0.0.1", "eth0", "10.0.0.3")
+    assert near == RouteTo("127.0.0.1", None, "lo", "127.0.0.1")
+    assert (none.error, silent.error) == ("No route to host", "no route")
+    assert evil == RouteTo("evil\nroute flush", error="this is no IPv4 address")
+
+
+@pytest.mark.parametrize("output", [b"", b"one\ntwo\nthree\n"])
+def test_answers_that_are_not_one_for_each_address_are_no_routes(monkeypatch, output):
+    monkeypatch.setattr(network, "run", lambda argv, given: commands.Answer(-1, output, "no answer within 5 s"))
+    assert [route.error for route in network.routes_to(["10.0.0.2", "10.0.0.3"])] == ["no answer within 5 s"] * 2
+
+
 def test_default_routes(monkeypatch):
     output = b"default via 10.0.0.1 dev wlan0 metric 600\ndefault\n\tnexthop via 10.0.0.2 dev eth0 weight 1\n"
     monkeypatch.setattr(network, "run", lambda _argv: commands.Answer(0, output, ""))

@@ -15,7 +15,7 @@ import syslog
 import typing
 
 FOLDER = "/run/rosfleet-multimaster"
-LONGEST_LINE = 1 << 20  # bytes of a request or reply
+LONGEST_LINE = 1 << 24  # bytes of a request or reply; the files of the nodes are half a megabyte
 
 Line = typing.Dict[str, typing.Any]
 
