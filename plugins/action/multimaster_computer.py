@@ -20,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.environ
 
 # The concerns that can cut the controller off. They come first, in a run of their own.
 GUARDED = ("sysctl", "routes")
+NO_RESULT = "The second run on this computer ended without a result, so it is not known what it has done; run the playbook again."
 REST = 600.0  # seconds for the other concerns, which start services
 
 Args = Mapping[str, Any]
@@ -66,7 +67,9 @@ class ActionModule(GuardedAction):
         """Run the module once: the process of an earlier run does it, where there is one."""
         label, self._kept = self._kept, ""
         found = visit(self, args, label) if label else None
-        return super()._once(args, task_vars) if found is None else found
+        if found is None:
+            return super()._once(args, task_vars)
+        return found or {"failed": True, "msg": NO_RESULT}
 
 
 def compared(found: Result, wanted: Args) -> Result:

@@ -23,6 +23,6 @@ class ActionModule(ActionBase):
         wrap_async = bool(self._task.async_val)
         if options.get("state", "collected") == "collected" and not wrap_async:
             found = visit(self, options, str(options.get("run", "default")))
-            if found is not None:
-                return {**result, **found, "kept": True}
+            if found:
+                return {**result, **found}
         return {**result, **self._execute_module(module_args=options, task_vars=task_vars, wrap_async=wrap_async)}

@@ -121,6 +121,11 @@ same_connection:
   returned: when no concern failed
   type: bool
   sample: false
+kept:
+  description: Whether the process of the first run did the second one, too, which saves the computer the start of a module.
+  returned: when it did
+  type: bool
+  sample: true
 rolled_back:
   description: Whether the change was taken back, because it was not confirmed in time or could not be completed.
   returned: failed

@@ -11,6 +11,7 @@ import functools
 import importlib
 import io
 import json
+import linecache
 import select
 import socket
 import struct
@@ -57,16 +58,20 @@ def keep(main: typing.Callable[[], None], run: str, seconds: float) -> None:
 
 
 def load(archive: str) -> None:
-    """Import what came in the archive of the module: it is removed at the end of the run, and imports may come later."""
+    """Import what came in the archive of the module, and keep the sources: it is removed at the end of the run.
+
+    Imports may come later, and some code is handed on as source.
+    """
     if not archive:
         return
     with zipfile.ZipFile(archive) as shipped:
         names = [name for name in shipped.namelist() if name.startswith(_SHIPPED) and name.endswith(".py")]
     for name in names:
         try:
-            importlib.import_module(name[: -len(".py")].replace("/__init__", "").replace("/", "."))
+            module = importlib.import_module(name[: -len(".py")].replace("/__init__", "").replace("/", "."))
         except ImportError:
-            pass  # the run says it, if it needs that one
+            continue  # the run says it, if it needs that one
+        linecache.getlines(module.__file__ or "", vars(module))
 
 
 def serve(door: socket.socket, path: str, main: typing.Callable[[], None], seconds: float) -> None:

@@ -48,6 +48,7 @@ def _end(*unused: typing.Any) -> None:
 def _let_go(kept: typing.Iterable[int]) -> None:
     """Close everything but these descriptors: no terminal, no pipe of Ansible's and no folder stays busy."""
     os.chdir("/")
+    syslog.closelog()  # else it would write to whatever gets the number of its descriptor
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
     numbers = set(kept)

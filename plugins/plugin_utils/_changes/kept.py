@@ -32,9 +32,9 @@ Result = dict[str, Any]
 
 
 def visit(action: ActionBase, options: Mapping[str, Any], label: str) -> Result | None:
-    """Let the kept process with this label run its module with these options; None where there is none that answers.
+    """Let the kept process with this label run its module with these options; None where there is none to be asked.
 
-    Raises AnsibleConnectionFailure.
+    The result is empty where the process was asked, and nothing came back. Raises AnsibleConnectionFailure.
     """
     if not action._is_pipelining_enabled("new"):
         return None  # what is written to the input of a command does not arrive there
@@ -45,14 +45,17 @@ def visit(action: ActionBase, options: Mapping[str, Any], label: str) -> Result 
         return None  # the usual way knows more types
     command = shlex.join([PYTHON, "-I", "-S", "-c", VISIT, path_of(KIND, label)])
     said = action._low_level_execute_command(command, in_data=request.encode())
-    return answered(said["stdout"]) if said["rc"] == 0 else None
+    if said["rc"] != 0:
+        return None
+    found = answered(said["stdout"])
+    return {**found, "kept": True} if found else {}
 
 
-def answered(output: str) -> Result | None:
-    """Return the last line of an output as the result of a module; None where it is none."""
+def answered(output: str) -> Result:
+    """Return the last line of an output as the result of a module; empty where it is none."""
     lines = output.strip().splitlines()
     try:
         found = json.loads(lines[-1]) if lines else None
     except ValueError:
-        return None
-    return found if isinstance(found, dict) else None
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -164,6 +164,12 @@ def test_the_process_of_the_first_run_does_the_second_where_it_is_there(play, mo
     assert result["msg"] == "Waits. Right. Done." and not result["concerns"]["sysctl"][0]["unconfirmed"]
 
 
+def test_a_kept_process_without_a_result_is_a_failure_and_not_asked_for_again(play, monkeypatch):
+    monkeypatch.setattr(multimaster_computer, "visit", lambda action, options, label: {})
+    result, runs, _connection = play(answer(sysctl=WAITS, routes=RIGHT))
+    assert (result["failed"], result["msg"], len(runs)) == (True, multimaster_computer.NO_RESULT, 1)
+
+
 VARIABLES = {"ROS_MASTER_URI": "http://a:11311"}
 LOGIN = environment.values(environment.merge({}, VARIABLES))
 PROFILE = "/etc/profile.d/rosfleet-multimaster.sh"
