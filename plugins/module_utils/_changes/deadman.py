@@ -73,22 +73,21 @@ class Timer:
 
     def start(self, unit: str, seconds: int, argv: typing.Sequence[str]) -> None:
         """Run the command in so many seconds. Raises Problem where this machine cannot."""
-        self.stop(unit)
-        answer = commands.run(
-            [
-                "systemd-run",
-                "--quiet",
-                "--no-ask-password",
-                "--collect",
-                f"--unit={unit}",
-                "--description=Take back what nobody has confirmed",
-                f"--on-active={seconds}s",
-                "--timer-property=AccuracySec=50ms",
-                "--",
-            ]
-            + list(argv),
-            limit=_LIMIT,
-        )
+        command = [
+            "systemd-run",
+            "--quiet",
+            "--no-ask-password",
+            "--collect",
+            f"--unit={unit}",
+            "--description=Take back what nobody has confirmed",
+            f"--on-active={seconds}s",
+            "--timer-property=AccuracySec=50ms",
+            "--",
+        ]
+        answer = commands.run(command + list(argv), limit=_LIMIT)
+        if answer.status != 0:  # a timer of this name may be left
+            self.stop(unit)
+            answer = commands.run(command + list(argv), limit=_LIMIT)
         if answer.status != 0:
             raise Problem(
                 f"confirm_within: found no way to start the timer {unit}.timer "
@@ -97,9 +96,8 @@ class Timer:
             )
 
     def stop(self, unit: str) -> None:
-        """End the timer; a timer that is not there is no error."""
+        """End the timer; a timer that is not there is no error. What failed has gone by itself (--collect)."""
         commands.run(["systemctl", "stop", f"{unit}.timer"], limit=_LIMIT)
-        commands.run(["systemctl", "reset-failed", f"{unit}.timer", f"{unit}.service"], limit=_LIMIT)
 
 
 class Switch:
@@ -110,6 +108,7 @@ class Switch:
         self.base = folder
         self.folder = os.path.join(folder, f"rollback-{name}")
         self.timer = timer or Timer()
+        self._stopped = False  # the timer, after a release
 
     def arm(
         self,
@@ -144,6 +143,7 @@ class Switch:
             self._write("state.json", json.dumps(state).encode("utf-8"))
             self._write("armed", b"")
             self.timer.start(self.unit, seconds, ["/bin/sh", self._path("undo.sh")])
+            self._stopped = False
         except (OSError, Problem) as problem:
             self.clear()
             if isinstance(problem, Problem):
@@ -193,6 +193,7 @@ class Switch:
         except FileNotFoundError:
             return False
         self.timer.stop(self.unit)
+        self._stopped = True
         return True
 
     def roll_back_now(self) -> None:
@@ -211,7 +212,7 @@ class Switch:
         """Remove the switch: timer, script and folder."""
         if not os.path.isdir(self.folder):
             return
-        if not (self._mark() == "armed" and self.release()):
+        if not (self._mark() == "armed" and self.release()) and not self._stopped:
             self.timer.stop(self.unit)  # of a rollback that a person started by hand
         for name in os.listdir(self.folder):
             atomic.remove(self._path(name))

@@ -23,11 +23,12 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.unit
     Action,
     State,
     Unit,
+    says_when_up,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
 
 SWITCHES = ("disable", "enable", "reenable")  # verbs of systemctl
-SETTLE = 1.0  # seconds in which a service that dies at once does so
+SETTLE = 1.0  # seconds in which a service that dies at once does so, where it does not say when it is up
 
 
 class Plan(typing.NamedTuple):
@@ -167,7 +168,8 @@ class UnitSteps:
                 self._restart(action.name, self.plan.before[action.name].invocation)
             else:
                 self.systemd.bring("start", action.name)
-        if begun:
+        texts = {unit.name: unit.content for unit in self.plan.units}
+        if any(not says_when_up(texts[action.name]) for action in begun):
             time.sleep(SETTLE)
         self.after = self.systemd.show(self.plan.names)
         self._check_up([action.name for action in begun])

@@ -21,6 +21,8 @@ _INPUTS = re.compile(rf"^[ \t]*Environment[ \t]*=.*?\b{INPUTS}=([^\s\"']+)", re.
 _FILE = re.compile(r"(?<![\w./])/etc/[^\s\"';]+")
 _INSTALL = re.compile(r"^[ \t]*(WantedBy|RequiredBy|UpheldBy|Alias|Also)[ \t]*=[ \t]*\S", re.MULTILINE)
 # The settings that make systemd restart a unit together with another one (systemd.unit(5)).
+_TYPE = re.compile(r"^Type[ \t]*=[ \t]*(\S+)[ \t]*$", re.MULTILINE)
+_SAYING = ("notify", "notify-reload", "oneshot", "dbus")
 _FOLLOWS = re.compile(r"^[ \t]*(?:PartOf|BindsTo|Requires|Requisite)[ \t]*=(.*)$", re.MULTILINE)
 
 
@@ -114,6 +116,12 @@ def files_read(content: str) -> typing.List[str]:
     """The files below /etc that a unit's text names."""
     lines = [line for line in content.splitlines() if not line.lstrip().startswith(("#", ";"))]
     return sorted({path for line in lines for path in _FILE.findall(line)})
+
+
+def says_when_up(content: str) -> bool:
+    """Say if systemd's start of the unit of this text lasts until the unit says that it is up (Type=, systemd.service(5))."""
+    types = _TYPE.findall(content)
+    return bool(types) and types[-1] in _SAYING
 
 
 def followed(content: str) -> typing.Set[str]:

@@ -231,3 +231,18 @@ def test_bad_units_are_sentences(units, said):
     full = [dict({"content": INSTALL, "enabled": True, "started": True}, **entry) for entry in units]
     with pytest.raises(Problem, match=said):
         units_module.wanted_units(full)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("[Service]\nType=notify\n", True),
+        ("[Service]\nType = oneshot \nExecStart=/bin/true", True),
+        ("[Service]\nType=notify\nType=simple\n", False),
+        ("[Service]\nExecStart=/usr/bin/x --Type=notify\n", False),
+        ("[Service]\nType=forking\n", False),
+        ("", False),
+    ],
+)
+def test_who_says_when_it_is_up_needs_no_time_to_die(content, says):
+    assert units_module.says_when_up(content) is says
