@@ -53,7 +53,7 @@ class ActionModule(GuardedAction):
         first, reason = self._first(trial, seconds, task_vars)
         if first.get("failed"):
             return first
-        self._kept = word
+        self._kept = word if first.get("unconfirmed") else ""
         confirming = {**confirmations(trial, first), **rest}
         if not confirming:
             second = {}

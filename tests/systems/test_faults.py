@@ -304,7 +304,7 @@ def test_one_fork_verifies_as_well(lab):
 def test_the_verification_leaves_no_trace_at_the_discovery_nodes(lab):
     """Its probes go to the group and port that the nodes use."""
     since = lab.run(FIRST, "date '+%F %T'").strip()
-    status, output = lab.play("playbooks/verify.yml", "-v", environment={"ANSIBLE_PIPELINING": "False"})
+    status, output = lab.play("playbooks/verify.yml", "-v", variables={"ansible_pipelining": False})
     assert status == 0 and '"kept"' not in output, "without pipelining, both runs start the module"
     log = lab.run(FIRST, f"journalctl --unit multimaster-discovery --output cat --since '{since}'")
     assert not log.strip(), log

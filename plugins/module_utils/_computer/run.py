@@ -74,7 +74,7 @@ def carry_out(
 ) -> None:
     """Carry out all concerns in their order, read what shells see then where that is asked for, and end the module.
 
-    After a trial, the process is kept for the run that follows, which is `again`.
+    Where changes wait for their confirmation, the process is kept for the run that confirms them, which is `again`.
     """
     try:
         parts = [Part(module, concern, options, switches) for concern, options in asked]
@@ -90,9 +90,9 @@ def carry_out(
         if result.get("failed") or result.get("same_connection"):
             break
     seen = _seen(results) if read_back and not module.check_mode else {}
-    word, seconds = _trial(parts)
-    if again and word and not module.check_mode and len(results) == len(parts):
-        kept.keep(again, word, seconds)
+    waiting = [part.params for part in parts if part.guard and part.guard.unconfirmed]
+    if again and waiting and not results[-1][1].get("failed"):
+        kept.keep(again, waiting[0]["confirmation"], max(params["confirm_within"] for params in waiting))
     return _end(module, parts, results, [entry for entry in differences if entry["before"] != entry["after"]], seen)
 
 
@@ -122,14 +122,6 @@ def _end(
         **whole,
         **seen,
     )
-
-
-def _trial(parts: typing.Iterable[Part]) -> typing.Tuple[str, float]:
-    """Return the word that is to confirm a trial, and the seconds that it waits; an empty one where nothing is tried."""
-    tried = [
-        part.params for part in parts if part.guard and part.params["confirm_within"] and part.params["confirmation"]
-    ]
-    return (tried[0]["confirmation"], max(params["confirm_within"] for params in tried)) if tried else ("", 0.0)
 
 
 def _seen(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:

@@ -251,3 +251,6 @@ def test_after_a_trial_the_process_is_kept_for_the_run_that_follows(carry_out, m
     assert not asked, "a failure is the end"
     carry_out(*TRIED, again=print)
     assert asked == [(print, "word", 60)]
+    carry_out(*CONFIRMING, again=print)
+    carry_out(*TRIED, again=print)
+    assert len(asked) == 1, "nothing waits for a confirmation"
