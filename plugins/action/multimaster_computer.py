@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.conf
     Result,
     seconds_of,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.kept import visit
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.kept import can_visit, visit
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.environment import SEEN, differences
 
 # The concerns that can cut the controller off. They come first, in a run of their own.
@@ -35,12 +35,15 @@ class ActionModule(GuardedAction):
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
         """Run the module and return the result of all concerns; see ActionBase."""
         result: Result = ActionBase.run(self, tmp, task_vars)
-        args = {name: options for name, options in self._task.args.items() if options is not None}
-        wanted = args.get("shells") or {}
-        if wanted:
-            args["shells"] = {}  # the module only reads
+        # Before ansible-core 2.19, a template makes an empty text of None.
+        args = {name: options for name, options in self._task.args.items() if options not in (None, "")}
+        wanted = args.get("shells")
+        if not isinstance(wanted, Mapping):
+            return {**result, **self._brought(args, task_vars)}
+        args["shells"] = {**wanted, "before": {}, "notes": []}  # the module only reads
         found = {**result, **self._brought(args, task_vars)}
-        return found if self._task.check_mode else compared(found, wanted)
+        found["warnings"] = [*found.get("warnings", []), *(wanted.get("notes") or ())]
+        return found if self._task.check_mode or found.get("failed") else compared(found, wanted)
 
     def _brought(self, args: Args, task_vars: dict[str, Any] | None) -> Result:
         """Return the result of one run, or of two."""
@@ -50,7 +53,7 @@ class ActionModule(GuardedAction):
         if not seconds:
             one: Result = self._execute_module(module_args={**trial, **rest}, task_vars=task_vars)
             return one
-        first, reason = self._first(trial, seconds, task_vars)
+        first, reason = self._first({**trial, "keep": can_visit(self)}, seconds, task_vars)
         if first.get("failed"):
             return first
         self._kept = word if first.get("unconfirmed") else ""
@@ -73,15 +76,10 @@ class ActionModule(GuardedAction):
 
 
 def compared(found: Result, wanted: Args) -> Result:
-    """Return a result with what the variables do not reach, and as a failure where shells do not see what they are to see."""
-    if not wanted or found.get("failed"):
-        return found
+    """Return a result, as a failure where shells do not see what they are to see."""
     seen = found["shells"] if "shells" in found else wanted.get("before") or {}
-    wrong = ["What shells see now could not be read; run site.yml again."]
-    if seen is not None:
-        expected = (wanted.get(name) or () for name in ("files", "exports"))
-        wrong = differences(wanted.get("variables") or {}, {what: seen.get(what) for what in SEEN}, *expected)
-    found = {**found, "warnings": [*found.get("warnings", []), *(wanted.get("notes") or ())]}
+    expected = (wanted.get(name) or () for name in ("files", "exports"))
+    wrong = differences(wanted.get("variables") or {}, {what: seen.get(what) for what in SEEN}, *expected)
     if not wrong:
         return found
     said = {name: value for name, value in found.items() if name in ("changed", "diff", "warnings")}

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.kept import Result, visit
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.kept import Result, can_visit, visit
 
 
 class ActionModule(ActionBase):
@@ -25,4 +25,6 @@ class ActionModule(ActionBase):
             found = visit(self, options, str(options.get("run", "default")))
             if found:
                 return {**result, **found}
+        elif options.get("state") == "started" and can_visit(self):
+            options["keep"] = True
         return {**result, **self._execute_module(module_args=options, task_vars=task_vars, wrap_async=wrap_async)}

@@ -19,7 +19,8 @@ description:
   - A unit that systemd restarts together with another one (C(PartOf=), C(BindsTo=), C(Requires=)) is not restarted
     twice.
   - A unit counts as started when systemd says so, hence C(Type=notify) proves most. All units are looked at once more
-    a second after the last start, so a service that ends at once is found. C(Type=oneshot) needs
+    after the last start; a second later, unless all that were started say when they are up (C(Type=notify), C(Type=oneshot),
+    C(Type=dbus)), so a service that ends at once is found. C(Type=oneshot) needs
     C(RemainAfterExit=yes).
   - If a unit does not start, the module rolls back the texts, links and running units. Then it fails with the state of
     the unit and the end of its journal.

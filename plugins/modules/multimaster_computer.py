@@ -67,6 +67,11 @@ options:
         type: list
         elements: str
         default: []
+  keep:
+    description: Whether the process waits for the run that confirms a change, at most for C(confirm_within). The controller sets it where the connection has
+      pipelining, for example V(true).
+    type: bool
+    default: false
 seealso:
   - module: rosfleet.multimaster.multimaster_due
 author:
@@ -154,10 +159,16 @@ def main() -> None:
             "managed_files": {"type": "list", "elements": "dict", "default": []},
             "managed_services": {"type": "list", "elements": "dict", "default": []},
             "shells": {"type": "dict", "options": SHELLS},
+            "keep": {"type": "bool", "default": False},
         },
         supports_check_mode=True,
     )
-    carry_out(module, asked_for(module.params), read_back=module.params["shells"] is not None, again=main)
+    carry_out(
+        module,
+        asked_for(module.params),
+        read_back=module.params["shells"] is not None,
+        again=main if module.params["keep"] else None,
+    )
 
 
 if __name__ == "__main__":

@@ -269,6 +269,11 @@ options:
         first computer's task with O(state=started) to the last one's with O(state=collected) or O(state=streamed).
     type: int
     default: 300
+  keep:
+    description: Whether the process waits for the run that collects, at most for O(lifetime). The controller sets it where the connection has
+      pipelining, for example V(true).
+    type: bool
+    default: false
   seconds:
     description:
       - How many seconds a stream with O(state=streamed) takes, for example V(0.5); from 0.1 to 2. It ends earlier after 20 MB.
@@ -1665,7 +1670,7 @@ def start(module: AnsibleModule) -> Result:
     machine = seen(params)  # first: what is left running here is none of the machine
     heard = None if module.check_mode else group(params, "started")
     spoken = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
-    if not module.check_mode:
+    if params["keep"] and not module.check_mode:
         kept.keep(main, params["run"], params["lifetime"])
     parts = {"multicast": heard, "machine": machine}
     return dict(spoken, **{name: value for name, value in parts.items() if value is not None})
@@ -1882,6 +1887,7 @@ ARGUMENTS = {
     },
     "patience": {"type": "int", "default": 20},
     "lifetime": {"type": "int", "default": 300},
+    "keep": {"type": "bool", "default": False},
     "seconds": {"type": "float", "default": 0.5},
 }
 

@@ -278,9 +278,9 @@ def test_who_asks_the_process_of_a_trial_over_the_same_connection_confirms_nothi
 
     routes = {"routes": [DEFAULT, MORE], "confirmation": "word"}
     module = BY_HAND % "multimaster_computer"
-    assert session("/tmp/same", module, {"ANSIBLE_MODULE_ARGS": {"routes": {**routes, "confirm_within": 600}}})[
-        "unconfirmed"
-    ]
+    assert session(
+        "/tmp/same", module, {"ANSIBLE_MODULE_ARGS": {"keep": True, "routes": {**routes, "confirm_within": 600}}}
+    )["unconfirmed"]
     doors = "/run/rosfleet-multimaster/kept-*"
     assert fleet.run(INNER, f"stat -c '%U %a' {doors}") == "root 600\n"
     again = session("/tmp/same", f"python3 -I -S /run/visit {doors} </run/arguments", {"run": {"routes": routes}})

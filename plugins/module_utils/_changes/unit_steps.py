@@ -151,10 +151,7 @@ class UnitSteps:
 
     def _start(self) -> None:
         """Enable or disable the planned units, start and restart them in their order, and look whether they stay up."""
-        for verb in SWITCHES:  # all units at once, since systemd reads all its files again after each call
-            names = [action.name for action in self.plan.listed if action.switch == verb]
-            if names:
-                self.systemd.call(verb, "--", *names)
+        self._switch()
         # Units that restart together end in reverse order before the first one does: a node that saw its roscore go
         # would end with an error instead of taking leave.
         self._later = [action.name for action in self.plan.actions if action.run == "restart"][1:]
@@ -173,6 +170,13 @@ class UnitSteps:
             time.sleep(SETTLE)
         self.after = self.systemd.show(self.plan.names)
         self._check_up([action.name for action in begun])
+
+    def _switch(self) -> None:
+        """Enable and disable the planned units: all at once, since systemd reads all its files again after each call."""
+        for verb in SWITCHES:
+            names = [action.name for action in self.plan.listed if action.switch == verb]
+            if names:
+                self.systemd.call(verb, "--", *names)
 
     def _restart(self, name: str, invocation: str) -> None:
         """Restart a unit whose present process is this invocation; only wait where systemd is already at it."""

@@ -20,9 +20,9 @@ _INPUTS = re.compile(rf"^[ \t]*Environment[ \t]*=.*?\b{INPUTS}=([^\s\"']+)", re.
 # A file below /etc, as an argument of a program or behind EnvironmentFile=.
 _FILE = re.compile(r"(?<![\w./])/etc/[^\s\"';]+")
 _INSTALL = re.compile(r"^[ \t]*(WantedBy|RequiredBy|UpheldBy|Alias|Also)[ \t]*=[ \t]*\S", re.MULTILINE)
-# The settings that make systemd restart a unit together with another one (systemd.unit(5)).
 _TYPE = re.compile(r"^Type[ \t]*=[ \t]*(\S+)[ \t]*$", re.MULTILINE)
 _SAYING = ("notify", "notify-reload", "oneshot", "dbus")
+# The settings that make systemd restart a unit together with another one (systemd.unit(5)).
 _FOLLOWS = re.compile(r"^[ \t]*(?:PartOf|BindsTo|Requires|Requisite)[ \t]*=(.*)$", re.MULTILINE)
 
 

@@ -90,9 +90,8 @@ def carry_out(
         if result.get("failed") or result.get("same_connection"):
             break
     seen = _seen(results) if read_back and not module.check_mode else {}
-    waiting = [part.params for part in parts if part.guard and part.guard.unconfirmed]
-    if again and waiting and not results[-1][1].get("failed"):
-        kept.keep(again, waiting[0]["confirmation"], max(params["confirm_within"] for params in waiting))
+    if again:
+        _keep(again, parts, results)
     return _end(module, parts, results, [entry for entry in differences if entry["before"] != entry["after"]], seen)
 
 
@@ -124,6 +123,15 @@ def _end(
     )
 
 
+def _keep(
+    again: typing.Callable[[], None], parts: typing.Iterable[Part], results: typing.Sequence[typing.Tuple[str, Fields]]
+) -> None:
+    """Keep the process for the next run where changes wait for their confirmation."""
+    waiting = [part.params for part in parts if part.guard and part.guard.unconfirmed]
+    if waiting and not results[-1][1].get("failed"):
+        kept.keep(again, waiting[0]["confirmation"], max(params["confirm_within"] for params in waiting))
+
+
 def _seen(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
     """Return what shells see where files were written; nothing where that is not to be had, as after a failure."""
     written = any(name == "managed_files" and result.get("changed") for name, result in results)
@@ -133,8 +141,8 @@ def _seen(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
 
     try:
         return {"shells": commands.within(_READING, shells.seen)}
-    except Exception:  # whatever a strange machine makes of it; the controller says that nothing was read
-        return {"shells": None}
+    except Exception:  # whatever a strange machine makes of it: nothing is known of what shells see
+        return {"shells": dict(shells.NOTHING_SEEN)}
 
 
 def by_name(results: typing.Iterable[typing.Tuple[str, Fields]]) -> typing.Dict[str, typing.List[Fields]]:

@@ -102,7 +102,7 @@ PARTS = (
     Part("masters", masters, 60, [], options=("ports",)),
     Part("exports", shells.exports, 5, []),
     Part("sshd", shells.sshd, 10, NO_SSHD),
-    Part("environment", shells.seen, 20, {"login": None, "ssh": None, "desktop": None}),
+    Part("environment", shells.seen, 20, dict(shells.NOTHING_SEEN)),
 )
 
 

@@ -43,7 +43,7 @@ def run(
     With `unprivileged`, root becomes the user nobody first, or `user` (uid, gid); `given` is what it reads. No exception:
     a command that does not exist, or is too slow, gives an Answer with the status -1 and a sentence as its error.
     """
-    # Without steps of our own before exec(2) Python needs no copy of this process (vfork), which costs more than most commands.
+    # Without steps of our own before exec(2) Python from 3.10 on needs no copy of this process (vfork), which costs more than most commands.
     become = None
     if (unprivileged or user) and os.geteuid() == 0:
         become = _become(user or nobody())

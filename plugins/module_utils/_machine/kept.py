@@ -7,6 +7,7 @@ The start of a module takes most computers more than its work: Python starts, An
 are compiled. All of that is there already in a process that has done it. Where it is gone, the module is started as usual.
 """
 
+import errno
 import functools
 import importlib
 import io
@@ -16,12 +17,15 @@ import select
 import socket
 import struct
 import sys
+import traceback
 import typing
 import zipfile
 
 from ansible.module_utils import basic
+from ansible.module_utils.common import warnings
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import (
     admit,
+    end_others,
     leave,
     open_door,
     path_of,
@@ -49,12 +53,26 @@ def keep(main: typing.Callable[[], None], run: str, seconds: float) -> None:
     """
     path = path_of(KIND, run)
     try:
-        door = open_door(path)
+        door = _opened(path)
     except OSError:
         return
     with door:
-        load(getattr(__spec__.loader, "archive", ""))
-        leave(functools.partial(serve, door, path, main, seconds), [door], "A kept run of rosfleet.multimaster")
+        try:
+            load(getattr(__spec__.loader, "archive", ""))
+            leave(functools.partial(serve, door, path, main, seconds), [door], "A kept run of rosfleet.multimaster")
+        except Exception:  # no memory, no process: the next run is started as usual
+            put_away(path)
+
+
+def _opened(path: str) -> socket.socket:
+    """Open the door. One of the same name is of a process that was killed, or waits for nobody any more. Raises OSError."""
+    try:
+        return open_door(path)
+    except OSError as problem:
+        if problem.errno != errno.EADDRINUSE:
+            raise
+    end_others(KIND)
+    return open_door(path)
 
 
 def load(archive: str) -> None:
@@ -87,7 +105,16 @@ def serve(door: socket.socket, path: str, main: typing.Callable[[], None], secon
         if isinstance(options, dict):
             global _asker  # pylint: disable=global-statement
             _asker = process_of(connection)
-            said = json.dumps(result(main, options)).encode()
+            try:
+                found = result(main, options)
+            except Exception as problem:  # a module that is started would show it as well
+                what = traceback.format_exc()
+                found = {
+                    "failed": True,
+                    "msg": f"The run of the module ended by an error: {problem!r}.",
+                    "exception": what,
+                }
+            said = json.dumps(found).encode()
             connection.settimeout(_SENDING)
             connection.sendall(said + b"\n")
 
@@ -103,6 +130,8 @@ def result(main: typing.Callable[[], None], options: Options) -> Options:
     former = json.loads(basic._ANSIBLE_ARGS)["ANSIBLE_MODULE_ARGS"]
     of_ansible = {name: value for name, value in former.items() if name.startswith("_ansible_")}
     basic._ANSIBLE_ARGS = json.dumps({"ANSIBLE_MODULE_ARGS": dict(of_ansible, **options)}).encode()
+    for told in ("_global_warnings", "_global_deprecations"):  # by the first run
+        getattr(warnings, told, []).clear()
     sys.stdout = written = io.StringIO()
     try:
         main()

@@ -237,6 +237,9 @@ def _changed(path: str) -> float:
     return 0.0
 
 
+NOTHING_SEEN: typing.Dict[str, None] = {"login": None, "ssh": None, "desktop": None}
+
+
 def seen() -> typing.Dict[str, typing.Optional[typing.Dict[str, str]]]:
     """Return the variables that reach a new login shell, a command by ssh and a terminal of a desktop.
 

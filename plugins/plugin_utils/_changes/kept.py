@@ -10,16 +10,21 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
+from ansible.module_utils.common import json as ansible_json
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.kept import KIND, REQUEST
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import path_of
 
 PYTHON = "/usr/bin/python3"
+NOBODY = (3, 126, 127)  # the exit status of a visitor who found no door, and of a shell without Python
 # A visitor at the door of the kept process. It knows nothing else, so it starts at once.
 VISIT = """
 import socket, sys
 door = socket.socket(socket.AF_UNIX)
-door.connect(sys.argv[1])
+try:
+    door.connect(sys.argv[1])
+except OSError:
+    sys.exit(3)
 door.sendall(sys.stdin.buffer.read() + b"\\n")
 while True:
     said = door.recv(65536)
@@ -29,6 +34,17 @@ while True:
 """
 
 Result = dict[str, Any]
+# From ansible-core 2.19 on, warnings travel as objects.
+DECODER = (
+    ansible_json.get_module_decoder("legacy", ansible_json.Direction.MODULE_TO_CONTROLLER)
+    if hasattr(ansible_json, "get_module_decoder")
+    else None
+)
+
+
+def can_visit(action: ActionBase) -> bool:
+    """Say if what is written to the input of a command arrives there; else there is no use in a kept process."""
+    return bool(action._is_pipelining_enabled("new"))
 
 
 def visit(action: ActionBase, options: Mapping[str, Any], label: str) -> Result | None:
@@ -36,16 +52,18 @@ def visit(action: ActionBase, options: Mapping[str, Any], label: str) -> Result 
 
     The result is empty where the process was asked, and nothing came back. Raises AnsibleConnectionFailure.
     """
-    if not action._is_pipelining_enabled("new"):
-        return None  # what is written to the input of a command does not arrive there
-    modes = {"_ansible_check_mode": action._task.check_mode, "_ansible_no_log": action._task.no_log}
+    if not can_visit(action):
+        return None
+    modes: Result = {"_ansible_check_mode": action._task.check_mode}
+    if action._task.no_log:  # else what Ansible told the first run counts
+        modes["_ansible_no_log"] = True
     try:
         request = json.dumps({REQUEST: {**options, **modes}})
     except TypeError:
         return None  # the usual way knows more types
     command = shlex.join([PYTHON, "-I", "-S", "-c", VISIT, path_of(KIND, label)])
     said = action._low_level_execute_command(command, in_data=request.encode())
-    if said["rc"] != 0:
+    if said["rc"] in NOBODY:
         return None
     found = answered(said["stdout"])
     return {**found, "kept": True} if found else {}
@@ -55,7 +73,7 @@ def answered(output: str) -> Result:
     """Return the last line of an output as the result of a module; empty where it is none."""
     lines = output.strip().splitlines()
     try:
-        found = json.loads(lines[-1]) if lines else None
+        found = json.loads(lines[-1], cls=DECODER) if lines else None
     except ValueError:
         return {}
     return found if isinstance(found, dict) else {}

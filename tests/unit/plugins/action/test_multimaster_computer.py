@@ -77,7 +77,7 @@ def test_the_second_run_confirms_and_does_the_rest(play):
     result, runs, connection = play(
         answer([1], sysctl=WAITS, routes=RIGHT), answer([1, 2], sysctl=DONE, managed_files=DONE)
     )
-    assert [set(run) for run in runs] == [{"sysctl", "routes"}, {"sysctl", "managed_files"}]
+    assert [set(run) for run in runs] == [{"sysctl", "routes", "keep"}, {"sysctl", "managed_files"}]
     word = runs[0]["sysctl"]["confirmation"]
     assert word and runs[0]["routes"] == {**ROUTES, "confirmation": word}
     assert runs[1]["sysctl"] == {**SYSCTL, "confirm_within": 0, "confirmation": word}
@@ -89,7 +89,7 @@ def test_the_second_run_confirms_and_does_the_rest(play):
 
 def test_where_nothing_waits_the_connection_is_kept(play):
     result, runs, connection = play(answer(sysctl=RIGHT, routes=RIGHT), answer(managed_files=RIGHT))
-    assert [set(run) for run in runs] == [{"sysctl", "routes"}, {"managed_files"}]
+    assert [set(run) for run in runs] == [{"sysctl", "routes", "keep"}, {"managed_files"}]
     assert (connection.resets, result["changed"]) == (0, False)
 
 
@@ -185,12 +185,12 @@ def shells(found):
     [
         ({"login": LOGIN, "ssh": None, "desktop": None}, ""),
         ({"login": {}}, "ROS_MASTER_URI is not set in a new login shell"),
-        (None, "could not be read"),
+        ({"login": None, "ssh": None, "desktop": None}, ""),
     ],
 )
 def test_what_shells_see_is_compared_with_the_plan(play, found, wrong):
     result, runs, _connection = play(shells(found), sysctl=None, routes=None, shells=SHELLS)
-    assert runs[0]["shells"] == {}, "the module only reads"
+    assert runs[0]["shells"] == {**SHELLS, "before": {}, "notes": []}, "the module only reads"
     assert bool(result.get("failed")) is bool(wrong) and wrong in result["msg"]
     assert result["warnings"] == ["No ssh."] and result["changed"] is True
 
@@ -200,4 +200,11 @@ def test_where_nothing_was_written_shells_see_what_they_saw_before(play):
     assert result["failed"]
     seen = {**SHELLS, "before": {"login": LOGIN}}
     assert "failed" not in play(answer(managed_files=RIGHT), sysctl=None, routes=None, shells=seen)[0]
-    assert "failed" not in play(answer(managed_files=RIGHT), sysctl=None, routes=None, shells=SHELLS, check=True)[0]
+    checked = play(answer(managed_files=RIGHT), sysctl=None, routes=None, shells=SHELLS, check=True)[0]
+    assert "failed" not in checked and checked["warnings"] == ["No ssh."]
+
+
+def test_what_a_template_makes_of_nothing_is_not_asked_for(play):
+    """An empty text before ansible-core 2.19, which no module takes as a dict."""
+    _result, [run], _connection = play(answer(managed_files=RIGHT), sysctl="", routes="", hosts_entries="", shells="")
+    assert set(run) == {"managed_files"}

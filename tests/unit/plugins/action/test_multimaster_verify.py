@@ -48,16 +48,23 @@ def test_the_kept_process_is_asked_with_the_options_of_the_task(play):
     result, [(command, request)] = play(output("a banner\n" + json.dumps(KEPT)), run="r1", name="a", tried=None)
     assert result == {**KEPT, "kept": True}
     assert command.endswith(path_of("kept", "r1"))
-    modes = {"_ansible_check_mode": False, "_ansible_no_log": False}
+    modes = {"_ansible_check_mode": False}
     assert request == {"run": {"run": "r1", "name": "a", **modes}}
 
 
 @pytest.mark.parametrize(
-    "said", [output("", 1), output(""), output("Connection refused"), output("[1]"), output(json.dumps(KEPT), 1)]
+    "said",
+    [output("", 3), output("", 127), output(""), output("Killed", 137), output("[1]"), output(json.dumps(KEPT), 3)],
 )
 def test_where_it_is_gone_the_module_starts_as_usual(play, said):
     result, asked = play(said, state="collected", run="r1", tried=None)
     assert result == {**MODULE, "args": {"state": "collected", "run": "r1"}} and asked
+
+
+def test_the_first_run_keeps_a_process_where_it_can_be_asked(play):
+    for pipelining, keep in ((True, {"keep": True}), (False, {})):
+        result, asked = play(output(""), state="started", run="r1", pipelining=pipelining)
+        assert result == {**MODULE, "args": {"state": "started", "run": "r1", **keep}} and not asked
 
 
 @pytest.mark.parametrize("how", [{"state": "started"}, {"state": "streamed"}, {"pipelining": False}, {"odd": {1, 2}}])

@@ -20,6 +20,7 @@ FORMER = {"ANSIBLE_MODULE_ARGS": {"state": "started", "_ansible_version": "2.19"
 def _former(monkeypatch):
     monkeypatch.setattr(basic, "_ANSIBLE_ARGS", json.dumps(FORMER).encode())
     monkeypatch.setattr(kept, "_asker", 0)
+    monkeypatch.setattr(kept.warnings, "_global_warnings", {"of the first run": None})
 
 
 def echo():
@@ -31,6 +32,7 @@ def echo():
 def test_a_run_has_its_own_options_and_what_ansible_said_to_the_first():
     found = kept.result(echo, {"state": "collected", "_ansible_check_mode": False})["ANSIBLE_MODULE_ARGS"]
     assert found == {"state": "collected", "_ansible_version": "2.19", "_ansible_check_mode": False}
+    assert not kept.warnings._global_warnings
     assert sys.stdout is sys.__stdout__ or not hasattr(sys.stdout, "getvalue")
 
 
@@ -93,3 +95,31 @@ def test_a_place_without_doors_is_no_failure(monkeypatch):
     monkeypatch.setattr(kept, "open_door", refuse)
     monkeypatch.setattr(kept, "leave", lambda *arguments: pytest.fail("no process is kept"))
     kept.keep(echo, "x", 1.0)
+
+
+def test_an_error_of_the_module_is_its_result(tmp_path):
+    path = str(tmp_path / "door.sock")
+    with left_behind.open_door(path) as listening:
+        thread = threading.Thread(target=kept.serve, args=(listening, path, lambda: 1 / 0, 10.0))
+        thread.start()
+        found = left_behind.Visit(path, {"run": {}}).reply(5)
+        thread.join(10)
+    assert found["failed"] and "ZeroDivisionError" in found["msg"] and "Traceback" in found["exception"]
+
+
+def test_the_door_of_a_killed_process_is_opened_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(left_behind, "FOLDER", str(tmp_path))
+    path = left_behind.path_of(kept.KIND, "x")
+    left_behind.open_door(path).close()
+    with kept._opened(path) as listening:
+        assert listening.getsockname() == path
+
+
+def test_where_no_process_can_be_made_the_run_goes_on(tmp_path, monkeypatch):
+    def refuse(*arguments):
+        raise BlockingIOError
+
+    monkeypatch.setattr(left_behind, "FOLDER", str(tmp_path))
+    monkeypatch.setattr(kept, "leave", refuse)
+    kept.keep(echo, "x", 1.0)
+    assert not list(tmp_path.glob("*"))
