@@ -1437,6 +1437,7 @@ from ansible.module_utils.basic import AnsibleModule
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends, kept
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
     changes,
@@ -1805,7 +1806,7 @@ def wrong_places(params: Params) -> typing.Iterator[str]:
         addresses.append((f"masters: the address of {master['computer']}", master["address"]))
         ports.append((f"masters: the rpc_port of {master['computer']}", master["rpc_port"]))
     for place, address in addresses:
-        if not network.is_address(address):
+        if not is_address(address):
             yield f"{place} is {address!r}, expected an IPv4 address such as 192.168.1.239."
     for place, number in ports:
         if not 1 <= number <= 65535:

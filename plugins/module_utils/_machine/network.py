@@ -149,7 +149,7 @@ def route_to(destination: str) -> RouteTo:
 def routes_to(destinations: typing.Iterable[str]) -> typing.List[RouteTo]:
     """The routes that the kernel takes to IPv4 addresses, all asked for by one process (ip(8), -batch)."""
     every = list(destinations)
-    asked = list(dict.fromkeys(address for address in every if _is_address(address)))  # ip gives up at anything else
+    asked = list(dict.fromkeys(address for address in every if is_address(address)))  # ip gives up at anything else
     lines = "".join(f"route get {address}\n" for address in asked)
     found = routes_from_batch(run(["ip", "-4", "-oneline", "-force", "-batch", "-"], given=lines.encode()), asked)
     return [found.get(address) or RouteTo(address, error="this is no IPv4 address") for address in every]
@@ -170,9 +170,10 @@ def routes_from_batch(answer: Answer, asked: typing.Sequence[str]) -> typing.Dic
     return {**found, **{address: RouteTo(address, error=why or "no route") for address, why in failed.items()}}
 
 
-def _is_address(text_: str) -> bool:
+def is_address(said: str) -> bool:
+    """True for an IPv4 address."""
     try:
-        ipaddress.IPv4Address(text_)
+        ipaddress.IPv4Address(said)
     except ValueError:
         return False
     return True

@@ -38,22 +38,13 @@ LARGEST = 1500  # bytes of a large packet: what Ethernet takes
 IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
 
 
-def is_address(text: str) -> bool:
-    """True for an IPv4 address."""
-    return _is(ipaddress.IPv4Address, text)
-
-
 def is_network(text: str) -> bool:
     """True for an IPv4 network in CIDR notation."""
-    return "/" in text and _is(ipaddress.IPv4Network, text)
-
-
-def _is(kind: typing.Callable[[str], typing.Any], text: str) -> bool:
     try:
-        kind(text)
+        ipaddress.IPv4Network(text)
     except ValueError:
         return False
-    return True
+    return "/" in text
 
 
 def members(
