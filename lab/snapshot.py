@@ -31,6 +31,8 @@ TREES = (
 )
 # What tools of Ansible and ROS leave behind wherever they run.
 PASSING = {".ansible", ".bash_history", ".cache", ".ros", "__pycache__"}
+# What a look has proved, for the next one; the folder goes with it.
+PROVED = ("/run/rosfleet-multimaster/imports.json", "/run/rosfleet-multimaster")
 # Kernel values that count, or that nobody may read or that are made anew at each boot.
 VARYING = ("/proc/sys/net/netfilter/nf_conntrack_count", "/proc/sys/net/ipv4/tcp_fastopen_key")
 
@@ -58,6 +60,10 @@ def files():
             for name in folders + [name for name in names if name not in PASSING]:
                 path = os.path.join(folder, name)
                 found[path] = _entry(path)
+    if PROVED[0] in found:
+        del found[PROVED[0]]
+        if not any(path.startswith(PROVED[1] + "/") for path in found):
+            del found[PROVED[1]]
     return found
 
 

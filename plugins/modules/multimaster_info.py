@@ -1005,7 +1005,7 @@ def main() -> None:
     error = machine.wrong(module.params)
     if error:
         ends.fail(module, msg=error)
-    ends.leave(module, changed=False, **machine.look(module.params))
+    ends.leave(module, changed=False, **machine.look(dict(module.params, keep=not module.check_mode)))
 
 
 if __name__ == "__main__":

@@ -1668,7 +1668,7 @@ def look(params: Params, quiet: bool) -> Result:
 def start(module: AnsibleModule) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
     params = module.params
-    machine = seen(params)  # first: what is left running here is none of the machine
+    machine = seen(params, keep=not module.check_mode)  # first: what is left running here is none of the machine
     heard = None if module.check_mode else group(params, "started")
     spoken = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
     if params["keep"] and not module.check_mode:
@@ -1677,7 +1677,7 @@ def start(module: AnsibleModule) -> Result:
     return dict(spoken, **{name: value for name, value in parts.items() if value is not None})
 
 
-def seen(params: Params) -> typing.Optional[Result]:
+def seen(params: Params, keep: bool) -> typing.Optional[Result]:
     """Return what multimaster_info returns; None where it is not asked for. Raises Problem."""
     if params["look"] is None:
         return None
@@ -1687,7 +1687,7 @@ def seen(params: Params) -> typing.Optional[Result]:
     error = machine.wrong(options)
     if error:
         raise Problem(f"look: {error}")
-    return machine.look(options)
+    return machine.look(dict(options, keep=keep))
 
 
 def talk(params: Params, machine: typing.Optional[Result]) -> Result:

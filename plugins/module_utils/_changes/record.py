@@ -74,7 +74,7 @@ class Record:
         else:
             atomic.remove_leftovers(self.path)
             atomic.remove(self.path)
-            atomic.remove_folder_if_empty(folder)
+            _close(folder)
 
     def save_if_changed(self, data: typing.Dict[str, typing.Any]) -> None:
         """Save an object unless it is saved already: a run that only removes things works on a full disk, too."""
@@ -90,10 +90,20 @@ class Record:
         folder = os.path.dirname(self.path)
         try:
             atomic.remove_leftovers(self.path)
-            if os.path.isdir(folder) and not os.listdir(folder):
-                atomic.remove_folder_if_empty(folder)
+            _close(folder)
         except OSError:  # a read-only root, or a folder of somebody else
             return
+
+
+def _close(folder: str) -> None:
+    """Remove the folder with its last record; what was proved in looks goes with it. Raises OSError."""
+    if not os.path.isdir(folder) or os.listdir(folder):
+        return
+    atomic.remove_folder_if_empty(folder)
+    if folder == RECORDS:
+        from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import imports
+
+        imports.forget()
 
 
 def misfit(data: typing.Any, shape: Shape, place: str = "") -> str:

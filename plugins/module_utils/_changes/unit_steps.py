@@ -106,16 +106,17 @@ class UnitSteps:
     def _stop(self) -> None:
         """Stop and disable the removed units, and stop the planned units that shall not run, last first."""
         for action in self.plan.removed:
-            for verb in (action.run, action.switch):
-                if verb:
-                    self.systemd.call(verb, "--", action.name)
+            if action.run:
+                self.systemd.call(action.run, "--", action.name)
+        self._switch(self.plan.removed)
         for action in reversed(self.plan.listed):
             if action.run == "stop":
                 self.systemd.call("stop", "--", action.name)
 
     def _load(self) -> None:
-        """Let systemd read the files, and check before anything is started that it takes them and no others."""
-        if self.plan.reload:
+        """Enable or disable the planned units, let systemd read all files once, and check before any start what it took."""
+        self._switch(self.plan.listed)
+        if self.plan.reload or any(action.switch for action in self.plan.actions):
             self.systemd.call("daemon-reload")
         if not self.plan.fresh:
             return
@@ -150,8 +151,7 @@ class UnitSteps:
         self._remember()
 
     def _start(self) -> None:
-        """Enable or disable the planned units, start and restart them in their order, and look whether they stay up."""
-        self._switch()
+        """Start and restart the planned units in their order, and look whether they stay up."""
         # Units that restart together end in reverse order before the first one does: a node that saw its roscore go
         # would end with an error instead of taking leave.
         self._later = [action.name for action in self.plan.actions if action.run == "restart"][1:]
@@ -171,12 +171,12 @@ class UnitSteps:
         self.after = self.systemd.show(self.plan.names)
         self._check_up([action.name for action in begun])
 
-    def _switch(self) -> None:
-        """Enable and disable the planned units: all at once, since systemd reads all its files again after each call."""
+    def _switch(self, actions: typing.Sequence[Action]) -> None:
+        """Enable and disable units. That systemd reads all its files after each call is left to the one reload of `_load`."""
         for verb in SWITCHES:
-            names = [action.name for action in self.plan.listed if action.switch == verb]
+            names = [action.name for action in actions if action.switch == verb]
             if names:
-                self.systemd.call(verb, "--", *names)
+                self.systemd.call(verb, "--no-reload", "--", *names)
 
     def _restart(self, name: str, invocation: str) -> None:
         """Restart a unit whose present process is this invocation; only wait where systemd is already at it."""

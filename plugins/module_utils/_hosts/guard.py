@@ -6,7 +6,7 @@
 That may stand in user data, in vendor data or in a file below /etc/cloud, in any form of YAML, and may come with the
 next boot. So none of it is read: where cloud-init is installed, its services get one file of ours by the environment
 variable CLOUD_CFG, which counts more than all of them (cloud-init's helpers.ConfigMerger, the same since 2012). Nothing
-of cloud-init's own is edited.
+of cloud-init's own is edited, and systemd is not told: it reads the file at the next boot, before cloud-init runs again.
 """
 
 import os
@@ -15,10 +15,6 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, intent, settled
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import FILES, INSTALLED
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
-
-_BOOTED = "/run/systemd/system"  # sd_booted(3)
 
 
 class Guard:
@@ -34,7 +30,6 @@ class Guard:
         self.machine = files.read(self.wanted, self.remembered, self.record)
         self.plan = files.plan(self.wanted, self.remembered, self.machine)
         self.changed = files.changes(self.plan)
-        self._booted = os.path.isdir(_BOOTED) and not root
 
     @property
     def left_behind(self) -> bool:
@@ -53,19 +48,10 @@ class Guard:
             return [*steps, settled(self.record, after)]
         return [
             intent(self.record, self.plan.intent, self.remembered, failure=files.RECORD_LOST),
-            Step("systemd's view of cloud-init", lambda: None, self._reload),
             *files.steps(self.plan, self.machine),
-            Step("systemd's view of cloud-init", self._reload),
             *steps,
             settled(self.record, after),
         ]
-
-    def _reload(self) -> None:
-        """Let systemd read the drop-ins: at the next boot it does so anyway."""
-        if self._booted:
-            answer = commands.run(["systemctl", "daemon-reload"], limit=60.0)
-            if answer.status != 0:
-                raise Problem(f"'systemctl daemon-reload' failed: {answer.error.rstrip('.')}.")
 
     @property
     def items(self) -> typing.List[typing.Dict[str, str]]:

@@ -14,13 +14,13 @@ import shlex
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, set_up, trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, imports, set_up, trust
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import (
     BASE_PATH,
     CLEAN,
     run,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign, last_line
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import is_plain, plain
 
 PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
@@ -32,25 +32,12 @@ _DEBIAN = "/usr/lib/python3/dist-packages/rospy"
 _IN_A_FOLDER = ("setup.bash", "setup.sh", "devel/setup.bash", "install/setup.bash")
 _SHELLS = {".bash": "bash", ".sh": "sh", ".zsh": "zsh"}
 _SOURCING = 10.0  # seconds; catkin's own file takes 0.2 on a PC
-_IMPORTING = 20.0  # seconds; 0.4 on a PC, cold on a small robot several
 
 _LARGEST = 64 << 10  # bytes of all variables; more than 128 KiB in one of them, and no program starts any more
 _LISTS = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "LC_ALL")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_VERSION = re.compile(r"[23]\.[0-9]{1,3}\.[0-9]{1,3}")
 
-_ASK = """
-import importlib, json, sys
-missing = []
-for name in sys.argv[1:]:
-    try:
-        importlib.import_module(name)
-    except Exception:
-        missing.append(name)
-print()
-print(json.dumps({"version": "%d.%d.%d" % sys.version_info[:3], "missing": missing}))
-"""
 _CLOSED = """
 import os, sys
 for path in sys.argv[1:]:
@@ -72,15 +59,19 @@ class NotFound(Exception):
 
 
 def find(
-    choice: str = "auto", nodes: typing.Sequence[Record] = (), root: str = "/opt/ros", debian: str = _DEBIAN
+    choice: str = "auto",
+    nodes: typing.Sequence[Record] = (),
+    keep: bool = False,
+    root: str = "/opt/ros",
+    debian: str = _DEBIAN,
 ) -> Record:
     """Return `found`, `chosen` and `problem`: the installations of ROS, the one to use, and one sentence where that fails.
 
     `choice` is "auto", "debian", or the path of a set-up file or of the folder that holds it; `nodes` are executables
-    that are looked for in the chosen one.
+    that are looked for in the chosen one. With `keep`, what is proved is kept for the next look (imports.py).
     """
     try:
-        found = [examine(kind, setup, root) for kind, setup in candidates(choice, root, debian)]
+        found = [examine(kind, setup, root, keep) for kind, setup in candidates(choice, root, debian)]
     except NotFound as problem:
         return {"found": [], "chosen": None, "problem": str(problem)}
     chosen, wrong = choose(found, root)
@@ -136,7 +127,7 @@ def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[t
     return ros1[0], ros1[0]["problem"]
 
 
-def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
+def examine(kind: str, setup: str, root: str = "/opt/ros", keep: bool = False) -> Record:
     """Look at one installation: its environment, its commands, and if an unprivileged user can import rospy."""
     environment, problem = source(setup) if setup else ({}, "")
     variables = set_up.sort(environment)
@@ -173,7 +164,7 @@ def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
         "problem": problem,
     }
     if not problem and version == "1":
-        record.update(_import(setup, environment))
+        record.update(_import(setup, environment, "" if reach.doubt else imports.PROOF, keep))
     return record
 
 
@@ -251,7 +242,7 @@ def hooks(environment: typing.Dict[str, str]) -> typing.Tuple[str, str]:
     return "", passed_over
 
 
-def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
+def _import(setup: str, environment: typing.Dict[str, str], proof: str, keep: bool) -> Record:
     where = setup or "Debian's packages"
     old = environment.get("ROS_PYTHON_VERSION") == "2" or "/python2." in environment.get("PYTHONPATH", "")
     python = PYTHON2 if old else PYTHON
@@ -259,32 +250,23 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
         return {
             "problem": f"The rospy of {where} is made for Python 2, but there is no {python}; install it (python2.7)."
         }
-    answer = foreign([python, "-c", _ASK] + list(MODULES), full(environment), _IMPORTING)
-    version, lacking = _told(last_line(answer.output))
-    if not version:
-        said = plain((answer.error.splitlines() or ["no answer"])[-1])
-        return {"problem": f"The modules of {where} cannot be imported: {said}."}
+    found = imports.tried(python, MODULES, full(environment), proof, keep)
+    if not found.version:
+        return {"problem": f"The modules of {where} cannot be imported: {found.said}."}
     result = {
         "python": python,
-        "python_version": version,
-        "missing": lacking,
-        "rospy": "rospy" not in lacking,
+        "python_version": found.version,
+        "missing": found.missing,
+        "rospy": "rospy" not in found.missing,
     }
-    if lacking:
+    if found.missing:
         folders = [item for item in environment.get("PYTHONPATH", "").split(":") if os.path.isabs(item)]
-        packages = ", ".join("python3-" + name.replace("_", "-") for name in lacking)
+        packages = ", ".join("python3-" + name.replace("_", "-") for name in found.missing)
         advice = "install what is missing" if setup else f"install {packages}"
-        result["problem"] = closed(folders) or f"{python} cannot import {', '.join(lacking)} out of {where}; {advice}."
+        result["problem"] = (
+            closed(folders) or f"{python} cannot import {', '.join(found.missing)} out of {where}; {advice}."
+        )
     return result
-
-
-def _told(answer: typing.Any) -> typing.Tuple[str, typing.List[str]]:
-    """Return the version and the missing modules out of an answer of foreign code; no version where it is no answer."""
-    version = answer.get("version") if isinstance(answer, dict) else None
-    lacking = answer.get("missing") if isinstance(answer, dict) else None
-    if not isinstance(version, str) or not _VERSION.fullmatch(version) or not isinstance(lacking, list):
-        return "", []
-    return version, [name for name in MODULES if name in lacking]
 
 
 def closed(paths: typing.Iterable[str]) -> str:

@@ -112,9 +112,11 @@ Before=multimaster-roscore.service multimaster-discovery.service multimaster-syn
 [Service]
 Type=oneshot
 RemainAfterExit=yes
-ExecStartPre=-/sbin/ip -4 route flush table local proto {protocol}
+ExecStart=/sbin/ip -4 -batch -
+StandardInput=data
+StandardInputText=route flush table local proto {protocol}
 # The kernel's own route has the metric 0: as soon as an interface has the address, that one counts.
-ExecStart=/sbin/ip -4 route replace local {address}/32 dev lo table local proto {protocol} metric {protocol}
+StandardInputText=route replace local {address}/32 dev lo table local proto {protocol} metric {protocol}
 ExecStop=-/sbin/ip -4 route flush table local proto {protocol}
 # An unprivileged user that may change routes.
 DynamicUser=yes

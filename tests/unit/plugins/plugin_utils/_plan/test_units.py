@@ -56,10 +56,12 @@ def test_the_own_address_is_a_local_route_that_is_found_again_by_its_mark():
     """The text of the stop is that of the new address already when a planned address changes: it may not name one."""
     (text,) = made(["address"], units.Inputs("", "")).values()
     commands = dict(re.findall(r"^(Exec\w+)=-?(.*)$", text, re.M))
-    assert commands["ExecStart"] == (
-        "/sbin/ip -4 route replace local 192.168.1.201/32 dev lo table local proto 84 metric 84"
-    )
-    assert commands["ExecStop"] == commands["ExecStartPre"] == "/sbin/ip -4 route flush table local proto 84"
+    assert commands == {"ExecStart": "/sbin/ip -4 -batch -", "ExecStop": "/sbin/ip -4 route flush table local proto 84"}
+    assert re.findall(r"^StandardInput\w*=(.*)$", text, re.M) == [
+        "data",
+        "route flush table local proto 84",
+        "route replace local 192.168.1.201/32 dev lo table local proto 84 metric 84",
+    ]
     assert set(re.findall(r"[\w-]+\.service", re.findall(r"^Before=.*$", text, re.M)[0])) == {
         f"multimaster-{name}.service" for name in ("roscore", "discovery", "sync")
     }
