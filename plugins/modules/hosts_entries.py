@@ -325,15 +325,15 @@ msg:
     remains: nothing.
 """
 
-from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import OPTIONS, Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 
 
 def main() -> None:
     """Plan, and apply unless in check mode."""
-    module = AnsibleModule(argument_spec=OPTIONS, supports_check_mode=True)
+    module = Module(argument_spec=OPTIONS, supports_check_mode=True)
     run_module(module, lambda memory: Run(module.params, module.backup_local))
 
 

@@ -485,15 +485,15 @@ msg:
   sample: Every other computer (1) is heard on the group and hears this one.
 """
 
-from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import multicast
 
 
 def main() -> None:
-    module = AnsibleModule(
+    module = Module(
         argument_spec=multicast.OPTIONS,
         required_if=multicast.REQUIRED_IF,
         supports_check_mode=True,

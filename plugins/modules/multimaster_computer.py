@@ -143,15 +143,15 @@ msg:
   sample: "1 of 1 routes changed. /etc/hosts: 1 added."
 """
 
-from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import asked_for
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.run import SHELLS, carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 
 
 def main() -> None:
     """Carry out the concerns that were asked for."""
-    module = AnsibleModule(
+    module = Module(
         argument_spec={
             "sysctl": {"type": "dict"},
             "routes": {"type": "dict"},

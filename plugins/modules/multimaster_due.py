@@ -85,7 +85,6 @@ msg:
 import os
 import typing
 
-from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import (
@@ -97,6 +96,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.con
     validated,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 
@@ -151,7 +151,7 @@ def by_digest(concern: Concern, specification: Options) -> Options:
 
 def main() -> None:
     """Look, and say what is due."""
-    module = AnsibleModule(
+    module = Module(
         argument_spec={
             "sysctl": {"type": "dict"},
             "routes": {"type": "dict"},

@@ -994,14 +994,14 @@ problems:
   sample: []
 """
 
-from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 
 
 def main() -> None:
-    module = AnsibleModule(argument_spec=machine.OPTIONS, supports_check_mode=True)
+    module = Module(argument_spec=machine.OPTIONS, supports_check_mode=True)
     error = machine.wrong(module.params)
     if error:
         ends.fail(module, msg=error)

@@ -51,9 +51,9 @@ problems:
 
 import re
 
-from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.logs import MOST, last_lines
 
 ARGUMENTS = {
@@ -73,7 +73,7 @@ def wrong(services, lines):
 
 
 def main() -> None:
-    module = AnsibleModule(argument_spec=ARGUMENTS, supports_check_mode=True)
+    module = Module(argument_spec=ARGUMENTS, supports_check_mode=True)
     services, lines = module.params["services"], module.params["lines"]
     error = wrong(services, lines)
     if error:

@@ -1433,10 +1433,10 @@ import time
 import typing
 from itertools import chain
 
-from ansible.module_utils.basic import AnsibleModule
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends, kept
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
@@ -1665,7 +1665,7 @@ def look(params: Params, quiet: bool) -> Result:
     return result
 
 
-def start(module: AnsibleModule) -> Result:
+def start(module: Module) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
     params = module.params
     machine = seen(params, keep=not module.check_mode)  # first: what is left running here is none of the machine
@@ -1735,7 +1735,7 @@ def environment(params: Params, ros: Ros) -> typing.Dict[str, str]:
     return {**ros.variables, **{name: str(value) for name, value in params["variables"].items()}}
 
 
-def collect(module: AnsibleModule) -> Result:
+def collect(module: Module) -> Result:
     """Look at all others."""
     params = module.params
     if not module.check_mode:
@@ -1750,7 +1750,7 @@ def collect(module: AnsibleModule) -> Result:
     return result
 
 
-def stream(module: AnsibleModule) -> Result:
+def stream(module: Module) -> Result:
     """Send to the talkers of the others, one after the other."""
     params = module.params
     if module.check_mode or params["is_router"]:
@@ -1766,7 +1766,7 @@ def stream(module: AnsibleModule) -> Result:
     return {"msg": f"Sent to {len(found)} computers.", "streams": found}
 
 
-def stop(module: AnsibleModule) -> Result:
+def stop(module: Module) -> Result:
     """End the talker, wherever there is one."""
     if module.check_mode:
         return {"msg": "Check mode: no talker was stopped."}
@@ -1894,7 +1894,7 @@ ARGUMENTS = {
 
 
 def main() -> None:
-    module = AnsibleModule(
+    module = Module(
         argument_spec=ARGUMENTS,
         required_if=[
             ("state", "started", ["name"]),

@@ -208,7 +208,6 @@ import ipaddress
 import re
 import typing
 
-from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import (
@@ -218,6 +217,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left
     open_door,
     path_of,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.process import heartbeats_socket, serve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Wanted
 
@@ -258,7 +258,7 @@ def wrong_places(params: Params) -> typing.Optional[str]:
     return None
 
 
-def start(module: AnsibleModule) -> Result:
+def start(module: Module) -> Result:
     """Leave a watch behind; sockets that cannot be opened are an error before there is one."""
     params = module.params
     path = path_of(KIND, params["run"])
@@ -285,7 +285,7 @@ def start(module: AnsibleModule) -> Result:
     return {"msg": f"The watch lives for {params['lifetime']} s at most."}
 
 
-def collect(module: AnsibleModule) -> Result:
+def collect(module: Module) -> Result:
     """Ask the watch; it answers when it is time, or as soon as something is lost."""
     params = module.params
     reply: Result = {}
@@ -305,7 +305,7 @@ def collect(module: AnsibleModule) -> Result:
     )
 
 
-def stop(module: AnsibleModule) -> Result:
+def stop(module: Module) -> Result:
     """End every watch of this computer."""
     end_others(KIND)
     return {"msg": "No watch lives here."}
@@ -328,7 +328,7 @@ ARGUMENTS = {
 
 
 def main() -> None:
-    module = AnsibleModule(argument_spec=ARGUMENTS, supports_check_mode=True)
+    module = Module(argument_spec=ARGUMENTS, supports_check_mode=True)
     error = wrong(module.params)
     if error:
         ends.fail(module, msg=error)

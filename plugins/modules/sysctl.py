@@ -303,15 +303,15 @@ msg:
   sample: "1 of 2 kernel settings changed."
 """
 
-from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.run import OPTIONS, Run
 
 
 def main() -> None:
-    module = AnsibleModule(argument_spec=dict(deadman.OPTIONS, **OPTIONS), supports_check_mode=True)
+    module = Module(argument_spec=dict(deadman.OPTIONS, **OPTIONS), supports_check_mode=True)
     guard = deadman.Guard(module, "sysctl", "kernel settings")
     run_module(module, lambda memory: Run(module.params, memory), guard)
 

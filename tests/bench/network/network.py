@@ -24,11 +24,12 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[3]
-sys.path.insert(0, str(ROOT / "lab"))
+sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests/bench")]
 
 import crowd  # noqa: E402
 import figures  # noqa: E402
 import measures  # noqa: E402
+import pace  # noqa: E402
 import systems  # noqa: E402
 from links import lossy  # noqa: E402
 from podman import LabError  # noqa: E402
@@ -100,6 +101,7 @@ def machine() -> dict[str, Any]:
         "kernel": platform.release(),
         "collection": version.stdout.strip(),
         "load": os.getloadavg()[0],
+        "reference": round(pace.reference(), 2),
     }
 
 

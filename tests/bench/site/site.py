@@ -34,9 +34,10 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[3]
 WORK = ROOT / ".work" / "bench"
 LAB_FOLDER = ROOT / "lab"
-sys.path[:0] = [str(LAB_FOLDER), str(Path(__file__).parent)]
+sys.path[:0] = [str(LAB_FOLDER), str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
 import containers  # noqa: E402
+import pace  # noqa: E402
 import snapshot  # noqa: E402
 from growth import machine  # noqa: E402
 from layout import hosts_of, read_inventory  # noqa: E402
@@ -77,6 +78,7 @@ class Run:
 
     seconds: float
     tasks: Sequence[Mapping[str, Any]]
+    stolen: float = 0.0  # seconds of all cores that the host took meanwhile
 
     @property
     def changed(self) -> list[str]:
@@ -109,14 +111,14 @@ class Bench:
         }
         options = [word for path in self.inventories for word in ("-i", str(path))]
         command = [str(Path(sys.executable).with_name("ansible-playbook")), *options, playbook]
-        start = time.monotonic()
+        start, taken = time.monotonic(), pace.stolen()
         done = subprocess.run(
             command, cwd=ROOT, env=settings, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
         )
         seconds = time.monotonic() - start
         if done.returncode:
             raise BenchError(f"{playbook} failed:\n{done.stdout[-6000:]}")
-        return Run(seconds, json.loads(times.read_text()))
+        return Run(seconds, json.loads(times.read_text()), pace.stolen() - taken)
 
     def accounts(self) -> list[str]:
         """The files in which the kernel counts the processors' time of the systems; none where it does not."""
@@ -413,20 +415,26 @@ STAGES = {"first site.yml": OURS, "second site.yml": OURS, "verify": "playbooks/
 def stages(on_lab: Bench, rounds: int) -> str:
     """The first run, the second one and the verification; between two rounds teardown.yml takes everything back."""
     runs: dict[str, list[Run]] = {name: [] for name in STAGES}
+    references = []
     for number in range(rounds):
         if number:
             on_lab.play("playbooks/teardown.yml")
+        references.append(pace.reference())
         for name, playbook in STAGES.items():
             runs[name].append(on_lab.play(playbook))
             say(f"{name}: {runs[name][-1].seconds:.1f} s")
+    measured = {name: [vars(run) for run in of] for name, of in runs.items()}
     (WORK / "stages.json").write_text(
-        json.dumps({"machine": machine(), "runs": {name: [vars(run) for run in of] for name, of in runs.items()}})
+        json.dumps({"machine": machine(), "references": references, "runs": measured}, indent=1) + "\n"
     )
-    lines = [f"Seconds by the clock and of processors, {rounds} runs each (median), {len(on_lab.hosts)} systems:"]
+    lines = [f"Seconds by the clock and of processors, {rounds} runs each (median), {len(on_lab.hosts)} systems."]
+    lines.append(f"The pace of the machine before each round: {', '.join(f'{value:.2f}' for value in references)} s.")
     for name, of in runs.items():
         clock = statistics.median(run.seconds for run in of)
         sums = [statistics.median(sum(task[part] for task in run.tasks) for run in of) for part in PARTS]
-        lines += ["", f"  {name}: {clock:.1f} s by the clock, {sum(sums):.1f} s of processors", ""]
+        stolen = statistics.median(run.stolen for run in of)
+        said = f"{clock:.1f} s by the clock, {sum(sums):.1f} s of processors, {stolen:.1f} s taken by the host"
+        lines += ["", f"  {name}: {said}", ""]
         lines.append(f"  {'clock':>8}" + "".join(f"{part:>12}" for part in PARTS) + "  task")
         for number, task in enumerate(of[0].tasks):
             same = [run.tasks[number] for run in of if number < len(run.tasks)]
