@@ -21,6 +21,7 @@ options:
     description:
       - The variables of the plan, for example C(ROS_MASTER_URI) V(http://kobuki1computer:11311) and C(ROS_HOSTNAME)
         V(kobuki1computer).
+      - Without any, as those of a router, there are no files.
     type: dict
     required: true
   machine:
@@ -86,6 +87,8 @@ def environment_files(
     ours: Any, machine: Any, ros: Any = None, for_root: Any = None, person: str = ""
 ) -> dict[str, Any]:
     """Return files and notes for one machine; see DOCUMENTATION."""
+    if ours == {}:
+        return {"files": [], "notes": [], "digest": ""}
     if not isinstance(ours, Mapping) or not ours.get("ROS_MASTER_URI"):
         raise AnsibleFilterError(
             f"The environment to render is {ours!r}; expected a mapping with ROS_MASTER_URI: "

@@ -23,7 +23,8 @@ description:
   - cloud-init writes C(/etc/hosts) at every boot where C(manage_etc_hosts) is set, for example in the user data that
     Raspberry Pi Imager writes. Where cloud-init is installed, and O(path) is C(/etc/hosts), its services get a file with
     C(manage_etc_hosts=false) that counts more than user data (drop-ins in C(/etc/systemd/system), environment
-    variable C(CLOUD_CFG)). It goes on a rollback. A C(CLOUD_CFG) of your own in a later drop-in stays in force.
+    variable C(CLOUD_CFG)). It goes on a rollback. A C(CLOUD_CFG) of your own in a later drop-in stays in force. systemd
+    reads it at the next boot, before cloud-init runs again; run C(systemctl daemon-reload) before you restart cloud-init by hand.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
 options:

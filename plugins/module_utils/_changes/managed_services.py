@@ -133,7 +133,7 @@ class ManagedServices(ModuleRun):
         fresh = [name for name in self.names if name in self.texts or name in self.pending]
         memory = dict(
             units=self.former + self.names,
-            pending=fresh,
+            pending=fresh + self.removed,
             directories=dict(self.remembered.get("directories", {})),
             parents=list(self.remembered.get("parents", [])),
         )

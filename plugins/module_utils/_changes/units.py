@@ -159,11 +159,11 @@ def plan(
 ) -> typing.List[Action]:
     """Plan the actions: those of the removed units, last first, then those of the planned units in their order; pure.
 
-    `texts` has the units whose file is about to be written ("new", "changed"). `pending` has the units that were not
-    restarted after an earlier run had written their file. `written` has the units of which a file that they read was
-    written after they had started, and that file.
+    `texts` has the units whose file is about to be written ("new", "changed"). `pending` has the units that an earlier run
+    had begun with and did not end, so that they may not have been restarted, or their links made. `written` has the units
+    of which a file that they read was written after they had started, and that file.
     """
-    actions = [_removal(name, states[name]) for name in reversed(removed)]
+    actions = [_removal(name, states[name], name in pending) for name in reversed(removed)]
     restarted: typing.Set[str] = set()
     for unit in units:
         reasons = Reasons(texts.get(unit.name, ""), unit.name in pending, written.get(unit.name, ""), restarted)
@@ -174,10 +174,11 @@ def plan(
     return actions
 
 
-def _removal(name: str, state: State) -> Action:
+def _removal(name: str, state: State, pending: bool) -> Action:
     """The action for a unit that is no longer listed."""
     run = "" if state.active in ("inactive", "failed") else "stop"
-    switch = "disable" if state.file_state in ENABLED else ""
+    # Where a run was killed before systemd read its files again, systemd tells the state of before.
+    switch = "disable" if state.file_state in ENABLED or (pending and state.file_state) else ""
     return Action(name, switch, run, "it is no longer listed")
 
 
@@ -193,7 +194,7 @@ class Reasons(typing.NamedTuple):
 def _listed(unit: Unit, state: State, reasons: Reasons) -> Action:
     """The action for a planned unit."""
     switch = ""
-    if unit.enabled and (reasons.text or state.file_state != "enabled"):
+    if unit.enabled and (reasons.text or reasons.pending or state.file_state != "enabled"):
         # A changed text may name other targets, so the links of the old one have to go.
         switch = "reenable" if state.file_state == "enabled" else "enable"
     elif not unit.enabled and state.file_state in ENABLED:

@@ -8,12 +8,14 @@ all files and folders that were read, and counts while each of them is the same.
 anything for the next time: code of a person may do something else then.
 """
 
+import glob
 import json
 import os
 import re
 import time
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import trust
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign, last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import is_plain, plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
@@ -26,6 +28,8 @@ _SETTLED = 10**9  # nanoseconds; the clock of files is coarser than that of proc
 _VERSION = re.compile(r"[23]\.[0-9]{1,3}\.[0-9]{1,3}")
 _OF_THE_SANDBOX = ("/tmp", "/var/tmp", "/proc", "/dev")  # another one there than here
 
+_OF_THE_LOADER = ("/etc/ld.so.cache", "/etc/ld.so.preload")  # where it finds libraries (ld.so(8))
+
 _ASK = """
 import importlib, json, os, sys
 missing = []
@@ -34,23 +38,32 @@ for name in sys.argv[1:]:
         importlib.import_module(name)
     except Exception:
         missing.append(name)
-read = set()
-for module in list(sys.modules.values()):
-    for path in (getattr(module, "__file__", None), getattr(module, "__cached__", None)):
-        if isinstance(path, str) and os.path.isabs(path):
-            read.update((path, os.path.dirname(path)))
-for folder in map(os.path.abspath, sys.path):
-    read.add(folder)
-    if os.path.isdir(folder) and os.access(folder, os.R_OK):
-        read.update(os.path.join(folder, name) for name in os.listdir(folder) if name.endswith(".pth"))
-with open("/proc/self/maps") as maps:
-    read.update(line.split(None, 5)[5].rstrip("\\n") for line in maps if len(line.split(None, 5)) == 6)
+
+def read():
+    found = set()
+    for module in list(sys.modules.values()):
+        parts = getattr(module, "__dict__", {})  # Python 2 has None for some
+        file, cached = parts.get("__file__"), parts.get("__cached__")
+        for path in (file, cached, file[:-1] if str(file).endswith((".pyc", ".pyo")) else None):
+            if isinstance(path, str) and os.path.isabs(path):
+                found.update((path, os.path.dirname(path)))
+        for folder in list(parts.get("__path__") or ()):
+            found.update((folder, os.path.join(folder, "__init__.py")))
+    for folder in map(os.path.abspath, sys.path):
+        found.add(folder)
+        if os.path.isdir(folder) and os.access(folder, os.R_OK):
+            found.update(os.path.join(folder, name) for name in os.listdir(folder) if name.endswith(".pth"))
+    with open("/proc/self/maps") as maps:
+        found.update(line.split(None, 5)[5].rstrip("\\n") for line in maps if len(line.split(None, 5)) == 6)
+    return sorted(path for path in found if path.startswith("/"))
+
+answer = {"version": "%d.%d.%d" % sys.version_info[:3], "missing": missing, "read": None}
+try:
+    text = json.dumps(dict(answer, read=read()))
+except Exception:
+    text = ""
 print()
-print(json.dumps({
-    "version": "%d.%d.%d" % sys.version_info[:3],
-    "missing": missing,
-    "read": sorted(path for path in read if path.startswith("/")),
-}))
+print(text if 0 < len(text) < 200000 else json.dumps(answer))
 """
 
 _TIMES = 5  # where size and times begin in a state
@@ -72,7 +85,7 @@ def tried(
 
     `proof` is the file of the last time, "" for code that others than root can change; with `keep` it is written.
     """
-    asked = {"python": python, "modules": list(modules), "environment": environment}
+    asked = {"python": python, "modules": list(modules), "environment": environment, "program": _ASK}
     version = _proved(proof, asked) if proof else ""
     if version:
         return Imported(version, [])
@@ -89,12 +102,17 @@ def tried(
 
 
 def forget(proof: str = PROOF) -> None:
-    """Remove what was proved, and its folder if that is empty."""
-    for remove, path in ((os.unlink, proof), (os.rmdir, os.path.dirname(proof))):
-        try:
-            remove(path)
-        except OSError:
-            pass  # it is not there, or the folder holds more
+    """Remove what was proved, what a killed run left beside it, and the folder if that is empty."""
+    for path in [proof, *glob.glob(glob.escape(proof) + ".*")]:
+        _remove(os.unlink, path)
+    _remove(os.rmdir, os.path.dirname(proof))
+
+
+def _remove(remove: typing.Callable[[str], None], path: str) -> None:
+    try:
+        remove(path)
+    except OSError:
+        pass  # it is not there, or the folder holds more
 
 
 def _proved(proof: str, asked: typing.Dict[str, typing.Any]) -> str:
@@ -109,23 +127,29 @@ def _proved(proof: str, asked: typing.Dict[str, typing.Any]) -> str:
         return ""  # there is none, or none that this version has written
 
 
-def _keep(proof: str, proved: typing.Dict[str, typing.Any], read: typing.Any, began: int) -> None:
-    """Keep a proof, unless something that was read is not to be seen from here, or changed meanwhile."""
-    if not _are_paths(read) or any(
-        path == top or path.startswith(top + "/") for path in read for top in _OF_THE_SANDBOX
-    ):
+def _keep(proof: str, proved: typing.Dict[str, typing.Any], told: typing.Any, began: int) -> None:
+    """Keep a proof, unless something that was read is in other hands, is not to be seen from here, or changed meanwhile."""
+    if not _are_paths(told):
         return
-    states = _states(read)
-    if any(state and max(state[_TIMES + 1 :], default=0) > began - _SETTLED for state in states.values()):
+    libraries = proved["environment"].get("LD_LIBRARY_PATH", "").split(":")
+    own = [proved["python"], *_OF_THE_LOADER, *(folder for folder in libraries if folder.startswith("/"))]
+    read = sorted({*told, *own})
+    if any(path == top or path.startswith(top + "/") for path in read for top in _OF_THE_SANDBOX):
+        return
+    look = trust.Look(os.geteuid())
+    if any(look.doubts(path) for path in read):
         return
     aside = f"{proof}.{os.getpid()}"
     try:
+        states = _states(read)
+        if any(state and max(state[_TIMES + 1 :], default=0) > began - _SETTLED for state in states.values()):
+            return
         os.makedirs(os.path.dirname(proof), 0o755, exist_ok=True)
         with open(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
             json.dump(dict(proved, read=read, states=states), file)
         os.rename(aside, proof)
-    except OSError:
-        return  # a full disk: the next look tries it again
+    except (OSError, ValueError):  # a full disk, or a name that is no text here: the next look tries it again
+        _remove(os.unlink, aside)
 
 
 def _are_paths(read: typing.Any) -> bool:
@@ -137,13 +161,18 @@ def _are_paths(read: typing.Any) -> bool:
 def _states(paths: typing.Iterable[str]) -> typing.Dict[str, State]:
     """Return the states of these files and folders, and of the folders on the way to them: who closes one of these counts."""
     states = {path: _state(path) for path in paths}
-    for path in list(states):
-        path = os.path.dirname(path)
-        while path not in states:
-            state = _state(path)
-            states[path] = state and state[:_TIMES]  # what else is in it does not count
-            path = os.path.dirname(path)
+    for path in [*states, *map(os.path.realpath, list(states))]:
+        for folder in _on_the_way(path):
+            if folder not in states:
+                state = _state(folder)
+                states[folder] = state and state[:_TIMES]  # what else is in it does not count
     return states
+
+
+def _on_the_way(path: str) -> typing.Iterator[str]:
+    while path != os.path.dirname(path):
+        path = os.path.dirname(path)
+        yield path
 
 
 def _state(path: str) -> State:

@@ -164,7 +164,9 @@ def examine(kind: str, setup: str, root: str = "/opt/ros", keep: bool = False) -
         "problem": problem,
     }
     if not problem and version == "1":
-        record.update(_import(setup, environment, "" if reach.doubt else imports.PROOF, keep))
+        # A workspace may run files that nothing tells of (catkin's devel space).
+        proof = "" if reach.doubt or kind == "workspace" else imports.PROOF
+        record.update(_import(setup, environment, proof, keep))
     return record
 
 

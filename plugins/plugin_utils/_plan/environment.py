@@ -164,7 +164,7 @@ def differences(
     expected = merge({}, ours)
     found = []
     for what, paths in SEEN.items():
-        variables = seen[what]
+        variables = seen.get(what)
         path = next((path for path in paths if path in rendered), "")
         if not path or variables is None:
             continue

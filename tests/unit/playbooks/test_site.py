@@ -11,14 +11,14 @@ import yaml
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 PREFIX = "rosfleet.multimaster."
 CONFIRMING = {"confirm_within"}
-FORWARDING = ("sysctl", "routes")  # what lets packets pass
+ROUTER = ("sysctl", "routes")  # all that a router needs
 
 
 def read(path):
     return yaml.safe_load((ROOT / path).read_text(encoding="utf-8"))
 
 
-ROUTERS, PLAY = [play for play in read("playbooks/site.yml") if "pre_tasks" in play]
+PLAY = next(play for play in read("playbooks/site.yml") if "pre_tasks" in play)
 LOOKED_AT = PLAY["vars"]["site_due"]
 BROUGHT = PLAY["module_defaults"][PREFIX + "multimaster_computer"]
 CHANGING = ("sysctl", "routes", "hosts_entries", "managed_files", "managed_services")
@@ -58,40 +58,41 @@ def test_what_is_looked_at_is_what_is_brought():
     (look,) = [task[PREFIX + "multimaster_due"] for task in PLAY["pre_tasks"] if PREFIX + "multimaster_due" in task]
     assert list(BROUGHT) == [*CHANGING, "shells"]
     for concern in CHANGING:
-        assert look[concern] == f"{{{{ site_due.{concern} }}}}"
-        within = f" | combine({{'confirm_within': {concern}_confirm_within}})" if concern in FORWARDING else ""
-        assert concern == "managed_files" or BROUGHT[concern] == f"{{{{ site_due.{concern}{within} }}}}"
+        assert look[concern] == (
+            f"{{{{ site_due.{concern} }}}}"
+            if concern in ROUTER
+            else f"{{{{ omit if multimaster_plan.is_router else site_due.{concern} }}}}"
+        )
+        within = f" | combine({{'confirm_within': {concern}_confirm_within}})"
+        assert concern == "managed_files" or BROUGHT[concern] == (
+            f"{{{{ site_due.{concern}{within} }}}}"
+            if concern in ROUTER
+            else f"{{{{ none if multimaster_plan.is_router else site_due.{concern} }}}}"
+        )
     # The files of the nodes travel where they are to be written.
     (nodes,) = [options for role, _module, options in TASKS if options.get("bundle") == "nodes"]
-    assert BROUGHT["managed_files"].strip("{} ") == (
+    assert BROUGHT["managed_files"].split(" else ")[1].strip(" }\n") == (
         "[site_due.managed_files[0], {'bundle': 'nodes', 'files': nodes_planned, 'brief': [nodes_library]}]"
     )
     assert nodes == {"bundle": "nodes", "files": "{{ nodes_planned }}", "brief": ["{{ nodes_library }}"]}
 
 
-def test_every_computer_is_brought_once_and_the_gateways_first():
+def test_every_computer_is_brought_once_and_those_that_forward_first():
     (block,) = [task["block"] for task in PLAY["pre_tasks"] if "block" in task]
-    assert [task.get("when") for task in block] == ["multimaster_plan.is_gateway", None]
-    gateway, computer = (task[PREFIX + "multimaster_computer"] for task in block)
+    conditions = [task["when"] for task in block if PREFIX + "multimaster_computer" in task]
+    assert conditions == [
+        "multimaster_plan.is_router",
+        "multimaster_plan.is_gateway",
+        "not multimaster_plan.is_router",
+    ]
+    _router, gateway, computer = (task[PREFIX + "multimaster_computer"] for task in block)
     assert gateway == dict.fromkeys(("hosts_entries", "managed_files", "managed_services", "shells"))
     assert computer == {
         concern: f"{{{{ none if multimaster_plan.is_gateway else {BROUGHT[concern].strip('{} ')} }}}}".replace(
             "'} }}", "} }}"
         )
-        for concern in FORWARDING
+        for concern in ROUTER
     }
-
-
-def test_routers_come_before_the_robots_with_the_options_of_the_roles():
-    """Where a packet filter is due, too, the roles follow one by one; they look at it before anything changes."""
-    brought, end, look = ROUTERS["pre_tasks"]
-    assert brought[PREFIX + "multimaster_computer"] == {
-        concern: options for concern in FORWARDING for _module, options in tasks_of(concern)
-    }
-    assert brought["when"] == end["when"] == "not multimaster_plan.firewall_due"
-    assert end["ansible.builtin.meta"] == "end_host"
-    assert look["ansible.builtin.import_role"] == {"name": PREFIX + "firewall", "tasks_from": "look"}
-    assert [entry["role"].removeprefix(PREFIX) for entry in ROUTERS["roles"]] == [*FORWARDING, "firewall"]
 
 
 def test_every_concern_has_a_task():

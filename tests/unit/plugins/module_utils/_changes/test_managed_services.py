@@ -211,7 +211,10 @@ def test_a_unit_that_does_not_start_brings_the_previous_state_back(computer):
     assert (computer.running(), computer.files()) == ({CORE: (True, "1"), SYNC: (True, "1")}, first)
     # What was restarted on the way is restarted by the next run, too: code of other modules may be newer than it.
     assert computer.record() == {**record, "pending": [CORE, SYNC]}
-    assert states(computer.apply(first)) == [(CORE, "restarted", ["restart"]), (SYNC, "restarted", ["restart"])]
+    assert states(computer.apply(first)) == [
+        (CORE, "restarted", ["reenable", "restart"]),
+        (SYNC, "restarted", ["reenable", "restart"]),
+    ]
 
 
 def test_a_restored_file_counts_for_the_process_that_has_read_the_former_one(computer):

@@ -122,6 +122,9 @@ def test_the_files_that_a_text_names(line, files):
 def test_an_interrupted_run_is_continued():
     step = plan(pending={SYNC})[2]
     assert step.run == "restart" and "not come to its end" in step.why
+    assert step.switch == "reenable"  # systemd may tell of links that are gone, until it reads its files again
+    assert plan([state(SYNC, file_state="disabled")], [], [SYNC], pending={SYNC})[0].switch == "disable"
+    assert plan([absent(SYNC)], [], [SYNC], pending={SYNC})[0].switch == ""
 
 
 @pytest.mark.parametrize(

@@ -91,6 +91,93 @@ CHANGES = {
 }
 
 
+def test_a_link_and_what_it_leads_to_count(house, asked):
+    """An installation may stand on another disk, and /usr/bin/python3 is a link that somebody turns elsewhere."""
+    disk = house.folder / "disk"
+    (disk / "ros").mkdir(parents=True)
+    house.modules.rename(disk / "ros/python")
+    house.modules.symlink_to(disk / "ros/python")
+    house.tried()
+    house.tried()
+    assert len(asked) == 1
+    disk.chmod(0o700)
+    assert house.tried().missing == ["rospy"] and len(asked) == 2
+
+
+def test_a_turned_python_counts(house, asked):
+    link = house.folder / "python3"
+    link.symlink_to(PYTHON)
+
+    def tried():
+        return imports.tried(str(link), ("rospy",), house.environment(), str(house.proof), True)
+
+    assert tried() == tried() and len(asked) == 1
+    link.unlink()
+    link.symlink_to("/bin/false")
+    assert tried().version == "" and len(asked) == 2
+
+
+def test_a_library_that_comes_first_counts(house, asked):
+    (house.folder / "lib").mkdir()
+    environment = dict(house.environment(), LD_LIBRARY_PATH=f"{house.folder}/lib")
+    for _time in range(2):
+        imports.tried(PYTHON, ("rospy",), environment, str(house.proof), True)
+    assert len(asked) == 1
+    time.sleep(0.02)  # the clock of files
+    (house.folder / "lib/libffi.so.8").write_text("")
+    imports.tried(PYTHON, ("rospy",), environment, str(house.proof), True)
+    assert len(asked) == 2
+
+
+def test_a_package_that_several_folders_make_up(house, asked):
+    (house.modules / "many").mkdir()
+    (house.modules / "many/part.py").write_text("")
+    (house.package / "core.py").write_text("import many.part\n")
+    house.tried()
+    house.tried()
+    assert len(asked) == 1
+    time.sleep(0.02)  # the clock of files
+    (house.modules / "many/__init__.py").write_text("raise ImportError\n")
+    assert house.tried().missing == ["rospy"]
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import sys, types\nclass Lazy(types.ModuleType):\n    def __getattr__(self, name):\n        raise ImportError(name)\n"
+        "sys.modules['lazy'] = Lazy('lazy')\n",
+        "import sys\nsys.modules['none'] = None\n",
+        "import sys, types\nsys.modules.update((f'm{n}', types.ModuleType('m')) for n in range(5000))\n"
+        "for n in range(5000):\n    sys.modules[f'm{n}'].__file__ = '/nowhere/' + 'long' * 20 + str(n)\n",
+    ],
+    ids=["lazy", "none", "very many"],
+)
+def test_what_cannot_be_collected_is_still_imported(house, code):
+    (house.package / "core.py").write_text(code)
+    assert house.tried().missing == []
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file to somebody else")
+def test_a_file_in_other_hands_proves_nothing(house):
+    shutil.chown(house.package / "core.py", "nobody")
+    assert house.tried().missing == []
+    assert not house.proof.exists()
+
+
+def test_a_full_disk_leaves_nothing(house, monkeypatch):
+    def full(*_words, **_more):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(imports.json, "dump", full)
+        house.tried()
+    assert list(house.proof.parent.iterdir()) == []
+    house.tried()
+    (house.proof.parent / "imports.json.4711").write_text("{")  # of a killed run
+    imports.forget(str(house.proof))
+    assert not house.proof.parent.exists()
+
+
 def aged(path):
     """Write other bytes of the same length, and give the file its old time."""
     before = path.stat()

@@ -27,7 +27,9 @@ def fixture_logged(monkeypatch):
         lines = []
         monkeypatch.setattr(basic, "_ANSIBLE_ARGS", json.dumps({"ANSIBLE_MODULE_ARGS": options}).encode())
         monkeypatch.setattr(basic, "_ANSIBLE_PROFILE", "legacy", raising=False)
-        monkeypatch.setattr(basic.AnsibleModule, "log", lambda self, line, log_args=None: lines.append((line, log_args)))
+        monkeypatch.setattr(
+            basic.AnsibleModule, "log", lambda self, line, log_args=None: lines.append((line, log_args))
+        )
         Module(argument_spec=SPECIFICATION)
         return lines
 

@@ -247,9 +247,14 @@ def test_differences_leave_known_exports_to_the_preflight():
 
 def test_filter_refuses_a_missing_plan_or_machine():
     with pytest.raises(Exception, match="expected a mapping with ROS_MASTER_URI"):
-        environment_files({}, INFO)
+        environment_files({"ROS_HOSTNAME": "kobuki1computer"}, INFO)
     with pytest.raises(Exception, match="expected the return of rosfleet.multimaster.multimaster_info"):
         environment_files(OURS, {})
+
+
+def test_a_router_has_no_files_and_was_not_looked_at_for_any():
+    assert environment_files({}, {"interfaces": []}) == {"files": [], "notes": [], "digest": ""}
+    assert environment_module.differences({}, {}, []) == []
 
 
 def test_lists_of_both_sides_agree():
