@@ -140,7 +140,9 @@ def _fetch(fetch: Fetch, before: Optional[State], view: View, quick: bool, known
             raise
         return _fetch(fetch, before, view, quick)
     except Malformed as problem:
-        raise ValueError(f"it sends no state of a master: {problem}") from None
+        if not known:
+            raise ValueError(f"it sends no state of a master: {problem}") from None
+        return _fetch(fetch, before, view, quick)
     finally:
         if follower is None:
             rpc.close()
