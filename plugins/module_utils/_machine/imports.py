@@ -102,10 +102,12 @@ def tried(
 
 
 def forget(proof: str = PROOF) -> None:
-    """Remove what was proved, what a killed run left beside it, and the folder if that is empty."""
-    for path in [proof, *glob.glob(glob.escape(proof) + ".*")]:
-        _remove(os.unlink, path)
-    _remove(os.rmdir, os.path.dirname(proof))
+    """Remove what was proved, what is compiled (_archive/once.py), what killed runs left of both, and the folder if that is empty."""
+    folder = os.path.dirname(proof)
+    for beginning in (proof, os.path.join(folder, "compiled-")):
+        for path in glob.glob(glob.escape(beginning) + "*"):
+            _remove(os.unlink, path)
+    _remove(os.rmdir, folder)
 
 
 def _remove(remove: typing.Callable[[str], None], path: str) -> None:

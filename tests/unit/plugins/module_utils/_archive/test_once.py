@@ -4,7 +4,9 @@
 """Imports from an archive after once.py compile once, and are what they are without."""
 
 import json
+import os
 import pathlib
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -14,6 +16,7 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[5]
 ONCE = ROOT / "plugins/module_utils/_archive/once.py"
 MODULES = ROOT / "plugins/modules"
+FOLDER = 'FOLDER = "/run/rosfleet-multimaster"'
 
 PROGRAM = """
 import collections, json, sys
@@ -21,7 +24,7 @@ compiled = collections.Counter()
 def hear(event, arguments):
     if event == "compile" and arguments[1]:
         name = arguments[1].decode() if isinstance(arguments[1], bytes) else str(arguments[1])
-        compiled[name.partition(".zip/")[2]] += 1
+        compiled[name.rpartition(".zip/")[2]] += 1
 sys.addaudithook(hear)
 sys.path[:0] = sys.argv[2:]
 if sys.argv[1] == "once":
@@ -41,7 +44,7 @@ print(json.dumps({
 def archives(tmp_path):
     """Two archives: one with once.py, and another one."""
     with zipfile.ZipFile(tmp_path / "ours.zip", "w") as archive:
-        archive.write(ONCE, "once.py")
+        archive.writestr("once.py", ONCE.read_text().replace(FOLDER, f'FOLDER = "{tmp_path}/run"'))
         archive.writestr("room/__init__.py", "")
         archive.writestr("room/code.py", "def double(number):\n    return 2 * number\n")
     with zipfile.ZipFile(tmp_path / "theirs.zip", "w") as archive:
@@ -67,6 +70,71 @@ def test_a_module_that_is_not_there_is_missing_as_always(archives):
     lines = "import sys; sys.path[:0] = sys.argv[1:]; import once\ntry:\n  import room.nothing\nexcept ImportError as e: print(e.name)"
     done = subprocess.run([sys.executable, "-c", lines, *archives], check=True, capture_output=True, text=True)
     assert done.stdout == "room.nothing\n"
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """The folder where compiled code is kept."""
+    folder = tmp_path / "run"
+    folder.mkdir(mode=0o755)
+    return folder
+
+
+def test_what_was_compiled_is_kept_for_the_next_run(archives, kept):
+    first, second = run("once", archives), run("once", archives)
+    assert first["compiled"]["room/code.py"] == 1
+    assert "room/code.py" not in second["compiled"] and second["value"] == first["value"]
+    assert second["source"] == first["source"]
+    (file,) = kept.iterdir()
+    assert file.stat().st_mode & 0o777 == 0o600
+
+
+def test_another_source_is_compiled_and_kept_beside_it(archives, kept):
+    run("once", archives)
+    with zipfile.ZipFile(archives[0]) as archive:
+        sources = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(archives[0], "w") as archive:
+        for name, source in dict(
+            sources, **{"room/code.py": "def double(number):\n    return number + number\n"}
+        ).items():
+            archive.writestr(name, source)
+    second = run("once", archives)
+    assert second["compiled"]["room/code.py"] == 1 and "number + number" in second["source"]
+    assert run("once", archives)["compiled"].get("room/code.py") is None
+    assert len(list(kept.iterdir())) == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\x00" * 100, b"i\x01\x00\x00\x00"])
+def test_what_is_broken_is_compiled_anew(archives, kept, content):
+    run("once", archives)
+    (file,) = kept.iterdir()
+    file.write_bytes(content)
+    answer = run("once", archives)
+    assert answer["compiled"]["room/code.py"] == 1 and answer["value"] == 4
+
+
+def test_nothing_is_kept_where_there_is_no_folder(archives, tmp_path):
+    assert run("once", archives)["value"] == 4
+    assert not (tmp_path / "run").exists()
+
+
+def others(path):
+    path.chmod(path.stat().st_mode | 0o022)
+
+
+def chown(path):
+    if os.geteuid() != 0:
+        pytest.skip("only root can give a file to somebody else")
+    shutil.chown(path, "nobody")
+
+
+@pytest.mark.parametrize("change", [others, chown])
+@pytest.mark.parametrize("what", ["folder", "file"])
+def test_what_others_could_have_written_is_never_run(archives, kept, change, what):
+    run("once", archives)
+    (file,) = kept.iterdir()
+    change(kept if what == "folder" else file)
+    assert run("once", archives)["compiled"]["room/code.py"] == 1
 
 
 @pytest.mark.parametrize("path", sorted(MODULES.glob("*.py")), ids=lambda path: path.stem)
