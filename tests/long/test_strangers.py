@@ -123,7 +123,7 @@ class Fleet:
 
         def said():
             entries = self.run(host, "cat /run/diagnostics.out").split("level:")
-            return any(text in entry and f'hardware_id: "{host}"' in entry for entry in entries)
+            return any(text in entry and f'/{host}"' in entry for entry in entries)
 
         self.lab.start(host, "diagnostics", "rostopic echo /diagnostics")
         until(said, 15, f"{text} on /diagnostics of {host}")
@@ -249,13 +249,13 @@ def test_a_thief_does_not_become_a_robot_whose_heartbeat_is_late(fleet, thief, l
     assert fleet.log(VICTIM, DISCOVERY, since - 1).count(f"at {thief} is ignored: {why}") == 1
 
 
-def test_spoofed_stamps_cost_one_fetch_a_second(fleet):
+def test_spoofed_stamps_cost_one_fetch_in_ten_seconds(fleet):
     before, at = fleet.attempts(), time.monotonic()
     sent = result("stamps", spoofed(fleet.lab, 226, 9, 10, "11611-11611", ROBOTS[PEER]))
     new = [one for one in fleet.attempts() - before if (one.address, one.port) == (ROBOTS[PEER], 11611)]
     fetches = sum(one.user == fleet.user(SYNC) for one in new)
     print(f"{sent['sent']} datagrams in {sent['seconds']} s: {fetches} fetches, {len(new) - fetches} other calls")
-    assert 2 <= fetches <= sent["seconds"] + 2  # fewer than two: nobody has believed the datagrams
+    assert 1 <= fetches <= sent["seconds"] / 10 + 2  # none: nobody has believed the datagrams
     assert len(new) - fetches <= sent["seconds"] + 2
     fleet.unchanged(at, *ROBOTS)
 
