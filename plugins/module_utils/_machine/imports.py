@@ -86,9 +86,9 @@ def tried(
     `proof` is the file of the last time, "" for code that others than root can change; with `keep` it is written.
     """
     asked = {"python": python, "modules": list(modules), "environment": environment, "program": _ASK}
-    version = _proved(proof, asked) if proof else ""
-    if version:
-        return Imported(version, [])
+    before = _proved(proof, asked) if proof else ""
+    if before:
+        return Imported(before, [])
     began = int(time.time() * 1e9)
     answer = foreign([python, "-c", _ASK, *modules], environment, _IMPORTING)
     told = last_line(answer.output)
