@@ -1435,6 +1435,7 @@ from itertools import chain
 
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends, kept
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
@@ -1668,7 +1669,10 @@ def look(params: Params, quiet: bool) -> Result:
 def start(module: Module) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
     params = module.params
-    machine = seen(params, keep=not module.check_mode)  # first: what is left running here is none of the machine
+    set_up = bool(record.records())  # elsewhere, a verification leaves nothing behind
+    machine = seen(
+        params, keep=set_up and not module.check_mode
+    )  # first: what is left running here is none of the machine
     heard = None if module.check_mode else group(params, "started")
     spoken = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
     if params["keep"] and not module.check_mode:

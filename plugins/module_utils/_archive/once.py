@@ -5,19 +5,24 @@
 
 Ansible sends a module and all that it imports as sources in a ZIP. Python compiles each of them to tell the name of its
 file, throws that away, and compiles it again to run it, and all that in each run. Here the name is told without, and what
-was compiled is kept until the next boot: in root's folder below /run, where that is there already.
+was compiled is kept until the next boot: in root's folder below /run, on a computer that the collection has set up.
 """
 
+import _imp
 import atexit
 import hashlib
 import importlib.util
 import marshal
 import os
 import stat
+import sys
+import types
 import typing
 import zipimport
 
 FOLDER = "/run/rosfleet-multimaster"
+RECORDS = "/var/lib/rosfleet-multimaster"  # there on a computer that is set up
+_OF_PYTHON: typing.Any = _imp
 _MOST = 4 << 20  # bytes that are kept, and more for one run; all modules together have a third of it
 
 
@@ -45,7 +50,7 @@ class Compiled:
     def __init__(self, folder: str) -> None:
         """Read what is kept in the folder."""
         self._folder = folder
-        self.path = os.path.join(folder, f"compiled-{importlib.util.MAGIC_NUMBER.hex()}")
+        self.path = os.path.join(folder, f"compiled-{importlib.util.MAGIC_NUMBER.hex()}-{sys.flags.optimize}")
         self._fresh: typing.Dict[bytes, bytes] = {}
         self._kept: typing.Dict[bytes, bytes] = {}
         if _is_own(self._folder, 0o022) and _is_own(self.path, 0o077):
@@ -55,18 +60,20 @@ class Compiled:
             except (OSError, EOFError, ValueError, TypeError):
                 pass  # the sources are here
 
-    def code(self, name: str, source: bytes) -> typing.Any:
-        """Return the code of a source, compiled now if it was not before. Raises SyntaxError."""
+    def code(self, name: str, source: bytes, place: str) -> types.CodeType:
+        """Return the code of a source that stands at a place, compiled now if it was not before. Raises SyntaxError."""
         key = hashlib.sha256(name.encode() + b"\0" + source).digest()
-        if key in self._kept:
-            return marshal.loads(self._kept[key])
-        code = compile(source, name, "exec", dont_inherit=True)
-        self._fresh[key] = marshal.dumps(code)
+        try:
+            code = marshal.loads(self._kept[key])
+            _OF_PYTHON._fix_co_filename(code, place)  # as importlib does: whose lines a traceback shows
+        except (KeyError, EOFError, ValueError, TypeError):
+            code = compile(source, place, "exec", dont_inherit=True)
+            self._fresh[key] = marshal.dumps(code)
         return code
 
     def save(self) -> None:
         """Keep what was compiled now beside the rest. Where that cannot be, the next run compiles it."""
-        if not self._fresh or not _is_own(self._folder, 0o022):
+        if not self._fresh or not _is_own(self._folder, 0o022) or not os.path.isdir(RECORDS):
             return
         together = dict(self._kept) if sum(map(len, self._kept.values())) < _MOST else {}
         together.update(self._fresh)
@@ -99,7 +106,7 @@ def keep_code(archive: str, compiled: Compiled) -> None:
         if self.archive != archive:
             return compiling(self, fullname)
         inside = _inside(self, fullname)
-        return compiled.code(inside, self.get_data(inside))
+        return compiled.code(inside, self.get_data(inside), os.path.join(self.archive, inside))
 
     zipimport.zipimporter.get_code = get_code  # type: ignore[method-assign]
     atexit.register(compiled.save)

@@ -81,7 +81,11 @@ class ManagedServices(ModuleRun):
         self.names = [unit.name for unit in self.units]
         self.former = [name for name in self.remembered.get("units", []) if name not in self.names]
         self.machine = files.read(self.wanted, self.remembered, self.record)
-        self.states = self.after = self.systemd.show(self.names + self.former)
+        self.states = self.after = {
+            # systemd tells the state of before where a run was killed after it had removed the file.
+            name: state if os.path.lexists(state.fragment) else state._replace(file_state="")
+            for name, state in self.systemd.show(self.names + self.former).items()
+        }
         self.overtaken = {
             unit.name: self.systemd.overtaken(unit.content, self.states[unit.name]) for unit in self.units
         }
@@ -133,7 +137,7 @@ class ManagedServices(ModuleRun):
         fresh = [name for name in self.names if name in self.texts or name in self.pending]
         memory = dict(
             units=self.former + self.names,
-            pending=fresh + self.removed,
+            pending=fresh + [action.name for action in self.actions if action.switch and action.name not in fresh],
             directories=dict(self.remembered.get("directories", {})),
             parents=list(self.remembered.get("parents", [])),
         )

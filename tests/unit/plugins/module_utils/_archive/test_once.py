@@ -4,6 +4,7 @@
 """Imports from an archive after once.py compile once, and are what they are without."""
 
 import json
+import marshal
 import os
 import pathlib
 import shutil
@@ -16,7 +17,7 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[5]
 ONCE = ROOT / "plugins/module_utils/_archive/once.py"
 MODULES = ROOT / "plugins/modules"
-FOLDER = 'FOLDER = "/run/rosfleet-multimaster"'
+PLACES = ("/run/rosfleet-multimaster", "/var/lib/rosfleet-multimaster")
 
 PROGRAM = """
 import collections, json, sys
@@ -40,11 +41,20 @@ print(json.dumps({
 """
 
 
+def set_in(folder):
+    """The text of once.py with other folders."""
+    text = ONCE.read_text()
+    for place, name in zip(PLACES, ("run", "records")):
+        assert place in text
+        text = text.replace(place, f"{folder}/{name}")
+    return text
+
+
 @pytest.fixture
 def archives(tmp_path):
     """Two archives: one with once.py, and another one."""
     with zipfile.ZipFile(tmp_path / "ours.zip", "w") as archive:
-        archive.writestr("once.py", ONCE.read_text().replace(FOLDER, f'FOLDER = "{tmp_path}/run"'))
+        archive.writestr("once.py", set_in(tmp_path))
         archive.writestr("room/__init__.py", "")
         archive.writestr("room/code.py", "def double(number):\n    return 2 * number\n")
     with zipfile.ZipFile(tmp_path / "theirs.zip", "w") as archive:
@@ -77,6 +87,7 @@ def kept(tmp_path):
     """The folder where compiled code is kept."""
     folder = tmp_path / "run"
     folder.mkdir(mode=0o755)
+    (tmp_path / "records").mkdir()
     return folder
 
 
@@ -114,8 +125,45 @@ def test_what_is_broken_is_compiled_anew(archives, kept, content):
 
 
 def test_nothing_is_kept_where_there_is_no_folder(archives, tmp_path):
+    (tmp_path / "records").mkdir()
     assert run("once", archives)["value"] == 4
     assert not (tmp_path / "run").exists()
+
+
+def test_nothing_is_kept_on_a_computer_that_is_not_set_up(archives, kept, tmp_path):
+    (tmp_path / "records").rmdir()
+    run("once", archives)
+    assert list(kept.iterdir()) == []
+
+
+def test_one_broken_code_is_compiled_anew_and_heals(archives, kept):
+    run("once", archives)
+    (file,) = kept.iterdir()
+    codes = marshal.loads(file.read_bytes())
+    file.write_bytes(marshal.dumps(dict.fromkeys(codes, b"")))
+    assert run("once", archives)["compiled"]["room/code.py"] == 1
+    assert "room/code.py" not in run("once", archives)["compiled"]
+
+
+def test_a_traceback_shows_lines_of_the_archive_alone(archives, kept, tmp_path):
+    """A relative name would be looked for where the person's shell stands."""
+    (tmp_path / "here/room").mkdir(parents=True)
+    (tmp_path / "here/room/code.py").write_text("one\nsecrets of root\n")
+    lines = "import sys; sys.path[:0] = sys.argv[1:]; import once, room.code, traceback\n"
+    lines += "try:\n    room.code.double(None)\nexcept TypeError:\n    traceback.print_exc()\n"
+    for _time in range(2):
+        done = subprocess.run(
+            [sys.executable, "-c", lines, *archives], check=False, capture_output=True, text=True, cwd=tmp_path / "here"
+        )
+        assert "return 2 * number" in done.stderr and "secrets" not in done.stderr
+        assert f'File "{archives[0]}/room/code.py", line 2' in done.stderr
+
+
+def test_another_level_of_optimization_is_another_code(archives, kept):
+    run("once", archives)
+    command = [sys.executable, "-O", "-c", PROGRAM, "once", *archives]
+    subprocess.run(command, check=True, capture_output=True)
+    assert len(list(kept.iterdir())) == 2
 
 
 def others(path):

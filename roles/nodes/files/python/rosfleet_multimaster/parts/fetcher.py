@@ -138,14 +138,14 @@ def _fetch(fetch: Fetch, before: Optional[State], view: View, quick: bool, known
     except Fault:
         if not known:
             raise
-        return _fetch(fetch, before, view, quick)
     except Malformed as problem:
         if not known:
             raise ValueError(f"it sends no state of a master: {problem}") from None
-        return _fetch(fetch, before, view, quick)
     finally:
         if follower is None:
             rpc.close()
+    # It is another program by now. What it has sent is gone with the error, since one large answer at a time is enough.
+    return _fetch(fetch, before, view, quick)
 
 
 def _whole(value: Any) -> Any:
