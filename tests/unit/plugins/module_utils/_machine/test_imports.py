@@ -77,6 +77,19 @@ def test_code_that_others_can_change_proves_nothing(house, asked):
     assert len(asked) == 2
 
 
+def aged(path):
+    """Write other bytes of the same length, and give the file its old time."""
+    before = path.stat()
+    path.write_text(path.read_text().replace("getuid", "getgid"))
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def moved(house):
+    shutil.copytree(house.package, house.folder / "other")
+    shutil.rmtree(house.package)
+    (house.folder / "other").rename(house.package)
+
+
 CHANGES = {
     "a file that was read has other bytes": lambda house: (house.package / "core.py").write_text("import nothing\n"),
     "a file that was read is gone": lambda house: (house.package / "core.py").unlink(),
@@ -87,7 +100,7 @@ CHANGES = {
     "a file beside it": lambda house: (house.package / "core.cpython-39.so").write_text(""),
     "a line for all of Python": lambda house: (house.modules / "early.pth").write_text("import nothing\n"),
     "the same file with the time of before": lambda house: aged(house.package / "core.py"),
-    "the folder is another one with the same files": lambda house: moved(house),
+    "the folder is another one with the same files": moved,
 }
 
 
@@ -176,19 +189,6 @@ def test_a_full_disk_leaves_nothing(house, monkeypatch):
     (house.proof.parent / "imports.json.4711").write_text("{")  # of a killed run
     imports.forget(str(house.proof))
     assert not house.proof.parent.exists()
-
-
-def aged(path):
-    """Write other bytes of the same length, and give the file its old time."""
-    before = path.stat()
-    path.write_text(path.read_text().replace("getuid", "getgid"))
-    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-
-
-def moved(house):
-    shutil.copytree(house.package, house.folder / "other")
-    shutil.rmtree(house.package)
-    (house.folder / "other").rename(house.package)
 
 
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
