@@ -16,6 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talke
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import PAUSE, awaited, concurrently
 
 LEAST = 5.0  # seconds that are listened at least, also where the roscore was waited for
+REGISTERING = 5.0  # seconds for the registration of a node that was heard
 CONNECT, REACHING = 2.0, 10.0  # seconds that a connection to a publisher may take, and all of them
 
 
@@ -27,6 +28,7 @@ def topics(
         return []
     awaited(lambda: _answers(ros), bool, deadline)
     heard, errors = listen(ros, talkers, label, own, deadline)
+    settled = time.monotonic() + REGISTERING
     try:
         published = _published(ros)
     except OSError as problem:
@@ -36,7 +38,9 @@ def topics(
         name = topic_of(talker)
         entry = _topic(talker, name, heard.get(name, {}), sentence_of(label, talker))
         nodes = published.get(name) or ([heard[name]["node"]] if heard.get(name, {}).get("node") else [])
-        entry["publishers"] = [{"node": node, "uri": _uri(ros, node)} for node in nodes]
+        entry["publishers"] = [
+            {"node": node, "uri": _uri(ros, node, settled if entry["heard"] else 0.0)} for node in nodes
+        ]
         if not entry["heard"] and not entry["error"]:
             unknown = published and name not in published
             entry["error"] = f"the topic is not registered at {ros.uri}" if unknown else errors.get(name) or "nothing"
@@ -111,8 +115,15 @@ def listen(
     return listener.heard, listener.errors
 
 
-def _uri(ros: Ros, node: str) -> str:
-    try:
-        return ros.ask("lookupNode", node)
-    except OSError:
-        return ""  # it ended since
+def _uri(ros: Ros, node: str, end: float) -> str:
+    """Return where a node is registered; empty where it is not, also at the end (monotonic seconds).
+
+    Where upstream's master_sync has registered it, it is away again for a moment in its first seconds.
+    """
+    while True:
+        try:
+            return str(ros.ask("lookupNode", node))
+        except OSError:
+            if time.monotonic() > end:
+                return ""  # it ended since
+            time.sleep(PAUSE)

@@ -4,6 +4,7 @@
 """The topics of talkers, heard by one node."""
 
 import socket
+import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
@@ -62,3 +63,20 @@ def test_a_publisher_that_was_not_heard_is_reached_or_not():
 @pytest.mark.parametrize("uri", ["", "http://127.0.0.1:99999999/", "http://[::1/", "http://x.invalid:1/"])
 def test_a_uri_that_is_none_is_not_reached(uri):
     assert topics._reach(_published(uri)) not in ("", "open")
+
+
+def test_a_registration_that_is_away_for_a_moment_is_waited_for(monkeypatch):
+    """upstream's master_sync takes one back and makes it again in the first seconds of a node."""
+    monkeypatch.setattr(topics, "PAUSE", 0.0)
+    answers = [OSError("unknown node"), OSError("unknown node"), "http://b:40000/"]
+
+    class Forgetful:
+        def ask(self, method, node):
+            answer = answers.pop(0)
+            if isinstance(answer, OSError):
+                raise answer
+            return answer
+
+    assert topics._uri(Forgetful(), "/talker", time.monotonic() + 5) == "http://b:40000/"
+    answers[:] = [OSError("unknown node"), "http://b:40000/"]
+    assert topics._uri(Forgetful(), "/talker", 0.0) == ""
