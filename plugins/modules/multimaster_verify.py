@@ -1670,9 +1670,8 @@ def start(module: Module) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
     params = module.params
     set_up = bool(record.records())  # elsewhere, a verification leaves nothing behind
-    machine = seen(
-        params, keep=set_up and not module.check_mode
-    )  # first: what is left running here is none of the machine
+    # First: what is left running here is none of the machine.
+    machine = seen(params, keep=set_up and not module.check_mode)
     heard = None if module.check_mode else group(params, "started")
     spoken = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
     if params["keep"] and not module.check_mode:

@@ -45,7 +45,7 @@ def _inside(importer, fullname):
 
 
 class Compiled:
-    """What was compiled on this computer, by a digest of name and source."""
+    """The code that was compiled on this computer, by a digest of name and source."""
 
     def __init__(self, folder: str) -> None:
         """Read what is kept in the folder."""

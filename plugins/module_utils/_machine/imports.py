@@ -27,7 +27,6 @@ _IMPORTING = 20.0  # seconds; 0.4 on a PC, cold on a small robot several
 _SETTLED = 10**9  # nanoseconds; the clock of files is coarser than that of processes
 _VERSION = re.compile(r"[23]\.[0-9]{1,3}\.[0-9]{1,3}")
 _OF_THE_SANDBOX = ("/tmp", "/var/tmp", "/proc", "/dev")  # another one there than here
-
 _OF_THE_LOADER = ("/etc/ld.so.cache", "/etc/ld.so.preload")  # where it finds libraries (ld.so(8))
 
 _ASK = """

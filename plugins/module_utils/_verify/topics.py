@@ -118,7 +118,7 @@ def listen(
 def _uri(ros: Ros, node: str, end: float) -> str:
     """Return where a node is registered; empty where it is not, also at the end (monotonic seconds).
 
-    Where upstream's master_sync has registered it, it is away again for a moment in its first seconds.
+    Beside upstream's nodes, publishers that were heard were not registered for a moment. Why is not known.
     """
     while True:
         try:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What tells a slow machine from a slow program."""
+"""The pace of the machine, which tells a slow machine from a slow program."""
 
 import os
 import sys

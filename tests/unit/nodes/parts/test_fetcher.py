@@ -37,7 +37,7 @@ def test_a_state_that_cannot_be_had_is_one_sentence(problem, end):
 
 @pytest.fixture(name="other_program")
 def fixture_other_program():
-    """What stands where a master was that told its changes: it answers the same method with something else."""
+    """Another program where a master was that told its changes: it answers the same method with something else."""
     document = [
         "1.0",
         "1.0",

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a proof that modules can be imported is worth the next time: nothing, as soon as one file is another one."""
+"""The proof that modules can be imported: it is worth nothing as soon as one file is another one."""
 
 import json
 import os

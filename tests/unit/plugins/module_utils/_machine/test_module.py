@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a module tells the log of a computer: what it was asked for, and none of the values."""
+"""The line of a module in the log of a computer: the names of its options, and none of the values."""
 
 import json
 import pathlib

@@ -66,7 +66,7 @@ def test_a_uri_that_is_none_is_not_reached(uri):
 
 
 def test_a_registration_that_is_away_for_a_moment_is_waited_for(monkeypatch):
-    """upstream's master_sync takes one back and makes it again in the first seconds of a node."""
+    """Seen beside upstream's nodes, with publishers that were heard."""
     monkeypatch.setattr(topics, "PAUSE", 0.0)
     answers = [OSError("unknown node"), OSError("unknown node"), "http://b:40000/"]
 
