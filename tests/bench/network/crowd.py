@@ -13,10 +13,10 @@ from pathlib import Path
 
 from links import SILENT, until
 from measures import held, usage
-from subject import Lab, lab_of
+from subject import NODES, Lab, lab_of
 from systems import GIVER, HERE, MANAGED, PORT, TAKER, start_giver
 
-ROBOTS, TOPICS = 20, 100
+ROBOTS, TOPICS, MEETINGS = 20, 100, 5
 MASTERS, EXPORTED = (10, 30, 100), 50
 GROUP = "226.0.0.0"
 NAMES = [f"crowd-{number}" for number in range(ROBOTS)]
@@ -32,28 +32,51 @@ def inventory(folder: Path) -> Path:
     return path
 
 
-def meet(folder: Path, say: Callable[[str], None]) -> float:
-    """Seconds from the moment when all links open until every roscore has all topics of all robots."""
+def meet(folder: Path, say: Callable[[str], None], times: int = MEETINGS) -> list[float]:
+    """Seconds from the moment when all links open until every roscore has all topics of all robots, each time."""
     with lab_of("bench-crowd", inventory(folder)) as lab:
         status, output = lab.play("site.yml", "--forks", "4")
         assert status == 0, output
         say(f"{ROBOTS} robots are set up")
         with ThreadPoolExecutor(4) as pool:
             list(pool.map(lambda numbered: fill(lab, *numbered), enumerate(NAMES)))
-            list(pool.map(lambda name: lab.run(name, "nft -f -", stdin=SILENT), NAMES))
-            say("all links are cut")
-            until(lambda: all(pool.map(lambda name: alone(lab, name), NAMES)), 120, "each robot is alone")
-            text = (HERE / "programs" / "all_there.py").read_text()
-            list(pool.map(lambda name: lab.run(name, "cat > /run/all_there.py", stdin=text), NAMES))
-            for name in NAMES:
-                lab.start(name, "all-there", f"python3 /run/all_there.py {ROBOTS} {TOPICS}")
-            until(lambda: all(pool.map(lambda name: "ready" in said(lab, name), NAMES)), 60, "the programs that look")
-        at = time.monotonic() + 30
-        for name in NAMES:
-            lab.run(name, "cat > /run/at.py", stdin=(HERE / "programs" / "at.py").read_text())
-            lab.start(name, "open-link", f"python3 /run/at.py {at} nft delete table netdev lost")
+            for program in ("all_there.py", "at.py"):
+                text = (HERE / "programs" / program).read_text()
+                list(pool.map(lambda name, text=text, to=program: lab.run(name, f"cat > /run/{to}", stdin=text), NAMES))
+        return [meeting(lab, say) for _number in range(times)]
+
+
+def meeting(lab: Lab, say: Callable[[str], None]) -> float:
+    """One time: all links are cut until each robot is alone, and open at the same moment."""
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda name: lab.run(name, "nft -f -", stdin=SILENT), NAMES))
+        until(lambda: all(pool.map(lambda name: alone(lab, name), NAMES)), 120, "each robot is alone")
+        list(pool.map(lambda name: lab.start(name, "all-there", f"python3 /run/all_there.py {ROBOTS} {TOPICS}"), NAMES))
+        until(lambda: all(pool.map(lambda name: "ready" in said(lab, name), NAMES)), 60, "the programs that look")
+        before = processors(lab, pool)
+        at = time.monotonic() + 20
+        order = f"python3 /run/at.py {at} nft delete table netdev lost"
+        list(pool.map(lambda name: lab.start(name, "open-link", order), NAMES))
+        assert time.monotonic() < at, "the programs that open the links were started too late"
         until(lambda: finished(lab), 300, "all topics everywhere")
-        return max(float(said(lab, name).split()[1]) for name in NAMES) - at
+        took = max(float(said(lab, name).split()[1]) for name in NAMES) - at
+        after = processors(lab, pool)
+    shares = ", ".join(f"{unit} {after[unit] - before[unit]:.1f} s" for unit in before)
+    say(f"{ROBOTS} robots have met in {took:.1f} s; processors: {shares}")
+    return took
+
+
+def processors(lab: Lab, pool: ThreadPoolExecutor) -> dict[str, float]:
+    """Seconds of the processors that the services of all robots have taken so far: service -> seconds."""
+    text = (NODES / "usage.py").read_text()
+    return {
+        unit: sum(
+            pool.map(
+                lambda name, unit=unit: json.loads(lab.run(name, f"python3 - {unit}", stdin=text))["seconds"], NAMES
+            )
+        )
+        for unit in ("multimaster-discovery", "multimaster-sync", "multimaster-roscore")
+    }
 
 
 def fill(lab: Lab, number: int, name: str) -> None:

@@ -76,7 +76,7 @@ def measure(system: System, fkie: Path | None, scale: float, found: dict[str, li
         note(lab, "bytes", lambda: measures.bytes_per_change(lab, system, max(5, count // 10)))
         note(lab, "cpu_full", lambda: idle(lab, system))
     if system is systems.MANAGED and scale == 1:
-        found["meet"] = [crowd.meet(WORK, say)]
+        found["meet"] = crowd.meet(WORK, say)
         say(f"{system.name}: meet")
 
 

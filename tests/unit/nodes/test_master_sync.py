@@ -5,6 +5,7 @@
 import importlib
 import sys
 import types
+from time import monotonic
 
 import pytest
 import rosfleet_multimaster.edge
@@ -44,5 +45,14 @@ def test_each_news_of_a_master_is_looked_at_for_a_loss(program, ending):
     program.ending = ending
     for online in (True, False, True):  # between two passes of the loop
         program._announced("changed", announced(online))
-    program._listed([announced(False)], False)
+    program._listed([announced(False)], False, monotonic())
     assert seen == [True, False, True, False]
+
+
+def test_a_list_that_was_asked_for_before_the_news_does_not_undo_them(program):
+    asked = monotonic()
+    program._announced("changed", announced(True))
+    program._listed([announced(False)], False, asked)
+    assert program._online() == {URI: True}
+    program._listed([announced(False)], False, monotonic())
+    assert program._online() == {URI: False}

@@ -3,12 +3,14 @@
 import random
 
 import pytest
+from fleet_of_one import TIBI, URI
 from rosfleet_multimaster.core.discovery import (
     ECHO,
     MAX_ASKED,
     MAX_MASTERS,
     MAX_PER_ADDRESS,
     MAX_STRANGERS,
+    RETURNED,
     STRANGER_LIMIT,
     Ask,
     Contact,
@@ -21,6 +23,7 @@ from rosfleet_multimaster.core.discovery import (
     misnamed,
 )
 from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, decode, encode
+from rosfleet_multimaster.core.members import Members
 from rosfleet_multimaster.core.peer import Peer
 from virtual_time import Robot, World
 
@@ -655,6 +658,26 @@ def test_back_online_is_a_change_and_it_is_asked_again_who_it_is():
     actions = take(core)
     assert [type(action) for action in actions] == [Ask, Event]
     assert actions[1].master.online
+
+
+def test_a_robot_at_its_planned_place_is_asked_again_who_it_is_once_its_topics_had_their_time():
+    there, contact = (TIBI["addresses"][0], 11511), CONTACT._replace(uri=URI, name=TIBI["name"])
+    core = Discovery(Settings(), ["192.168.1.229"], 11611, Members.of({"members": [TIBI]}))
+    core.own_state(OWN, 0.0)
+    core.datagram(state(rate=1.0), there, True, 1.0)
+    core.contacted((there[0], 0, 11611), contact, "", 1.0)
+    run(core, 1.0, 10.0)
+    asked, events = [], []
+    for quarter in range(40, 70):
+        now = quarter / 4
+        if quarter % 4 == 0:
+            core.datagram(state(rate=1.0), there, True, now)
+        core.tick(now)
+        for action in take(core):
+            asked += [now] if isinstance(action, Ask) else []
+            events += [(now, action.master.online)] if isinstance(action, Event) else []
+    assert events == [(10.0, True)], "its topics are fetched at once"
+    assert asked == [10.0 + RETURNED]
 
 
 def test_removal_can_be_switched_off():

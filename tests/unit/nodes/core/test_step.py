@@ -118,6 +118,17 @@ def test_what_is_not_simple_takes_a_round(item, more):
     assert stepped(item, **more) is None
 
 
+def test_what_is_gone_and_was_refused_takes_a_round_which_takes_the_refusal_back():
+    known = Known(EMPTY, {}, {}, {"/one"})
+    assert step({ONE}, {}, known, lambda name, master: False) is None
+
+
+def test_a_held_topic_that_has_another_type_now_takes_a_round():
+    held = {"claims": [(ONE.of, MASTER)], "held": [(ONE, MASTER)]}
+    assert stepped(ONE, View({"/one": ("/a",)}, {}, {}, {"/one": "std_msgs/String"}), **held) is None
+    assert stepped(ONE, View({"/one": ("/a",)}, {}, {}, {"/one": "std_msgs/Int32"}), **held) is not None
+
+
 def test_what_is_held_already_is_nothing_to_do():
     found = stepped(ONE, claims=[(ONE.of, MASTER)], held=[(ONE, MASTER)])
     assert not found.register and not found.unregister

@@ -325,6 +325,15 @@ def test_a_list_that_is_incomplete_for_a_moment_removes_nobody():
     assert not sync.remotes
 
 
+def test_a_list_says_nothing_of_masters_of_which_there_was_news_meanwhile():
+    sync = synced()
+    sync.listed([announced(online=False)], 10.0, {R2})
+    assert sync.wanted(10.0)
+    sync.removed(R2)
+    sync.listed([announced()], 11.0, {R2})
+    assert not sync.remotes
+
+
 def test_the_own_master_and_unwanted_hosts_are_not_synchronised():
     sync = core(ignore_hosts=["robot3"])
     sync.listed([announced(uri=OWN, name="robot1"), announced(uri=R3, name="robot3")], 0.0)

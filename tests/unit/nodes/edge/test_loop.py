@@ -19,6 +19,38 @@ def test_the_loop_runs_what_workers_and_threads_hand_it():
     assert (42, None, threading.main_thread()) in seen and ZeroDivisionError in seen
 
 
+def test_a_loop_that_is_awake_is_not_woken_again():
+    loop, said, seen = Loop(), [], []
+
+    class Counts:
+        def send(self, data):
+            said.append(data)
+            return real.send(data)
+
+    real, loop._waker = loop._waker, Counts()
+    for number in range(100):
+        loop.post(seen.append, number)
+    assert len(said) == 1
+    loop.post(lambda: loop.post(loop.stop))  # what is put in while the others run wakes it for one more pass
+    loop.run(lambda now: now + 30.0)
+    assert seen == list(range(100)) and len(said) <= 3
+
+
+def test_no_call_of_many_threads_is_left_in_a_loop_that_sleeps():
+    loop, seen = Loop(), []
+    counted = threading.Thread(target=loop.run, args=(lambda now: now + 30.0,), daemon=True)
+    counted.start()
+    callers = [threading.Thread(target=lambda: [loop.post(seen.append, 1) for _n in range(500)]) for _t in range(8)]
+    began = time.monotonic()
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    loop.post(loop.stop)
+    counted.join(20)
+    assert len(seen) == 4000 and time.monotonic() - began < 20, "a call that nobody woke it for"
+
+
 def test_a_recurring_job_has_one_run_at_a_time():
     done = []
 

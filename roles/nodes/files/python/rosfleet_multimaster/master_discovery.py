@@ -37,7 +37,7 @@ from .parts.told import Told
 
 LOOKS = {True: 30.0, False: 1.0}  # seconds between two looks at the addresses, where the kernel tells of changes or not
 #: seconds from a change of own nodes to its announcement, and of others' nodes: changes come in bursts
-SETTLE, SETTLE_OTHERS = 0.02, 2.0
+SETTLE, SETTLE_OTHERS = 0.02, 5.0
 LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however much changes
 
 
@@ -169,12 +169,13 @@ class MasterDiscovery:
             elif isinstance(action, Ask):
                 self.contacts.ask(action)
             elif isinstance(action, Event):
-                events = True
+                if not events:  # before it is told: who then asks for the list has it there
+                    events, self.masters = True, tuple(self.core.masters())
                 self._event(action)
             elif isinstance(action, Say):
                 self.limited.say(action.level, action.topic, action.text)
         if events:
-            self.masters = tuple(self.core.masters())
+            self.loop.post(self._say_status)
 
     def _event(self, event: Event) -> None:
         master, before = event.master, self.told.get(event.master.uri)
@@ -197,7 +198,6 @@ class MasterDiscovery:
             program.LOG.info("%s is %s", master.name, "online again" if master.online else "offline")
         if self.node is not None:
             self.node.changed(event.change, master)
-        self.loop.post(self._say_status)
 
     def _say_status(self) -> None:
         online = [master.name for master in self.masters if master.online]

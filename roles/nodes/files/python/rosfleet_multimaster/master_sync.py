@@ -47,6 +47,7 @@ class MasterSync:
         self.ending = False
         self.farewell = ""
         self.own_local_stamp = 0.0
+        self.news: Dict[str, float] = {}  # URI of a master -> when discovery told of it, since the last list
 
     def main(self) -> int:
         """Start, run, end."""
@@ -104,7 +105,7 @@ class MasterSync:
             self._subscribe,
             self._listed,
         )
-        self.fetcher = Fetcher(loop, self.core, limited, self._fetched, self._touched, values["differences"])
+        self.fetcher = Fetcher(loop, self.core, limited, self._touched, values["differences"])
         self.states = Recurring(InLoop(), lambda: STATUS, self._say_status, wanted=lambda: self.status_stale)
         self.display = Display(values, self.uri, self.node_name, loop, limited, self._entries, self._samples)
         self.diagnostics = ros.Diagnostics() if self.display.diagnoses else None
@@ -139,15 +140,17 @@ class MasterSync:
     def _subscribe(self, topic: str) -> None:
         self.node.subscribe(topic, lambda change, master: self.loop.post(self._announced, change, master))
 
-    def _listed(self, masters: List[Announced], first: bool) -> None:
+    def _listed(self, masters: List[Announced], first: bool, asked: float) -> None:
         now, before = monotonic(), self._online()
-        self.core.listed(masters, now)
+        self.news = {uri: at for uri, at in self.news.items() if at >= asked}
+        self.core.listed(masters, now, self.news.keys())
         self.lost.look(now)
         if first or self._online() != before:
             self._changed()
 
     def _announced(self, change: str, master: Announced) -> None:
         """A message of `~changes`."""
+        self.news[master.uri] = monotonic()
         if change == "removed":
             self.rounds.met.add(master.uri)
             self.core.removed(master.uri)
@@ -164,10 +167,6 @@ class MasterSync:
         if own_changed:  # a name that was taken may be free now, and one that was free be taken
             self.own_local_stamp = master.local_stamp
             self.rounds.soon(now + min(self.rounds.took * OWN_SHARE, OWN_SLOWEST))
-
-    def _fetched(self, uri: str) -> None:
-        self.rounds.met.add(uri)
-        self._changed()
 
     def _touched(self, uri: str, items: Set[Registration]) -> None:
         self.rounds.met.add(uri)

@@ -27,6 +27,7 @@ to be done accumulates in `Discovery.actions`. The program takes it from there, 
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import (
     Callable,
     Container,
@@ -61,6 +62,7 @@ SLOW_PAUSE, SLOW_PATIENCE = 1.0, 5.5  # seconds: the same for a master that prom
 CONTACT_LIMIT, STRANGER_LIMIT, LEAVE_LIMIT = 3.0, 1.5, 1.0  # seconds for an answer over TCP
 CONTACT_RETRY = 5.0  # seconds
 CONTACT_RETRY_NO_STATE = 1.0  # seconds: it answered that it has no state yet
+RETURNED = 5.0  # seconds after the return of a robot of the fleet: its place says who it is, and what it offers is wanted first
 CONTACT_PAUSE = 5.0  # seconds between two contacts that nothing but requests of the other side ask for
 LEAVE_CHECKS = (0.2, 1.0, 3.0)  # seconds: who still answers after these has not left
 LEAVE_PAUSE = 1.0  # seconds between a contact and the first check of another LEAVE
@@ -603,7 +605,9 @@ class Discovery:
             return
         entry.contact = contact
         stamp = Stamp.at(contact.stamp)
-        if stamp != entry.beat.stamp and not (entry.beats and entry.beats[-1] >= news.asked):  # a beat was lost
+        # Only a beat says whether its own nodes changed. One that comes often is waited for, unless it is missed.
+        awaited = news.asked - (1.0 / entry.rate if entry.rate >= OFTEN else 0.0)
+        if stamp != entry.beat.stamp and not (entry.beats and entry.beats[-1] >= awaited):
             entry.beat = entry.beat._replace(stamp=stamp, local_stamp=stamp)
         entry.rate = entry.promised(news.now - self._memory())
         if known is None or known.uri != contact.uri:
@@ -641,7 +645,8 @@ class Discovery:
             entry.beat = beat
             self._promised(entry, beat.rate, now)
             if not entry.online:
-                entry.contact_due = now
+                due = now + (RETURNED if self.members.is_discovery(entry.key[0], entry.key[2]) else 0.0)
+                entry.contact_due = due if entry.contact_due is None else min(due, entry.contact_due)
         self._move(entry, Sign.HEARD if entry.beat.stamp != Stamp() else Sign.HEARD_EMPTY, News(now))
         if entry.outlook() != before:
             self._news()  # told with the next tick: where many masters meet, many datagrams are read at once
@@ -786,7 +791,7 @@ class Discovery:
         if rate < 0.1:
             return -1.0
         window = min(self.settings.measurement_intervals / min(rate, 1.0), max(now - since, 1.0 / rate))
-        received = sum(1 for at in beats if now - at <= window)
+        received = sum(1 for _at in takewhile(lambda at: now - at <= window, reversed(beats)))  # the last ones
         return min(100.0, 100.0 * received / (rate * window))
 
     # Datagrams

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A small plan for a few registrations, made of what the last round knew; where that does not do, a round makes it.
 
-A round reads the whole roscore. With 3,000 topics that takes longer than everything else. Most changes are simple: a node
-of another robot has one topic more or less, and nobody else has anything to do with its names. `step` plans these, and
+A round reads the whole roscore, and looks at all that is wanted of all masters. With 3,000 topics, or where twenty robots
+meet, that takes longer than everything else. Most changes are simple: a node of another robot has one topic more or less,
+or another robot is there with all of its topics, and nobody else has anything to do with their names. `step` plans these, and
 nothing else: for what is left it gives the plan that a round would give. Whether the names are still free is asked anew
 before anything is written (`names`). Free of sockets, threads and clocks.
 """
@@ -11,6 +12,7 @@ before anything is written (`names`). Free of sockets, threads and clocks.
 from dataclasses import replace
 from typing import Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Set, Tuple
 
+from .filters import UNKNOWN_TYPES
 from .sync import Claims, NodeKey, Plan, Registration, View, Wanted, nodes_of
 
 
@@ -40,10 +42,15 @@ def step(
 
     `wanted`: those of them that are wanted now. `contested(node or service, master)`: another master has this name, too.
     """
+    if any(item.name in known.refused or item.node in known.refused for item in touched):
+        return None
+    if any(_has_another_type(item, wanted[item].type, known.view) for item in wanted if item in known.held):
+        return None
     new = sorted(item for item in wanted if item not in known.held)
     old = sorted(item for item in touched if item not in wanted and item in known.held)
     masters = {item: wanted[item].master_uri for item in new}
-    if not all(_is_simple(item, known) for item in new + old):
+    claimed = dict(known.claims.keys())
+    if not all(_is_simple(item, known.view, claimed) for item in new + old):
         return None
     if not all(_is_free(item, masters[item], known, contested) for item in new):
         return None
@@ -63,11 +70,13 @@ def _plan(
     return Plan(claims, old, new, held, [], {item: wanted[item].type for item in new})
 
 
-def _is_simple(item: Registration, known: Known) -> bool:
-    """True where nothing was refused for its names, and no own node has anything to do with them."""
-    if item.name in known.refused or item.node in known.refused:
-        return False
-    view, claimed = known.view, dict(known.claims.keys())
+def _has_another_type(item: Registration, kind: str, view: View) -> bool:
+    """True where the roscore has the topic with another type than its master names now: own nodes may object."""
+    return item.kind != "service" and kind not in UNKNOWN_TYPES and view.types.get(item.name, kind) != kind
+
+
+def _is_simple(item: Registration, view: View, claimed: Mapping[str, str]) -> bool:
+    """True where no own node has anything to do with its names. `claimed`: node of another master -> its URI."""
     if claimed.get(item.node, item.node_uri) != item.node_uri:
         return False
     if item.kind == "service":

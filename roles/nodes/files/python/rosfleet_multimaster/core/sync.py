@@ -11,7 +11,7 @@ Free of sockets, threads and clocks: times are arguments, in seconds of a clock 
 
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import AbstractSet, Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from .differences import changes, excerpt, names_of
 from .filters import UNKNOWN_TYPES, Filters, Pattern, Rules
@@ -336,11 +336,15 @@ class Sync:
         self.sync_remote_nodes, self.on_demand, self.keep_offline = sync_remote_nodes, on_demand, keep_offline
         self.remotes: Dict[str, Remote] = {}
 
-    def listed(self, masters: Sequence[Announced], now: float) -> None:
-        """Take the complete list of discovery. A missing master is kept for a while: discovery may have just started."""
+    def listed(self, masters: Sequence[Announced], now: float, newer: AbstractSet[str] = frozenset()) -> None:
+        """Take the complete list of discovery. A missing master is kept for a while: discovery may have just started.
+
+        `newer`: masters of which there was news since the list was asked for. What it says of these is old.
+        """
         for master in masters:
-            self.announced(master, now)
-        present = {master.uri for master in masters}
+            if master.uri not in newer:
+                self.announced(master, now)
+        present = {master.uri for master in masters} | newer
         for uri, remote in list(self.remotes.items()):
             if uri in present:
                 remote.missing_since = None
@@ -480,6 +484,11 @@ class Sync:
             for item in select(state, remote.rules, self.own_uri, self.sync_remote_nodes)
             if item.node_uri not in remote.misplaced and item.service_uri not in remote.misplaced
         }
+
+    def selected(self, uri: str) -> Mapping[Registration, str]:
+        """The registrations that are wanted of the last state of a master -> type of the topic."""
+        remote = self.remotes.get(uri)
+        return {} if remote is None else remote.selected
 
     def wanted_of(self, items: Iterable[Registration], now: float) -> Dict[Registration, Wanted]:
         """Of some registrations those that are wanted, on whatever topic."""

@@ -29,7 +29,7 @@ class Loop:
         self._wakee.setblocking(False)
         self._selector.register(self._wakee, selectors.EVENT_READ, lambda: None)
         self._thread: Optional[int] = None
-        self._running = True
+        self._running, self._woken = True, False
 
     def post(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Have a function called in the loop; from any thread, and from a signal handler.
@@ -48,7 +48,10 @@ class Loop:
         return self._posted.qsize()
 
     def wake(self) -> None:
-        """End the loop's sleep."""
+        """End the loop's sleep, once: each word to a loop that is awake costs a call of the kernel."""
+        if self._woken:
+            return
+        self._woken = True
         try:
             self._waker.send(b"!")
         except OSError:  # full: it is awake already, or closed
@@ -85,6 +88,7 @@ class Loop:
                     pass
             except OSError:
                 pass
+            self._woken = False  # before the calls are counted: whoever found it set has put his in
             for _count in range(self._posted.qsize()):
                 self._posted.get()()
 

@@ -38,16 +38,15 @@ class Fetcher:
         loop: Loop,
         core: Sync,
         limited: program.Limited,
-        fetched: Callable[[str], None],
-        changed: Callable[[str, Set[Registration]], None] = lambda _uri, _items: None,
+        changed: Callable[[str, Set[Registration]], None],
         differences: bool = True,
     ) -> None:
-        """`fetched(uri)`: there is a new state of this master; `changed(uri, items)`: of which these may be others.
+        """`changed(uri, items)`: there is a new state of this master, of which these may be others.
 
         `differences`: masters are followed.
         """
         self._workers, self._loop = Workers(loop, 8), loop
-        self._core, self._limited, self._on_state, self._on_changes = core, limited, fetched, changed
+        self._core, self._limited, self._changed = core, limited, changed
         self._differences = differences
         self._followers: Dict[str, Follower] = {}
         self._around = Surroundings()
@@ -70,6 +69,7 @@ class Fetcher:
 
     def _fetched(self, fetch: Fetch, found: Optional[Fetched], problem: Optional[Exception]) -> None:
         state, places, method, follower = found or Fetched(None, None, "", None)  # type: ignore[arg-type]
+        before = self._core.selected(fetch.uri)
         taken = self._core.fetched(
             fetch, state, str(problem or ""), monotonic(), places, quick=bool(method), following=follower is not None
         )
@@ -84,7 +84,7 @@ class Fetcher:
             follower.stop()
         if taken:
             self.states += 1
-            self._on_state(fetch.uri)
+            self._changed(fetch.uri, {*before, *self._core.selected(fetch.uri)})
         elif problem is not None:
             self._limited.say(
                 "warning",
@@ -97,7 +97,7 @@ class Fetcher:
     def _told(self, follower: Follower, state: State, misplaced: Misplaced) -> None:
         if self._followers.get(follower.fetch.uri) is follower and self._core.follows(follower.fetch):
             self.changes += 1
-            self._on_changes(follower.fetch.uri, self._core.followed(follower.fetch.uri, state, misplaced))
+            self._changed(follower.fetch.uri, self._core.followed(follower.fetch.uri, state, misplaced))
 
     def _over(self, follower: Follower, problem: Exception) -> None:
         uri = follower.fetch.uri

@@ -42,9 +42,9 @@ class Finder:
         claims: Callable[[], Claims],
         list_masters: Callable[[str], List[Announced]],
         subscribe: Callable[[str], None],
-        listed: Callable[[List[Announced], bool], None],
+        listed: Callable[[List[Announced], bool, float], None],
     ) -> None:
-        """`subscribe(topic)` and `listed(masters, first)` are called in the loop; `list_masters(service)` in a worker."""
+        """`subscribe(topic)` and `listed(masters, first, asked at)` are called in the loop; `list_masters(service)` in a worker."""
         self.listed_once = False
         self._roscore, self._graph, self._limited, self._claims = roscore, graph, limited, claims
         self._subscribe, self._on_list = subscribe, listed
@@ -54,7 +54,7 @@ class Finder:
         self._lists = Recurring(
             rospy_calls,
             lambda: LIST if self.listed_once else LIST_FIRST,
-            lambda: list_masters(self._service),
+            lambda: (monotonic(), list_masters(self._service)),
             self._listed,
             lambda: bool(self._service),
         )
@@ -96,14 +96,15 @@ class Finder:
             if not self.listed_once:
                 notify(f"STATUS={text}")
 
-    def _listed(self, masters: Optional[List[Announced]], problem: Optional[Exception]) -> None:
-        if masters is None:
+    def _listed(self, answer: Optional[Tuple[float, List[Announced]]], problem: Optional[Exception]) -> None:
+        if answer is None:
             self._finds.due = monotonic() + LIST_FIRST
             self._service = ""
             self._limited.say("warning", "list", f"master_discovery does not list the masters: {problem}")
             return
         first, self.listed_once = not self.listed_once, True
-        self._on_list(masters, first)
+        asked, masters = answer
+        self._on_list(masters, first, asked)
 
 
 def _discovery(view: View, foreign: Set[str]) -> Tuple[List[str], List[str], List[str], List[str]]:

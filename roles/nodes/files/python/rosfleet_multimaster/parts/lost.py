@@ -21,6 +21,7 @@ from . import program
 QUESTION_TIMEOUT = 2.0  # seconds for the connections of an own node
 SWEEP, SWEEP_AGAIN = 1.0, 0.1  # seconds between two looks for connections to lost masters, and where there were some
 LINES = 50  # log lines of one look
+NOTE = 0.5  # seconds from a registration to its note at most: it takes a look at all of them
 
 
 class Lost:
@@ -43,12 +44,15 @@ class Lost:
         self._enders = Workers(loop, 1)  # of connections: never behind what may hang
         self._resolvers = Workers(loop, 2)  # name servers know no time limit
         self._endpoints: Set[Tuple[str, int]] = set()  # what leads there is ended
+        self._latest: Optional[Tuple[Mapping[Registration, str], View, Claims]] = None  # registered, not noted yet,
+        self._note_due = 0.0  # and when it is
         self._sweeps = Recurring(self._enders, lambda: SWEEP, self._sweep, self._swept, lambda: bool(self._endpoints))
 
     def look(self, now: float) -> None:
         """See which masters were lost or have come back. Called after each news of them: two may come in one pass."""
         if not self._active:
             return
+        self._note(now)
         looks, endings = self._losses.seen(self._online(), now)
         for look in looks:
             self._sweeps.due = now
@@ -56,25 +60,36 @@ class Lost:
                 self._askers.submit(partial(_connections_with, look, uri), partial(self._noted, look.master))
         for noted in endings:
             self._enders.submit(partial(_end, noted), self._ended)
+        self._endpoints = self._losses.endpoints()
 
     def tick(self, now: float) -> Optional[float]:
         """End what leads to lost masters where that is due; the time of the next call."""
         if not self._active:
             return None
-        self._endpoints = self._losses.endpoints()
-        return self._sweeps.tick(now)
+        if self._latest is not None and now >= self._note_due:
+            self._note(now)
+        due = [self._sweeps.tick(now), None if self._latest is None else self._note_due]
+        return min((time for time in due if time is not None), default=None)
 
     def registered(self, held: Mapping[Registration, str], view: View, claims: Claims, now: float) -> None:
-        """Note what is registered for whom, and where its hosts are while that can still be found out."""
+        """Note what is registered for whom, and where its hosts are while that can still be found out: soon, or before a loss."""
         if self._active:
-            self._losses.registered(held, view, claims)
+            self._note_due = now + NOTE if self._latest is None else self._note_due
+            self._latest = (held, view, claims)
+
+    def _note(self, now: float) -> None:
+        if self._latest is not None:
+            self._losses.registered(*self._latest)
+            self._latest = None
             for host in self._losses.to_resolve(now):
                 self._resolve(host)
+            self._endpoints = self._losses.endpoints()
 
     def _resolve(self, host: str) -> None:
         def resolved(found: Optional[FrozenSet[str]], _problem: Optional[Exception]) -> None:
             if found:
                 self._losses.resolved(host, found, monotonic())
+                self._endpoints = self._losses.endpoints()
 
         self._resolvers.submit(lambda: connections.addresses_of(host), resolved)
 

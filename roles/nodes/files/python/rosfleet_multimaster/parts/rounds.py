@@ -32,6 +32,7 @@ AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load ref
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
 LINES = 10  # log lines of one round
+STANDING = ("place", "limit")  # kinds of refusals
 
 
 class Taken(Exception):
@@ -107,10 +108,14 @@ class Rounds:
         self._due = at if self._due is None else min(at, self._due)
 
     def touch(self, items: Set[Registration]) -> None:
-        """Look at these registrations: they may have changed. Who is refused for his place is told by a round, at once."""
+        """Look at these registrations: they may have changed. Who is refused for his place, or as too many, a round tells at once."""
         self._touched |= items
-        if {item for item in self._last_refused if item.kind == "place"} != set(self._core.misplaced()):
+        if {item for item in self._last_refused if item.kind in STANDING} != set(self._standing()):
             self.soon(monotonic())
+
+    def _standing(self) -> List[Refusal]:
+        """The refusals that a state has in it, whatever is registered."""
+        return self._core.misplaced() + limits.exceeded(self._core.remotes)
 
     def tick(self, now: float) -> Optional[float]:
         """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
@@ -222,7 +227,7 @@ class Rounds:
         for question in verdict.questions:
             self._questions.ask(question)
         todo = plan(verdict.wanted, view, reading.claims)
-        todo.refused += verdict.refused + self._core.misplaced() + limits.exceeded(self._core.remotes)
+        todo.refused += verdict.refused + self._standing()
         self._lost.registered(todo.held, view, reading.claims, now)
         return todo
 
