@@ -42,9 +42,7 @@ def step(
 
     `wanted`: those of them that are wanted now. `contested(node or service, master)`: another master has this name, too.
     """
-    if any(item.name in known.refused or item.node in known.refused for item in touched):
-        return None
-    if any(_has_another_type(item, wanted[item].type, known.view) for item in wanted if item in known.held):
+    if not _is_as_before(touched, wanted, known):
         return None
     new = sorted(item for item in wanted if item not in known.held)
     old = sorted(item for item in touched if item not in wanted and item in known.held)
@@ -70,9 +68,12 @@ def _plan(
     return Plan(claims, old, new, held, [], {item: wanted[item].type for item in new})
 
 
-def _has_another_type(item: Registration, kind: str, view: View) -> bool:
-    """True where the roscore has the topic with another type than its master names now: own nodes may object."""
-    return item.kind != "service" and kind not in UNKNOWN_TYPES and view.types.get(item.name, kind) != kind
+def _is_as_before(touched: Set[Registration], wanted: Mapping[Registration, Wanted], known: Known) -> bool:
+    """True where nothing was refused for these names, and the topics that are held have the type that their master names."""
+    if any(item.name in known.refused or item.node in known.refused for item in touched):
+        return False
+    held = ((item, wanted[item].type) for item in wanted if item in known.held and item.kind != "service")
+    return all(kind in UNKNOWN_TYPES or known.view.types.get(item.name, kind) == kind for item, kind in held)
 
 
 def _is_simple(item: Registration, view: View, claimed: Mapping[str, str]) -> bool:
