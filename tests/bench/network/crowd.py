@@ -17,6 +17,7 @@ from subject import NODES, Lab, lab_of
 from systems import GIVER, HERE, MANAGED, PORT, TAKER, start_giver
 
 ROBOTS, TOPICS, MEETINGS = 20, 100, 5
+AROUND = 20.0  # seconds before and after the links open
 MASTERS, EXPORTED = (10, 30, 100), 50
 GROUP = "226.0.0.0"
 NAMES = [f"crowd-{number}" for number in range(ROBOTS)]
@@ -43,23 +44,32 @@ def meet(folder: Path, say: Callable[[str], None], times: int = MEETINGS) -> lis
             for program in ("all_there.py", "at.py"):
                 text = (HERE / "programs" / program).read_text()
                 list(pool.map(lambda name, text=text, to=program: lab.run(name, f"cat > /run/{to}", stdin=text), NAMES))
+            until(
+                lambda: all(pool.map(lambda name: held(lab, name).count("/topic_") == ROBOTS * TOPICS, NAMES)),
+                120,
+                "all",
+            )
         return [meeting(lab, say) for _number in range(times)]
 
 
 def meeting(lab: Lab, say: Callable[[str], None]) -> float:
-    """One time: all links are cut until each robot is alone, and open at the same moment."""
+    """One time: all links are cut until each robot is alone, and open at the same moment.
+
+    What the services take is that of forty seconds: what they put off until all have met is in it, and what they take idle.
+    """
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(lambda name: lab.run(name, "nft -f -", stdin=SILENT), NAMES))
         until(lambda: all(pool.map(lambda name: alone(lab, name), NAMES)), 120, "each robot is alone")
         list(pool.map(lambda name: lab.start(name, "all-there", f"python3 /run/all_there.py {ROBOTS} {TOPICS}"), NAMES))
         until(lambda: all(pool.map(lambda name: "ready" in said(lab, name), NAMES)), 60, "the programs that look")
         before = processors(lab, pool)
-        at = time.monotonic() + 20
+        at = time.monotonic() + AROUND
         order = f"python3 /run/at.py {at} nft delete table netdev lost"
         list(pool.map(lambda name: lab.start(name, "open-link", order), NAMES))
         assert time.monotonic() < at, "the programs that open the links were started too late"
         until(lambda: finished(lab), 300, "all topics everywhere")
         took = max(float(said(lab, name).split()[1]) for name in NAMES) - at
+        time.sleep(max(0.0, at + AROUND - time.monotonic()))
         after = processors(lab, pool)
     shares = ", ".join(f"{unit} {after[unit] - before[unit]:.1f} s" for unit in before)
     say(f"{ROBOTS} robots have met in {took:.1f} s; processors: {shares}")
@@ -68,15 +78,12 @@ def meeting(lab: Lab, say: Callable[[str], None]) -> float:
 
 def processors(lab: Lab, pool: ThreadPoolExecutor) -> dict[str, float]:
     """Seconds of the processors that the services of all robots have taken so far: service -> seconds."""
-    text = (NODES / "usage.py").read_text()
-    return {
-        unit: sum(
-            pool.map(
-                lambda name, unit=unit: json.loads(lab.run(name, f"python3 - {unit}", stdin=text))["seconds"], NAMES
-            )
-        )
-        for unit in ("multimaster-discovery", "multimaster-sync", "multimaster-roscore")
-    }
+    text, found = (NODES / "usage.py").read_text(), {}
+    for unit in (*MANAGED.units["nodes"], *MANAGED.units["roscore"]):
+        of = list(pool.map(lambda name, unit=unit: json.loads(lab.run(name, f"python3 - {unit}", stdin=text)), NAMES))
+        assert all(robot["processes"] for robot in of), f"{unit} does not run everywhere"
+        found[unit] = sum(robot["seconds"] for robot in of)
+    return found
 
 
 def fill(lab: Lab, number: int, name: str) -> None:

@@ -56,6 +56,7 @@ FIGURES = (
     Figure("one new topic at 3,000 topics, both directions", "bytes", "median", "kB", {"managed": 4}),
     Figure("3,000 topics at once -> all are there", "fill", "median", "s"),
     Figure("20 robots of 100 topics, links open at once -> all see all", "meet", "median", "s", {"managed": 5}),
+    Figure("", "meet", "worst", "s", {"managed": 5}),
     Figure("CPU idle, nodes and what they cause in the roscore", "cpu", "median", "%", {"managed": 0.5}),
     Figure("the same with 3,000 topics", "cpu_full", "median", "%", {"managed": 1}),
     Figure("memory of both nodes and the roscore", "memory", "median", "MB"),

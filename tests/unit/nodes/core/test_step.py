@@ -105,6 +105,7 @@ def test_a_roscore_that_guards_the_names_of_nodes_is_asked_for_services_alone():
     "item, more",
     [
         (ONE, {"view": View({}, {"/one": ("/own",)}, {}, {})}),  # the type guard must look
+        (ONE, {"view": View({"/other": ("/a",)}, {}, {}, {}, {"/a": "http://robot1:9/"})}),  # an own node has its name
         (ONE, {"refused": {"/one"}}),
         (ONE, {"refused": {"/a"}}),
         (ONE, {"contested": True}),

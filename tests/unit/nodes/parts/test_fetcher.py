@@ -29,7 +29,7 @@ def test_a_state_that_cannot_be_had_is_one_sentence(problem, end):
     said = []
     core = SimpleNamespace(fetched=lambda *arguments, **options: False, selected=lambda uri: {})
     limited = SimpleNamespace(say=lambda level, key, sentence: said.append((level, sentence)))
-    Fetcher(None, core, limited, None)._fetched(FETCH, None, problem)
+    Fetcher(None, core, limited, None, None)._fetched(FETCH, None, problem)
     ((level, sentence),) = said
     assert level == "warning" and sentence.startswith("the state of http://b:11311/ cannot be had from http://b:")
     assert sentence.endswith(end)

@@ -7,7 +7,7 @@ import types
 import pytest
 from rosfleet_multimaster.core.filters import Filters
 from rosfleet_multimaster.core.message_types import TypeGuard
-from rosfleet_multimaster.core.sync import Refusal, Sync, View
+from rosfleet_multimaster.core.sync import Refusal, Registration, Sync, View, Wanted
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.parts import imports, program
 from rosfleet_multimaster.parts import rounds as module
@@ -29,7 +29,7 @@ def test_leftovers_wait_from_the_end_of_the_wiring(monkeypatch, after, kept):
     lost = types.SimpleNamespace(registered=lambda *seen: None)
     made.connect(None, lost, lambda: True, lambda refused: None, lambda problem: None)
     view = View({"/chatter": ("/talker",)}, {}, {}, {"/chatter": "std_msgs/String"}, dict([TALKER]), {})
-    todo = made._plan(module.Reading([], view, dict(made.claims)), now[0] + after)
+    todo = made._plan(module.Reading([], view, dict(made.claims), set()), now[0] + after)
     assert bool(todo.held) is kept
 
 
@@ -44,6 +44,21 @@ def test_after_a_round_the_next_one_waits_so_that_news_come_together(monkeypatch
     assert made.tick(now[0]) == pytest.approx(100.2 + min(0.2 * module.REST, module.LONGEST_REST)) and len(began) == 1
     made.tick(100.2 + module.LONGEST_REST + 0.01)
     assert len(began) == 2
+
+
+def test_what_an_earlier_life_registered_of_a_master_is_looked_at_with_its_state(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    made = rounds_of(lambda: None, lambda _seconds: None)
+    gone, there = (Registration("publisher", f"/{name}", "/talker", TALKER[1]) for name in ("gone", "there"))
+    now[0] += module.LEFTOVERS  # nobody waits for it any more
+    made.claims, made.held = {TALKER: OTHER}, {gone: OTHER, there: OTHER}
+    made._view = View({"/gone": ("/talker",), "/there": ("/talker",)}, {}, {}, {}, dict([TALKER]), {})
+    monkeypatch.setattr(made._core, "wanted_of", lambda items, _now: {there: Wanted(there, OTHER, "robot2")})
+    made.touch_all(OTHER, {there})
+    made.tick(now[0])
+    assert made.held == {there: OTHER} and OTHER in made.met
+    assert made.tick(now[0]) == now[0] + module.SETTLED, "a round looks at everything soon"
 
 
 def rounds_of(begun, last):
@@ -63,7 +78,7 @@ def rounds_of(begun, last):
 
     workers = types.SimpleNamespace(submit=submit)
     roscore = types.SimpleNamespace(ask=lambda *calls: [None for _call in calls])
-    graph = types.SimpleNamespace(read=read, carry_out=lambda calls: [[1, "", 0] for _call in calls])
+    graph = types.SimpleNamespace(guarded=True, read=read, carry_out=lambda calls: [[1, "", 0] for _call in calls])
     core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
     node = ("/master_sync", "http://own:1/")
     made = module.Rounds(roscore, graph, node, core, TypeGuard(), workers, workers, program.Limited())

@@ -105,7 +105,7 @@ class MasterSync:
             self._subscribe,
             self._listed,
         )
-        self.fetcher = Fetcher(loop, self.core, limited, self._touched, values["differences"])
+        self.fetcher = Fetcher(loop, self.core, limited, self._fetched, self._touched, values["differences"])
         self.states = Recurring(InLoop(), lambda: STATUS, self._say_status, wanted=lambda: self.status_stale)
         self.display = Display(values, self.uri, self.node_name, loop, limited, self._entries, self._samples)
         self.diagnostics = ros.Diagnostics() if self.display.diagnoses else None
@@ -160,6 +160,7 @@ class MasterSync:
         was_online = known.announced.online if known is not None else None
         self.core.announced(master, now)
         if was_online is not master.online:
+            self.status_stale = True
             self.lost.look(now)
         own_changed = master.uri == self.uri and master.local_stamp != self.own_local_stamp
         if not master.online:
@@ -167,6 +168,10 @@ class MasterSync:
         if own_changed:  # a name that was taken may be free now, and one that was free be taken
             self.own_local_stamp = master.local_stamp
             self.rounds.soon(now + min(self.rounds.took * OWN_SHARE, OWN_SLOWEST))
+
+    def _fetched(self, uri: str, items: Set[Registration]) -> None:
+        self.status_stale = True
+        self.rounds.touch_all(uri, items)
 
     def _touched(self, uri: str, items: Set[Registration]) -> None:
         self.rounds.met.add(uri)

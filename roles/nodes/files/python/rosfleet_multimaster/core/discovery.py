@@ -606,7 +606,8 @@ class Discovery:
         entry.contact = contact
         stamp = Stamp.at(contact.stamp)
         # Only a beat says whether its own nodes changed. One that comes often is waited for, unless it is missed.
-        awaited = news.asked - (1.0 / entry.rate if entry.rate >= OFTEN else 0.0)
+        regular = entry.rate * self.settings.offline_after >= 2
+        awaited = news.asked - (1.0 / entry.rate if regular else 0.0)
         if stamp != entry.beat.stamp and not (entry.beats and entry.beats[-1] >= awaited):
             entry.beat = entry.beat._replace(stamp=stamp, local_stamp=stamp)
         entry.rate = entry.promised(news.now - self._memory())
@@ -639,7 +640,7 @@ class Discovery:
         entry.heard = now
         if beat.kind is Kind.REQUEST:
             if now - entry.contacted > CONTACT_PAUSE:  # who asks has perhaps just started, as somebody else
-                entry.contact_due = now if entry.contact_due is None else entry.contact_due
+                entry.contact_due = now if entry.contact_due is None else min(now, entry.contact_due)
         else:
             entry.beats.append(now)
             entry.beat = beat

@@ -80,6 +80,8 @@ def _is_simple(item: Registration, view: View, claimed: Mapping[str, str]) -> bo
     """True where no own node has anything to do with its names. `claimed`: node of another master -> its URI."""
     if claimed.get(item.node, item.node_uri) != item.node_uri:
         return False
+    if view.node_uris.get(item.node, item.node_uri) != item.node_uri:  # an own node has its name
+        return False
     if item.kind == "service":
         return all(user == item.node and user in claimed for user in view.services.get(item.name, ()))
     users = (*view.publishers.get(item.name, ()), *view.subscribers.get(item.name, ()))

@@ -38,15 +38,16 @@ class Fetcher:
         loop: Loop,
         core: Sync,
         limited: program.Limited,
+        fetched: Callable[[str, Set[Registration]], None],
         changed: Callable[[str, Set[Registration]], None],
         differences: bool = True,
     ) -> None:
-        """`changed(uri, items)`: there is a new state of this master, of which these may be others.
+        """`fetched(uri, items)`: there is a new state of this master, of which these may be others; `changed` the same, followed.
 
         `differences`: masters are followed.
         """
         self._workers, self._loop = Workers(loop, 8), loop
-        self._core, self._limited, self._changed = core, limited, changed
+        self._core, self._limited, self._on_state, self._on_changes = core, limited, fetched, changed
         self._differences = differences
         self._followers: Dict[str, Follower] = {}
         self._around = Surroundings()
@@ -84,7 +85,7 @@ class Fetcher:
             follower.stop()
         if taken:
             self.states += 1
-            self._changed(fetch.uri, {*before, *self._core.selected(fetch.uri)})
+            self._on_state(fetch.uri, {*before, *self._core.selected(fetch.uri)})
         elif problem is not None:
             self._limited.say(
                 "warning",
@@ -97,7 +98,7 @@ class Fetcher:
     def _told(self, follower: Follower, state: State, misplaced: Misplaced) -> None:
         if self._followers.get(follower.fetch.uri) is follower and self._core.follows(follower.fetch):
             self.changes += 1
-            self._changed(follower.fetch.uri, self._core.followed(follower.fetch.uri, state, misplaced))
+            self._on_changes(follower.fetch.uri, self._core.followed(follower.fetch.uri, state, misplaced))
 
     def _over(self, follower: Follower, problem: Exception) -> None:
         uri = follower.fetch.uri

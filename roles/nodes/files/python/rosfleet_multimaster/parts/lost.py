@@ -76,6 +76,8 @@ class Lost:
         if self._active:
             self._note_due = now + NOTE if self._latest is None else self._note_due
             self._latest = (held, view, claims)
+            if self._endpoints:  # who was lost may be there again as somebody else, at the same port
+                self._note(now)
 
     def _note(self, now: float) -> None:
         if self._latest is not None:

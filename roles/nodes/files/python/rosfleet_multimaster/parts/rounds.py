@@ -8,7 +8,7 @@ one needs no repair: the next one sees what became of it.
 
 from collections import Counter
 from dataclasses import replace
-from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
+from typing import AbstractSet, Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
@@ -29,6 +29,7 @@ ROUND = 30.0  # seconds between two rounds, if nothing happens
 REST, LONGEST_REST = 4, 0.5  # times as long as a round took, and seconds at most, after it: news wait for each other
 SHARE = 1000  # times as long as a round took, there is none if nothing happens
 AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
+SETTLED = 5.0  # seconds after a step for a whole state there is a round, which looks at all that is registered
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
 LINES = 10  # log lines of one round
@@ -42,8 +43,9 @@ class Taken(Exception):
 class Reading:
     """The part of the own roscore that a round needs: who has the names of what was wanted when the round began."""
 
-    def __init__(self, wanted: Sequence[Wanted], view: View, claims: Claims) -> None:
-        self.wanted, self.view, self.claims = {item.registration for item in wanted}, view, claims
+    def __init__(self, wanted: Sequence[Wanted], view: View, claims: Claims, met: AbstractSet[str]) -> None:
+        """`met`: the masters whose state was had when the round began."""
+        self.wanted, self.view, self.claims, self.met = {item.registration for item in wanted}, view, claims, met
 
 
 class Rounds:
@@ -113,6 +115,12 @@ class Rounds:
         if {item for item in self._last_refused if item.kind in STANDING} != set(self._standing()):
             self.soon(monotonic())
 
+    def touch_all(self, master: str, items: Set[Registration]) -> None:
+        """Look at all of a master whose whole state has come: at these, and at what an earlier life registered for it."""
+        self.met.add(master)
+        self.touch(items.union(item for item, uri in self.held.items() if uri == master))
+        self.soon(monotonic() + SETTLED)
+
     def _standing(self) -> List[Refusal]:
         """The refusals that a state has in it, whatever is registered."""
         return self._core.misplaced() + limits.exceeded(self._core.remotes)
@@ -140,13 +148,13 @@ class Rounds:
     def _begin(self, wanted: List[Wanted]) -> None:
         self.working, self._began = True, monotonic()
         self._touched, self._view = set(), None
-        claims = dict(self.claims)
-        self._calls.submit(lambda: self._read(wanted, claims), self._read_done)
+        claims, met = dict(self.claims), frozenset(self.met)
+        self._calls.submit(lambda: self._read(wanted, claims, met), self._read_done)
 
-    def _read(self, wanted: List[Wanted], claims: Claims) -> Reading:
+    def _read(self, wanted: List[Wanted], claims: Claims, met: AbstractSet[str]) -> Reading:
         """Ask the roscore; in its thread."""
         claimed = {node for node, _uri in claims}
-        return Reading(wanted, self._graph.read(lambda view: _matter(wanted, claimed, view)), claims)
+        return Reading(wanted, self._graph.read(lambda view: _matter(wanted, claimed, view)), claims, met)
 
     # Plan
 
@@ -233,7 +241,7 @@ class Rounds:
 
     def _leftovers(self, reading: Reading) -> List[Wanted]:
         """Registrations of an earlier life whose masters have not been found again yet."""
-        keep = {key: uri for key, uri in reading.claims.items() if uri not in self.met}
+        keep = {key: uri for key, uri in reading.claims.items() if uri not in reading.met}
         return [Wanted(item, keep[item.of], keep[item.of]) for item in sorted(reading.view.registrations(keep))]
 
     # Write
@@ -315,6 +323,8 @@ class Rounds:
         else:
             left = self.claims.keys() - nodes_of(self.held)
             self.soon(now + (AGAIN[-1] if left else max(ROUND, self.took * SHARE)))
+            if now < self._started + LEFTOVERS and not self.met.issuperset(self.claims.values()):
+                self.soon(self._started + LEFTOVERS)
         self._over(problem)
 
     def _end_withdrawal(self, problem: Optional[Exception], done: Callable[[str], None]) -> None:
