@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 Samples = Sequence[float]
 Found = Mapping[str, Mapping[str, Samples]]  # system -> measurement -> samples
@@ -90,6 +90,23 @@ def cell(figure: Figure, system: str, found: Found) -> Cell | None:
     if system == "managed" and figure.measurement in NOT_ABOVE_UPSTREAM and others:
         limit = STATISTICS[figure.statistic](others) * factor
     return Cell(STATISTICS[figure.statistic](samples) * factor, len(samples), limit)
+
+
+def merged(before: Mapping[str, Any], now: Mapping[str, Any], titles: Mapping[str, str]) -> dict[str, Any]:
+    """A report with what an earlier one has of other systems; each system has the machine of its own run.
+
+    `titles`: of all systems, in their order.
+    """
+    kept = {name: samples for name, samples in before.get("systems", {}).items() if name not in now["systems"]}
+    machines = {name: before.get("machines", {}).get(name) or before.get("machine", {}) for name in kept}
+    systems, machines = {**kept, **now["systems"]}, {**machines, **now["machines"]}
+    order = [name for name in titles if name in systems]
+    return {
+        "machines": {name: machines[name] for name in order},
+        "titles": {name: titles[name] for name in order},
+        "systems": {name: systems[name] for name in order},
+        "crowd": now.get("crowd") or before.get("crowd", []),
+    }
 
 
 def missed(found: Found) -> list[str]:

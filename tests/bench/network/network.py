@@ -7,7 +7,8 @@ python tests/bench/network/network.py [--fkie CHECKOUT] [--quick] [SYSTEM]...
 
 Two robots in the lab, one system after the other. The programs that measure know nothing of the collection: they speak
 with the roscores. Prints a table, and writes samples, machine and versions to .work/bench/network.json, the table beside
-it, and a picture. `--keep` writes them to docs/performance as well.
+it, and a picture. `--keep` writes them to docs/performance as well. A system that is not measured this time keeps its
+figures there, with the machine and the commit that they are of.
 """
 
 from __future__ import annotations
@@ -105,14 +106,19 @@ def machine() -> dict[str, Any]:
     }
 
 
-def write(report: dict[str, Any], text: str, folder: Path) -> None:
-    """The report, the table and the picture."""
+def write(report: dict[str, Any], folder: Path) -> str:
+    """The report, the table and the picture; returns the table."""
     import draw  # matplotlib takes a second to load
 
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "network.json").write_text(json.dumps(report, indent=1) + "\n")
+    path = folder / "network.json"
+    titles = {name: system.title for name, system in SYSTEMS.items()}
+    report = figures.merged(json.loads(path.read_text()) if path.exists() else {}, report, titles)
+    text = figures.table(report["systems"], report["titles"]) + figures.crowd_table(report.get("crowd", []))
+    path.write_text(json.dumps(report, indent=1) + "\n")
     (folder / "network.md").write_text(text)
     draw.pictures(report, folder)
+    return text
 
 
 def main() -> int:
@@ -125,29 +131,22 @@ def main() -> int:
     options = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
     names = options.systems or [name for name in SYSTEMS if name != "upstream" or options.fkie]
-    report: dict[str, Any] = {
-        "machine": machine(),
-        "titles": {name: SYSTEMS[name].title for name in names},
-        "systems": {},
-    }
+    report: dict[str, Any] = {"machines": {}, "systems": {}}
     failed = False
     try:
         for name in names:
-            report["systems"][name] = {}
+            report["machines"][name], report["systems"][name] = machine(), {}
             measure(SYSTEMS[name], options.fkie, 0.1 if options.quick else 1.0, report["systems"][name])
-            write(
-                report, figures.table(report["systems"], report["titles"]), WORK
-            )  # a run of half an hour may be broken off
+            write(report, WORK)  # a run of half an hour may be broken off
         if "managed" in names and not options.quick:
             report["crowd"] = crowd.simulated(say)
     except (AssertionError, LabError) as problem:
         print(f"bench: {problem}", file=sys.stderr)
         failed = True
     found = report["systems"]
-    text = figures.table(found, report["titles"]) + figures.crowd_table(report.get("crowd", []))
+    for folder in (WORK, DOCS) if options.keep and not failed else (WORK,):
+        text = write(report, folder)
     print(f"\n{text}", flush=True)
-    for folder in (WORK, DOCS) if options.keep else (WORK,):
-        write(report, text, folder)
     short = figures.missed(found)
     for line in short:
         say(f"falls short: {line}")

@@ -19,6 +19,21 @@ FOUND = {
 }
 
 
+def test_a_system_that_is_not_measured_again_keeps_its_figures_and_the_machine_of_them():
+    before = {
+        "machine": {"date": "then"},
+        "systems": {"managed": {"new": [9.0]}, "upstream": {"new": [1.5]}},
+        "crowd": [1],
+    }
+    now = {"machines": {"managed": {"date": "now"}}, "systems": {"managed": {"new": [0.004]}}}
+    found = figures.merged(before, now, {"managed": "ours", "existing": "polled", "upstream": "theirs"})
+    assert found["systems"] == {"managed": {"new": [0.004]}, "upstream": {"new": [1.5]}}
+    assert found["machines"] == {"managed": {"date": "now"}, "upstream": {"date": "then"}}
+    assert found["titles"] == {"managed": "ours", "upstream": "theirs"} and found["crowd"] == [1]
+    assert figures.merged(found, {"machines": {}, "systems": {}}, TITLES) == found
+    assert figures.merged({}, now, TITLES)["crowd"] == []
+
+
 def test_a_share_is_a_sample():
     samples = [float(number) for number in range(1, 101)]
     assert figures.share(99)(samples) == 99 and figures.share(50)(samples) == 50
