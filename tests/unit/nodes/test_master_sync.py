@@ -56,3 +56,13 @@ def test_a_list_that_was_asked_for_before_the_news_does_not_undo_them(program):
     assert program._online() == {URI: True}
     program._listed([announced(False)], False, monotonic())
     assert program._online() == {URI: False}
+
+
+@pytest.mark.parametrize(
+    ("listed", "round_due"), [([True], False), ([False], True), ([], False)], ids=["comes", "goes", "missing"]
+)
+def test_a_list_asks_for_a_round_where_a_master_was_lost_and_not_where_one_comes(program, listed, round_due):
+    program._listed([announced(True)] if listed != [True] else [], False, monotonic())
+    program.rounds._due = None
+    program._listed([announced(online) for online in listed], False, monotonic())
+    assert (program.rounds._due is not None) is round_due

@@ -119,6 +119,14 @@ def test_what_is_not_simple_takes_a_round(item, more):
     assert stepped(item, **more) is None
 
 
+@pytest.mark.parametrize(("item", "name"), [(ONE, "/a"), (SERVICE, "/a"), (SERVICE, "/get")])
+def test_a_name_that_another_master_has_too_takes_a_round(item, name):
+    def stepped_beside(taken):
+        return step({item}, {item: want(item)}, Known(EMPTY, {}, {}, set()), lambda asked, master: asked == taken)
+
+    assert stepped_beside(name) is None and stepped_beside("/other") is not None
+
+
 def test_what_is_gone_and_was_refused_takes_a_round_which_takes_the_refusal_back():
     known = Known(EMPTY, {}, {}, {"/one"})
     assert step({ONE}, {}, known, lambda name, master: False) is None

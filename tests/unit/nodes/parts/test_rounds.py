@@ -61,6 +61,31 @@ def test_what_an_earlier_life_registered_of_a_master_is_looked_at_with_its_state
     assert made.tick(now[0]) == now[0] + module.SETTLED, "a round looks at everything soon"
 
 
+def test_the_regular_round_waits_while_whole_states_come_one_by_one_but_not_for_ever(monkeypatch):
+    now, began = [100.0], []
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    made = rounds_of(lambda: began.append(now[0]), lambda _seconds: None)
+    made.soon(now[0])
+    made.tick(now[0])
+    assert began == [100.0] and made.tick(now[0]) == 100.0 + module.ROUND
+    first = now[0] = 100.0 + module.ROUND - 1
+    while len(began) == 1 and now[0] < first + 60:  # a fleet that meets: a state each second
+        made.touch_all(OTHER, set())
+        now[0] += 1
+        made.tick(now[0])
+    assert began[1:] == [first + module.SETTLED_AFTER_ALL]
+    assert made.tick(now[0]) == now[0] + module.ROUND
+
+
+def test_a_state_that_comes_while_a_round_is_under_way_is_looked_at_by_the_next_one_soon(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    made = rounds_of(lambda: made.touch_all(OTHER, set()), lambda _seconds: None)
+    made.soon(now[0])
+    made.tick(now[0])
+    assert made.tick(now[0]) == now[0] + module.SETTLED
+
+
 def rounds_of(begun, last):
     """Rounds with a roscore that holds nothing; each takes 0.2 s."""
 

@@ -145,8 +145,9 @@ class MasterSync:
         self.news = {uri: at for uri, at in self.news.items() if at >= asked}
         self.core.listed(masters, now, self.news.keys())
         self.lost.look(now)
-        if first or self._online() != before:
-            self._changed()
+        after = self._online()
+        if first or any(uri not in after or online > after[uri] for uri, online in before.items()):
+            self._changed()  # who comes needs none: what he has is looked at when it is fetched
 
     def _announced(self, change: str, master: Announced) -> None:
         """A message of `~changes`."""

@@ -15,6 +15,7 @@ Free of sockets, threads and clocks.
 import re
 import urllib.parse
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 from .members import Members
@@ -23,6 +24,7 @@ from .sync import NodeKey, Registration, View
 
 FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv4.tcp_retries2)
 RESOLVE = 300.0  # seconds between two looks at the address of a host
+PARSED = 4096  # URIs whose parts are known: they are asked for with each news of a master
 
 # As rospy and roscpp describe a connection in getBusInfo; rospy does not know from which port it was called.
 _INFO = re.compile(r"TCPROS connection on port (\d+) to \[(?:.*):(\d+|None) on socket")
@@ -173,6 +175,7 @@ def _hosts(uri: str, master: _Master) -> Set[str]:
     return {host for host in map(_host, [*master.nodes, ("", uri)]) if host} if master.nodes else set()
 
 
+@lru_cache(PARSED)
 def _host(node: NodeKey) -> str:
     try:
         return urllib.parse.urlsplit(node[1]).hostname or ""
@@ -180,6 +183,7 @@ def _host(node: NodeKey) -> str:
         return ""
 
 
+@lru_cache(PARSED)
 def _port(node: NodeKey) -> int:
     try:
         return urllib.parse.urlsplit(node[1]).port or 0

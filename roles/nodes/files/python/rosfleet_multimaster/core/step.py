@@ -50,7 +50,9 @@ def step(
     claimed = dict(known.claims.keys())
     if not all(_is_simple(item, known.view, claimed) for item in new + old):
         return None
-    if not all(_is_free(item, masters[item], known, contested) for item in new):
+    if not all(_is_free(item, masters[item], known) for item in new):
+        return None
+    if any(contested(*name) for name in _names_of(masters)):
         return None
     return _plan(new, old, wanted, known)
 
@@ -88,13 +90,17 @@ def _is_simple(item: Registration, view: View, claimed: Mapping[str, str]) -> bo
     return all(user in claimed for user in users)
 
 
-def _is_free(item: Registration, master: str, known: Known, contested: Callable[[str, str], bool]) -> bool:
-    """True where no other master has its names, as far as it is known."""
+def _is_free(item: Registration, master: str, known: Known) -> bool:
+    """True where nothing is registered with its names for another master."""
     if item.kind == "service" and item.name in known.view.services:
         return False
-    if contested(item.node, master) or contested(item.name, master):
-        return False
     return known.claims.get(item.of, master) == master
+
+
+def _names_of(masters: Mapping[Registration, str]) -> Set[Tuple[str, str]]:
+    """The nodes and services of registrations, each once, with their masters: one node has many topics."""
+    nodes = {(item.node, master) for item, master in masters.items()}
+    return nodes | {(item.name, master) for item, master in masters.items() if item.kind == "service"}
 
 
 def names(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Names:

@@ -490,14 +490,13 @@ class Sync:
         remote = self.remotes.get(uri)
         return {} if remote is None else remote.selected
 
-    def wanted_of(self, items: Iterable[Registration], now: float) -> Dict[Registration, Wanted]:
+    def wanted_of(self, items: AbstractSet[Registration], now: float) -> Dict[Registration, Wanted]:
         """Of some registrations those that are wanted, on whatever topic."""
         found: Dict[Registration, Wanted] = {}
         for uri, remote in sorted(self.remotes.items()):
             if remote.state is not None and not self._gone(remote, now):
-                for item in items:
-                    if item in remote.selected:
-                        found.setdefault(item, Wanted(item, uri, remote.announced.name, remote.selected[item]))
+                for item in remote.selected.keys() & items:
+                    found.setdefault(item, Wanted(item, uri, remote.announced.name, remote.selected[item]))
         return found
 
     def contested(self, name: str, master: str) -> bool:

@@ -29,7 +29,10 @@ ROUND = 30.0  # seconds between two rounds, if nothing happens
 REST, LONGEST_REST = 4, 0.5  # times as long as a round took, and seconds at most, after it: news wait for each other
 SHARE = 1000  # times as long as a round took, there is none if nothing happens
 AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
-SETTLED = 5.0  # seconds after a step for a whole state there is a round, which looks at all that is registered
+SETTLED = 5.0  # seconds after the last whole state that came there is a round, which looks at all that is registered,
+SETTLED_AFTER_ALL = (
+    20.0  # and so many after the first one, however many come: those of a fleet that meets come one by one
+)
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
 LINES = 10  # log lines of one round
@@ -71,7 +74,9 @@ class Rounds:
         self.failures = 0  # rounds that failed
         self._roscore, self._graph, self._node, self._core, self._guard = roscore, graph, node, core, guard
         self._calls, self._updaters, self._limited = roscore_calls, updaters, limited
-        self._due: Optional[float] = None
+        self._due: Optional[float] = None  # a round for a reason
+        self._regular: Optional[float] = None  # the round if nothing happens
+        self._unsettled: Optional[float] = None  # when the first whole state came since the last round
         self._failed = 0
         self._withdrawn: Optional[Callable[[str], None]] = None
         self._view: Optional[View] = None  # what the roscore holds, as far as it is known
@@ -117,9 +122,12 @@ class Rounds:
 
     def touch_all(self, master: str, items: Set[Registration]) -> None:
         """Look at all of a master whose whole state has come: at these, and at what an earlier life registered for it."""
+        now = monotonic()
         self.met.add(master)
         self.touch(items.union(item for item, uri in self.held.items() if uri == master))
-        self.soon(monotonic() + SETTLED)
+        # A regular round waits as well: it would delay what others wait for, in all robots of a fleet that meets at once.
+        self._unsettled = now if self._unsettled is None else self._unsettled
+        self._regular = min(now + SETTLED, self._unsettled + SETTLED_AFTER_ALL)
 
     def _standing(self) -> List[Refusal]:
         """The refusals that a state has in it, whatever is registered."""
@@ -127,15 +135,18 @@ class Rounds:
 
     def tick(self, now: float) -> Optional[float]:
         """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
-        gone = self._core.next_gone(now)
-        if self._due is not None and now >= max(self._due, self._rest) and not self.working:
-            self._due = None
+        gone, due = self._core.next_gone(now), self._next()
+        if due is not None and now >= due and not self.working:
             self._begin(self._core.wanted(now))
         elif self._touched and not self.working:
             self._step(now)
         if gone is not None:
             self.soon(gone)
-        return None if self.working or self._due is None else max(self._due, self._rest)
+        return None if self.working else self._next()
+
+    def _next(self) -> Optional[float]:
+        due = [time for time in (self._due, self._regular) if time is not None]
+        return max(min(due), self._rest) if due else None
 
     def withdraw(self, done: Callable[[str], None]) -> None:
         """Take everything back, once. `done(farewell)` is called in the loop."""
@@ -147,6 +158,7 @@ class Rounds:
 
     def _begin(self, wanted: List[Wanted]) -> None:
         self.working, self._began = True, monotonic()
+        self._due = self._regular = self._unsettled = None
         self._touched, self._view = set(), None
         claims, met = dict(self.claims), frozenset(self.met)
         self._calls.submit(lambda: self._read(wanted, claims, met), self._read_done)
@@ -277,11 +289,11 @@ class Rounds:
                 self._limited.say("error", f"call {item}", f"the roscore refuses the {item}: {why}")
                 continue
             self.made[verb] += 1
-            done.append(f"{self._name(master)}: {verb} the {item}")
+            done.append((master, verb, item))
             if verb == "registered" and item.kind == "subscriber":
                 self._tell_publishers(item, master, result[2])
-        for line in done[:LINES]:
-            program.LOG.info("%s", line)
+        for master, verb, item in done[:LINES]:
+            program.LOG.info("%s: %s the %s", self._name(master), verb, item)
         if len(done) > LINES:
             program.LOG.info("... and %d more registrations", len(done) - LINES)
         self._refused(todo.refused)
@@ -321,8 +333,10 @@ class Rounds:
         if self._failed:
             self.soon(now + AGAIN[min(self._failed, len(AGAIN)) - 1])
         else:
-            left = self.claims.keys() - nodes_of(self.held)
-            self.soon(now + (AGAIN[-1] if left else max(ROUND, self.took * SHARE)))
+            if self._regular is None:  # no whole state came meanwhile
+                self._regular = now + max(ROUND, self.took * SHARE)
+            if self.claims.keys() - nodes_of(self.held):
+                self.soon(now + AGAIN[-1])
             if now < self._started + LEFTOVERS and not self.met.issuperset(self.claims.values()):
                 self.soon(self._started + LEFTOVERS)
         self._over(problem)
