@@ -71,6 +71,9 @@ def meeting(lab: Lab, say: Callable[[str], None]) -> float:
         took = max(float(said(lab, name).split()[1]) for name in NAMES) - at
         time.sleep(max(0.0, at + AROUND - time.monotonic()))
         after = processors(lab, pool)
+        assert all(pool.map(lambda name: held(lab, name).count("/topic_") == ROBOTS * TOPICS, NAMES)), (
+            "not all is there"
+        )
     shares = ", ".join(f"{unit} {after[unit] - before[unit]:.1f} s" for unit in before)
     say(f"{ROBOTS} robots have met in {took:.1f} s; processors: {shares}")
     return took
