@@ -30,9 +30,7 @@ REST, LONGEST_REST = 4, 0.5  # times as long as a round took, and seconds at mos
 SHARE = 1000  # times as long as a round took, there is none if nothing happens
 AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
 SETTLED = 5.0  # seconds after the last whole state that came there is a round, which looks at all that is registered,
-SETTLED_AFTER_ALL = (
-    20.0  # and so many after the first one, however many come: those of a fleet that meets come one by one
-)
+SETTLED_AFTER_ALL = 20.0  # and so many after the first one, however many come: a fleet meets one by one
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
 UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
 LINES = 10  # log lines of one round
