@@ -98,12 +98,11 @@ def unit_files():
 
 
 def units():
-    """The services that run: name -> state. Sessions and what was started for a moment are left out."""
+    """The services that run: name -> state. Sessions, ways in and what was started for a moment are left out."""
     lines = _run("systemctl", "list-units", "--type=service", "--no-legend", "--plain", "--no-pager").splitlines()
     states = {line.split()[0]: " ".join(line.split()[1:4]) for line in lines}
-    return {
-        name: state for name, state in states.items() if not name.startswith(("user@", "user-runtime-dir@", "run-"))
-    }
+    passing = ("user@", "user-runtime-dir@", "run-", "lab-ssh@")
+    return {name: state for name, state in states.items() if not name.startswith(passing)}
 
 
 def addresses():
