@@ -37,7 +37,7 @@ FILES = Path(__file__).with_name("files")
 BOOT_SECONDS = 60.0
 INSTANCES = 12  # of inotify, that a system holds: systemd 5, D-Bus 1, logind 1, the managers of users who are logged in
 # A computer's folder here is /mnt/lab in its container, where systemd listens for the lab (files/lab-ssh.socket).
-DOORS = Path("/run" if os.getuid() == 0 else f"/run/user/{os.getuid()}") / "rosfleet-lab"
+SHARED = Path("/run" if os.getuid() == 0 else f"/run/user/{os.getuid()}") / "rosfleet-lab"
 UNITS = ("lab-ssh.socket", "lab-ssh@.service")
 OPERATOR = (1000, 37)  # a person's account: its user and group, the group being Debian's own "operator"
 
@@ -120,9 +120,9 @@ def _digest(image_name: str, host: Host) -> str:
     return hashlib.sha256(inputs.encode()).hexdigest()[:16]
 
 
-def _door(name: str) -> Path:
-    """The socket by which ssh enters a container."""
-    return DOORS / name / "ssh"
+def _shared(name: str) -> Path:
+    """The folder that a container shares with the lab; in it is the socket by which ssh enters."""
+    return SHARED / name
 
 
 def _owned(lab: str) -> tuple[str, str]:
@@ -143,7 +143,7 @@ def _create(lab: str, host: Host, image_name: str) -> None:
         *(f"--label={key}={value}" for key, value in labels.items()),
         *RIGHTS,
         *networks,
-        f"--volume={_door(name).parent}:/mnt/lab",
+        f"--volume={_shared(name)}:/mnt/lab",
         *(f"--volume={mount}:ro" for mount in host.mounts),
         image_name,
     )
@@ -176,7 +176,7 @@ def _remove(containers: Sequence[str], networks: Sequence[str]) -> None:
         podman("rm", "--force", "--time=1", *containers, check=False)
         podman("rm", "--force", "--time=1", "--ignore", *containers)
         for name in containers:
-            shutil.rmtree(_door(name).parent, ignore_errors=True)
+            shutil.rmtree(_shared(name), ignore_errors=True)
     if networks:
         podman("network", "rm", *networks)
 
@@ -214,7 +214,7 @@ def up(lab: str, hosts: Sequence[Host]) -> None:
     if new:
         print(f"lab {lab}: starting {', '.join(by_name[name].name for name in new)} ...", flush=True)
     for name in wanted:
-        _door(name).parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _shared(name).mkdir(mode=0o700, parents=True, exist_ok=True)
     _each(lambda name: podman("start", name), staying)
     _each(lambda name: _create(lab, by_name[name], images[by_name[name].suite]), new)
     _each(wait, by_name)
@@ -251,7 +251,7 @@ def _connection(lab: str, host: str) -> dict[str, object]:
     By 'podman exec' each new connection takes 75 ms more of the processors, and playbooks are measured here.
     """
     name = container(lab, host)
-    enter = shlex.join([sys.executable, "-IS", str(Path(__file__).with_name("enter.py")), str(_door(name))])
+    enter = shlex.join([sys.executable, "-IS", str(Path(__file__).with_name("enter.py")), str(_shared(name) / "ssh")])
     options = [
         shlex.quote(f"ProxyCommand={enter}"),
         "ProxyUseFdpass=yes",

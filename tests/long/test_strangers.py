@@ -152,12 +152,8 @@ class Fleet:
             assert self.lists[host].events(since) == []
 
     def data(self):
-        """The ends of the connections from the second robot's nodes to the first one's that stay.
-
-        Those to its roscore and its discovery are none of them: who waits for changes there opens a new one after silence.
-        """
-        others = " and ".join(f"dport != :{port}" for port in (11311, 11611))
-        command = f"ss -tnH state established 'dst {ROBOTS[PEER]} and {others}' | awk '{{print $3, $4}}'"
+        """The ends of the connections from the second robot's nodes to the first one's that stay."""
+        command = f"ss -tnH state established dst {ROBOTS[PEER]} | awk '{{print $3, $4}}'"
         first = set(self.run(VICTIM, command).splitlines())
         time.sleep(1)
         return first & set(self.run(VICTIM, command).splitlines())
