@@ -12,6 +12,7 @@ from typing import Any
 
 from ansible.module_utils.common import json as ansible_json
 from ansible.plugins.action import ActionBase
+from ansible.vars.clean import remove_internal_keys
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.kept import KIND, REQUEST
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import path_of
 
@@ -70,10 +71,17 @@ def visit(action: ActionBase, options: Mapping[str, Any], label: str) -> Result 
 
 
 def answered(output: str) -> Result:
-    """Return the last line of an output as the result of a module; empty where it is none."""
+    """Return the last line of an output as the result of a module; empty where it is none.
+
+    As with every result of a module, the keys by which Ansible itself is told what to do are taken out: with them a robot
+    could set variables of other hosts (`add_host`).
+    """
     lines = output.strip().splitlines()
     try:
         found = json.loads(lines[-1], cls=DECODER) if lines else None
-    except ValueError:
+    except (RecursionError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    if not isinstance(found, dict):
+        return {}
+    remove_internal_keys(found)
+    return found
