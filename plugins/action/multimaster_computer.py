@@ -15,12 +15,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.conf
     Result,
     seconds_of,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.kept import can_visit, visit
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.environment import SEEN, differences
 
 # The concerns that can cut the controller off. They come first, in a run of their own.
 GUARDED = ("sysctl", "routes")
-NO_RESULT = "The second run on this computer ended without a result, so it is not known what it has done; run the playbook again."
 REST = 600.0  # seconds for the other concerns, which start services
 
 Args = Mapping[str, Any]
@@ -30,7 +28,6 @@ class ActionModule(GuardedAction):
     """Runs the module for what can cut the controller off, then over a new connection to confirm that and for all the rest."""
 
     what = "kernel settings and routes"
-    _kept = ""  # the label of the process that the first run has kept for the second
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
         """Run the module and return the result of all concerns; see ActionBase."""
@@ -53,10 +50,9 @@ class ActionModule(GuardedAction):
         if not seconds:
             one: Result = self._execute_module(module_args={**trial, **rest}, task_vars=task_vars)
             return one
-        first, reason = self._first({**trial, "keep": can_visit(self)}, seconds, task_vars)
+        first, reason = self._first(trial, seconds, task_vars)
         if first.get("failed"):
             return first
-        self._kept = word if first.get("unconfirmed") else ""
         confirming = {**confirmations(trial, first), **rest}
         if not confirming:
             second = {}
@@ -65,14 +61,6 @@ class ActionModule(GuardedAction):
         else:
             second = self._second(confirming, seconds, reason, task_vars, REST if rest else 0.0)
         return joined(first, second)
-
-    def _once(self, args: Args, task_vars: dict[str, Any] | None) -> Result:
-        """Run the module once: the process of an earlier run does it, where there is one."""
-        label, self._kept = self._kept, ""
-        found = visit(self, args, label) if label else None
-        if found is None:
-            return super()._once(args, task_vars)
-        return found or {"failed": True, "msg": NO_RESULT}
 
 
 def compared(found: Result, wanted: Args) -> Result:

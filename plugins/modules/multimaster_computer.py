@@ -67,11 +67,6 @@ options:
         type: list
         elements: str
         default: []
-  keep:
-    description: Whether the process waits for the run that confirms a change, at most for C(confirm_within). The controller sets it where the connection has
-      pipelining, for example V(true).
-    type: bool
-    default: false
 seealso:
   - module: rosfleet.multimaster.multimaster_due
 author:
@@ -126,11 +121,6 @@ same_connection:
   returned: when no concern failed
   type: bool
   sample: false
-kept:
-  description: Whether the process of the first run did the second one, too, which saves the computer the start of a module.
-  returned: when it did
-  type: bool
-  sample: true
 rolled_back:
   description: Whether the change was taken back, because it was not confirmed in time or could not be completed.
   returned: failed
@@ -159,16 +149,10 @@ def main() -> None:
             "managed_files": {"type": "list", "elements": "dict", "default": []},
             "managed_services": {"type": "list", "elements": "dict", "default": []},
             "shells": {"type": "dict", "options": SHELLS},
-            "keep": {"type": "bool", "default": False},
         },
         supports_check_mode=True,
     )
-    carry_out(
-        module,
-        asked_for(module.params),
-        read_back=module.params["shells"] is not None,
-        again=main if module.params["keep"] else None,
-    )
+    carry_out(module, asked_for(module.params), read_back=module.params["shells"] is not None)
 
 
 if __name__ == "__main__":

@@ -353,6 +353,11 @@ forwarding:
       returned: always
       type: int
       sample: 1
+    icmp_echo_ignore_all:
+      description: C(net.ipv4.icmp_echo_ignore_all), V(1) where the kernel answers no pings, or null where it cannot be read.
+      returned: always
+      type: int
+      sample: 0
     interfaces:
       description: The interfaces with an address of IPv4.
       returned: always
@@ -385,6 +390,37 @@ forwarding:
           returned: always
           type: int
           sample: 1
+        prefixes:
+          description: The length of the network prefix of each of the addresses.
+          returned: always
+          type: list
+          elements: int
+          sample: [24]
+        mtu:
+          description: The largest packet that the interface sends, in bytes, or null where it cannot be read.
+          returned: always
+          type: int
+          sample: 1500
+        mac:
+          description: The hardware address of the interface, or empty.
+          returned: always
+          type: str
+          sample: 02:42:c0:a8:01:c9
+        state:
+          description: The operational state of the interface as the kernel tells it, such as V(up) or V(down), or empty.
+          returned: always
+          type: str
+          sample: up
+        carrier_changes:
+          description: How often its link came or went since the interface is there, or null where the kernel does not count.
+          returned: always
+          type: int
+          sample: 2
+        last:
+          description: Of an interface that is down, the last line of the journal about its link, with its time, or empty.
+          returned: always
+          type: str
+          sample: "2026-11-22T09:12:44+0000 kobuki2computer kernel: eth0: Link is Down"
 filters:
   description: The packet filter of nftables, also what iptables has made of it, as far as it can be read simply.
   returned: with the part V(filters)

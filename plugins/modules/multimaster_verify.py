@@ -269,11 +269,6 @@ options:
         first computer's task with O(state=started) to the last one's with O(state=collected) or O(state=streamed).
     type: int
     default: 300
-  keep:
-    description: Whether the process waits for the run that collects, at most for O(lifetime). The controller sets it where the connection has
-      pipelining, for example V(true).
-    type: bool
-    default: false
   seconds:
     description:
       - How many seconds a stream with O(state=streamed) takes, for example V(0.5); from 0.1 to 2. It ends earlier after 20 MB.
@@ -316,11 +311,6 @@ EXAMPLES = r"""
 """
 
 RETURN = r"""
-kept:
-  description: Whether the process of the run with O(state=started) did this one.
-  returned: when O(state=collected) and it did
-  type: bool
-  sample: true
 members:
   description: What this computer sees of every computer of the fleet; of itself only what its name means.
   returned: when O(state=collected)
@@ -384,6 +374,11 @@ members:
           returned: always
           type: str
           sample: null
+        metric:
+          description: The metric of the route, or null where it has none.
+          returned: where there is a route
+          type: str
+          sample: "100"
         error:
           description: Why there is no route, or empty.
           returned: always
@@ -1436,7 +1431,7 @@ from itertools import chain
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends, kept
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
@@ -1674,8 +1669,6 @@ def start(module: Module) -> Result:
     machine = seen(params, keep=set_up and not module.check_mode)
     heard = None if module.check_mode else group(params, "started")
     spoken = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
-    if params["keep"] and not module.check_mode:
-        kept.keep(main, params["run"], params["lifetime"])
     parts = {"multicast": heard, "machine": machine}
     return dict(spoken, **{name: value for name, value in parts.items() if value is not None})
 
@@ -1891,7 +1884,6 @@ ARGUMENTS = {
     },
     "patience": {"type": "int", "default": 20},
     "lifetime": {"type": "int", "default": 300},
-    "keep": {"type": "bool", "default": False},
     "seconds": {"type": "float", "default": 0.5},
 }
 

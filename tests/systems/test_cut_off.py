@@ -19,7 +19,6 @@ from pathlib import Path
 
 import containers
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.kept import VISIT
 from layout import Extra, hosts_of, read_inventory
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -253,42 +252,15 @@ def test_a_kept_connection_confirms_nothing(fleet):
     assert fleet.state(INNER) == before
 
 
-def test_the_process_of_the_trial_confirms_over_a_new_connection(fleet):
+def test_all_concerns_are_confirmed_over_a_new_connection(fleet):
     before = fleet.state(INNER)
     assert "pong" in fleet._ansible(f"adhoc {INNER} -m ansible.builtin.ping", {})  # the connection that is kept
     since = fleet.run(INNER, "sleep 1; date '+%F %T'").strip()
     output = fleet.module(INNER, "multimaster_computer", routes={"routes": [DEFAULT, MORE], "confirm_within": ENOUGH})
-    assert '"confirmed": true' in output and '"kept": true' in output, output
+    assert '"confirmed": true' in output, output
     assert len(connections(fleet, INNER, since)) == 1
     output = fleet.module(INNER, "multimaster_computer", routes={"routes": [DEFAULT], "confirm_within": ENOUGH})
-    assert '"confirmed": true' in output and '"kept": true' in output, output
-    assert fleet.state(INNER) == before
-
-
-def test_who_asks_the_process_of_a_trial_over_the_same_connection_confirms_nothing(fleet):
-    before = fleet.state(INNER)
-    address = f"-i /root/key {BY_SSH['ansible_ssh_common_args']} root@192.168.11.100"
-    fleet.run("controller", f"ssh -o ControlMaster=yes -o ControlPath=/tmp/same -o ControlPersist=60 {address} true")
-    fleet.run(INNER, "cat >/run/visit", stdin=VISIT)
-
-    def session(way, command, arguments):
-        fleet.run(INNER, "cat >/run/arguments", stdin=json.dumps(arguments))
-        said = fleet.run("controller", f"ssh -o ControlPath={way} {address} '{command}'")
-        return json.loads(said.strip().splitlines()[-1])
-
-    routes = {"routes": [DEFAULT, MORE], "confirmation": "word"}
-    module = BY_HAND % "multimaster_computer"
-    assert session(
-        "/tmp/same", module, {"ANSIBLE_MODULE_ARGS": {"keep": True, "routes": {**routes, "confirm_within": 600}}}
-    )["unconfirmed"]
-    doors = "/run/rosfleet-multimaster/kept-*"
-    assert fleet.run(INNER, f"stat -c '%U %a' {doors}") == "root 600\n"
-    again = session("/tmp/same", f"python3 -I -S /run/visit {doors} </run/arguments", {"run": {"routes": routes}})
-    assert (again["unconfirmed"], again["same_connection"], again["changed"]) == (True, True, False)
-    new = session("none", module, {"ANSIBLE_MODULE_ARGS": {"routes": routes}})
-    assert (new["unconfirmed"], new["changed"]) == (False, True)
-    assert '"changed": true' in fleet.module(INNER, "routes", routes=[DEFAULT], confirm_within=ENOUGH)
-    assert fleet.run(INNER, f"rm /run/visit; ls {doors}", check=False).startswith("ls: cannot access")
+    assert '"confirmed": true' in output, output
     assert fleet.state(INNER) == before
 
 

@@ -33,8 +33,9 @@ ROOMS = {
     },
     PLUGIN_UTILS: {
         "_fleet": set(),
+        "_answers": {"_fleet"},
         "_plan": {"_fleet"},
-        "_changes": {"_fleet"},
+        "_changes": {"_answers", "_fleet"},
         "_world": {"_plan", "_fleet"},
         "_verify": {"_plan", "_fleet", "_world"},
         "_report": {"_verify", "_plan", "_fleet"},

@@ -19,7 +19,7 @@ import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, ends, kept
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 FOLDER = "/run/rosfleet-multimaster"
@@ -55,7 +55,7 @@ def connection(proc: str = "/proc") -> str:
     Two sessions over one kept connection have the same one; a new TCP connection has another. Empty where there is
     none, as for a connection into a container. (The environment cannot tell: sudo(8) removes SSH_CONNECTION.)
     """
-    pid = kept.asker() or os.getppid()
+    pid = os.getppid()
     while pid > 0:
         # proc(5): pid (name) state parent ... start; a name may hold blanks and brackets
         found = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", commands.text(f"{proc}/{pid}/stat"), re.S)

@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import concerns
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import Concern, Options
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, ends, kept
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 _READING = 20.0  # seconds until shells have said what they see
@@ -70,12 +70,8 @@ def carry_out(
     asked: typing.Sequence[typing.Tuple[Concern, Options]],
     switches: str = deadman.FOLDER,
     read_back: bool = False,
-    again: typing.Optional[typing.Callable[[], None]] = None,
 ) -> None:
-    """Carry out all concerns in their order, read what shells see then where that is asked for, and end the module.
-
-    Where changes wait for their confirmation, the process is kept for the run that confirms them, which is `again`.
-    """
+    """Carry out all concerns in their order, read what shells see then where that is asked for, and end the module."""
     try:
         parts = [Part(module, concern, options, switches) for concern, options in asked]
     except Problem as problem:
@@ -90,8 +86,6 @@ def carry_out(
         if result.get("failed") or result.get("same_connection"):
             break
     seen = _seen(results) if read_back and not module.check_mode else {}
-    if again:
-        _keep(again, parts, results)
     return _end(module, parts, results, [entry for entry in differences if entry["before"] != entry["after"]], seen)
 
 
@@ -121,15 +115,6 @@ def _end(
         **whole,
         **seen,
     )
-
-
-def _keep(
-    again: typing.Callable[[], None], parts: typing.Iterable[Part], results: typing.Sequence[typing.Tuple[str, Fields]]
-) -> None:
-    """Keep the process for the next run where changes wait for their confirmation."""
-    waiting = [part.params for part in parts if part.guard and part.guard.unconfirmed]
-    if waiting and not results[-1][1].get("failed"):
-        kept.keep(again, waiting[0]["confirmation"], max(params["confirm_within"] for params in waiting))
 
 
 def _seen(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:

@@ -9,18 +9,15 @@ second run the machine rolls the change back by itself, see docs/dead_mans_switc
 
 from __future__ import annotations
 
-import contextlib
 import secrets
-import signal
-import threading
 import time
-from collections.abc import Iterator, Mapping
-from types import FrameType
+from collections.abc import Mapping
 from typing import Any
 
 from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure
 from ansible.plugins.action import ActionBase
 from ansible.plugins.connection import ConnectionBase
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.asked import RobotAction, limited
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
 
 GRACE = 60.0  # seconds for a run of the module, and for reaching the machine after its former state is back
@@ -38,14 +35,14 @@ NEVER_BEGAN = (
 Result = dict[str, Any]  # of a module
 
 
-class GuardedAction(ActionBase):  # type: ignore[misc]  # ansible-core has no types
+class GuardedAction(RobotAction):
     """Runs the module of its own name: once where nothing changes at run time, else a second time to confirm."""
 
     what = "settings"  # the concern in a sentence, in the plural
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
         """Run the module and return its result; see ActionBase."""
-        result: Result = super().run(tmp, task_vars)
+        result: Result = ActionBase.run(self, tmp, task_vars)
         args = {name: value for name, value in self._task.args.items() if name != "confirmation"}
         seconds = seconds_of(args.get("confirm_within"))
         if seconds and self.cannot_be_cut:
@@ -104,7 +101,7 @@ class GuardedAction(ActionBase):  # type: ignore[misc]  # ansible-core has no ty
 
     def _attempt(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None, limit: float) -> Result:
         """Run the module once. Raises AnsibleConnectionFailure, also after `limit` seconds."""
-        with _timeout(limit):
+        with limited(limit):
             return self._once(args, task_vars)
 
     def _once(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None) -> Result:
@@ -152,31 +149,3 @@ def _with_crash(first: Result, what: str, seconds: int) -> Result:
             f"{first.get('msg', '')} The {what} that it may have changed are taken back by the machine within {seconds} s."
         )
     return first
-
-
-class _Expired(BaseException):
-    """A timeout. It is no Exception, since connection plugins catch those and try again."""
-
-
-@contextlib.contextmanager
-def _timeout(seconds: float) -> Iterator[None]:
-    """Raise AnsibleConnectionFailure after this time. Without an answer, ssh waits as long as TCP does, for hours.
-
-    The `timeout` of a task uses the same alarm. Where it is set, it limits the time already.
-    """
-
-    def ring(number: int, frame: FrameType | None) -> None:
-        raise _Expired
-
-    if threading.current_thread() is not threading.main_thread() or signal.getitimer(signal.ITIMER_REAL)[0]:
-        yield
-        return
-    former = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    except _Expired:
-        raise AnsibleConnectionFailure(f"no answer within {seconds:.0f} s") from None
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, former)

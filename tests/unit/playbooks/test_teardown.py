@@ -61,7 +61,7 @@ def test_services_end_before_their_files_go():
     assert [run for run in runs if "managed_services" in run] == [["managed_services"]] == runs[:1]
 
 
-@pytest.mark.parametrize("part", ["owned", "packages", "sshd", "folders"])
+@pytest.mark.parametrize("part", ["owned", "packages", "sshd"])
 def test_what_is_asked_about_was_looked_at(part):
     (look,) = [task[PREFIX + "multimaster_info"] for task in TASKS if PREFIX + "multimaster_info" in task]
     assert part in look["parts"]

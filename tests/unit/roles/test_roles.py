@@ -76,3 +76,45 @@ def test_a_role_says_which_facts_it_hands_on():
 def test_the_folders_of_the_nodes_are_those_of_the_units():
     folders = read(ROLES[0].parent / "nodes/vars/main.yml")
     assert (folders["nodes_library"], folders["nodes_configuration"]) == (units.LIBRARY, units.CONFIGURATION)
+
+
+# What runs on the controller alone. Of all else a robot answers, so it has to be an action of ours: the door for answers is there.
+ON_THE_CONTROLLER = {
+    *("assert", "debug", "set_fact", "meta"),
+    *(f"{verb}_{what}" for verb in ("include", "import") for what in ("role", "tasks", "playbook")),
+}
+WORDS = set(
+    """
+    name when block rescue always register vars loop loop_control run_once ignore_errors ignore_unreachable become no_log check_mode
+    diff changed_when failed_when any_errors_fatal throttle notify tags module_defaults until retries delay
+    """.split()
+)
+
+
+def tasks_of(entries):
+    """Each task of a file, also of blocks; a play is not one."""
+    for entry in entries or ():
+        for part in ("tasks", "pre_tasks", "post_tasks", "handlers", "block", "rescue", "always"):
+            yield from tasks_of(entry.get(part))
+        if "hosts" not in entry and not {"block"} & set(entry):
+            yield entry
+
+
+def plays():
+    """The files with tasks, and whether these run on the controller."""
+    root = ROLES[0].parent.parent
+    yield from ((path, False) for role in ROLES for path in (role / "tasks").glob("*.yml"))
+    for path in (root / "playbooks").rglob("*.yml"):
+        yield path, all(entry.get("hosts", "localhost") == "localhost" for entry in read(path))
+
+
+@pytest.mark.parametrize(("path", "local"), list(plays()), ids=lambda value: getattr(value, "stem", None))
+def test_what_runs_on_a_robot_answers_by_the_door_of_the_collection(path, local):
+    actions = ROLES[0].parent.parent / "plugins" / "action"
+    for task in tasks_of(read(path)):
+        (module,) = [name for name in task if name not in WORDS]
+        short = module.rpartition(".")[2]
+        if module.startswith("ansible.builtin."):
+            assert local or short in ON_THE_CONTROLLER, f"{path.name}: {module}"
+        else:
+            assert (actions / f"{short}.py").exists(), f"{path.name}: {module}"

@@ -77,7 +77,7 @@ def test_the_second_run_confirms_and_does_the_rest(play):
     result, runs, connection = play(
         answer([1], sysctl=WAITS, routes=RIGHT), answer([1, 2], sysctl=DONE, managed_files=DONE)
     )
-    assert [set(run) for run in runs] == [{"sysctl", "routes", "keep"}, {"sysctl", "managed_files"}]
+    assert [set(run) for run in runs] == [{"sysctl", "routes"}, {"sysctl", "managed_files"}]
     word = runs[0]["sysctl"]["confirmation"]
     assert word and runs[0]["routes"] == {**ROUTES, "confirmation": word}
     assert runs[1]["sysctl"] == {**SYSCTL, "confirm_within": 0, "confirmation": word}
@@ -89,7 +89,7 @@ def test_the_second_run_confirms_and_does_the_rest(play):
 
 def test_where_nothing_waits_the_connection_is_kept(play):
     result, runs, connection = play(answer(sysctl=RIGHT, routes=RIGHT), answer(managed_files=RIGHT))
-    assert [set(run) for run in runs] == [{"sysctl", "routes", "keep"}, {"managed_files"}]
+    assert [set(run) for run in runs] == [{"sysctl", "routes"}, {"managed_files"}]
     assert (connection.resets, result["changed"]) == (0, False)
 
 
@@ -144,30 +144,6 @@ def test_a_failure_after_the_confirmation_leaves_what_was_confirmed(play):
     result, _runs, _connection = play(answer(sysctl=WAITS, routes=RIGHT), failed)
     assert (result["failed"], result["changed"], result["msg"]) == (True, True, "No.")
     assert result["concerns"]["sysctl"][0]["confirmed"] and result["concerns"]["managed_files"][0]["failed"]
-
-
-@pytest.mark.parametrize("kept", [True, False])
-def test_the_process_of_the_first_run_does_the_second_where_it_is_there(play, monkeypatch, kept):
-    asked = []
-
-    def visit(action, options, label):
-        asked.append((set(options), label))
-        return answer(sysctl=DONE, managed_files=DONE) if kept else None
-
-    monkeypatch.setattr(multimaster_computer, "visit", visit)
-    others = [] if kept else [answer(sysctl=DONE, managed_files=DONE)]
-    result, runs, connection = play(answer(sysctl=WAITS, routes=RIGHT), *others)
-    assert asked == [({"sysctl", "managed_files"}, runs[0]["sysctl"]["confirmation"])], (
-        "once, and never for the first run"
-    )
-    assert (len(runs), connection.resets) == (1 if kept else 2, 1)
-    assert result["msg"] == "Waits. Right. Done." and not result["concerns"]["sysctl"][0]["unconfirmed"]
-
-
-def test_a_kept_process_without_a_result_is_a_failure_and_not_asked_for_again(play, monkeypatch):
-    monkeypatch.setattr(multimaster_computer, "visit", lambda action, options, label: {})
-    result, runs, _connection = play(answer(sysctl=WAITS, routes=RIGHT))
-    assert (result["failed"], result["msg"], len(runs)) == (True, multimaster_computer.NO_RESULT, 1)
 
 
 VARIABLES = {"ROS_MASTER_URI": "http://a:11311"}

@@ -259,11 +259,8 @@ def test_no_server_no_connection(asking):
     assert asking("other") == [outside, outside]
 
 
-@pytest.mark.parametrize("asker", [0, 77])
-def test_names_with_blanks_and_brackets(tmp_path, monkeypatch, asker):
-    """Of a run that somebody asked a kept process for, it is the connection of who asked."""
-    monkeypatch.setattr(deadman.kept, "_asker", asker)
-    pid = asker or os.getppid()
+def test_names_with_blanks_and_brackets(tmp_path):
+    pid = os.getppid()
     for number, text in (
         (pid, f"{pid} (a) (b S 7) S 7 " + "1 " * 17 + "99 0"),
         (7, "7 (sshd) S 1 " + "1 " * 17 + "1234 0"),

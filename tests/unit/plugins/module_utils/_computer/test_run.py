@@ -235,22 +235,3 @@ def test_the_modules_themselves(carry_out, tmp_path):
     assert result["changed"] and "kobuki1computer" in hosts.read_text(encoding="utf-8")
     assert (tmp_path / "names").read_text(encoding="utf-8") == "y\n"
     assert carry_out(*asked_for(given))["changed"] is False
-
-
-def test_after_a_trial_the_process_is_kept_for_the_run_that_follows(carry_out, monkeypatch):
-    asked = []
-    monkeypatch.setattr(computer.kept, "keep", lambda *options: asked.append(options))
-    for runs, check_mode in (
-        (REST, False),
-        ([(one, {**o, "confirm_within": 0}) for one, o in TRIED], False),
-        (TRIED, True),
-    ):
-        carry_out(*runs, check_mode=check_mode, again=print)
-        assert not asked, "nothing follows"
-    carry_out((SETTINGS, {**TRIED[0][1], "fails": "apply"}), TRIED[1], again=print)
-    assert not asked, "a failure is the end"
-    carry_out(*TRIED, again=print)
-    assert asked == [(print, "word", 60)]
-    carry_out(*CONFIRMING, again=print)
-    carry_out(*TRIED, again=print)
-    assert len(asked) == 1, "nothing waits for a confirmation"

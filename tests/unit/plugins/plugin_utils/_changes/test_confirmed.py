@@ -4,7 +4,6 @@
 """The controller's side of the dead-man's switch: what it makes of the answers and silences of a machine."""
 
 import signal
-import threading
 import time
 import types
 
@@ -196,35 +195,3 @@ def test_no_switch_where_none_is_needed(play, options):
 @pytest.mark.parametrize(("value", "seconds"), [("30", 30), (30, 30), (None, 0), ("", 0), ("soon", 0), (-5, 0), (0, 0)])
 def test_seconds(value, seconds):
     assert confirmed.seconds_of(value) == seconds
-
-
-def test_the_limit_leaves_others_alone():
-    with confirmed._timeout(60):
-        pass
-    assert signal.getsignal(signal.SIGALRM) == signal.SIG_DFL
-    with pytest.raises(AnsibleConnectionFailure, match="no answer within 0 s"), confirmed._timeout(0.05):
-        time.sleep(5)
-    with pytest.raises(ZeroDivisionError), confirmed._timeout(60):
-        1 / 0  # noqa: B018
-    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
-    signal.setitimer(signal.ITIMER_REAL, 50)  # as a task's own timeout
-    try:
-        with confirmed._timeout(0.01):
-            time.sleep(0.05)
-        assert 40 < signal.getitimer(signal.ITIMER_REAL)[0] <= 50
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-
-
-def test_the_limit_needs_the_main_thread():
-    ended = []
-
-    def work():
-        with confirmed._timeout(0.01):
-            time.sleep(0.05)
-        ended.append(True)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert ended

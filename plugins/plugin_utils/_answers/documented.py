@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The answer that a module documents: its section RETURN as types. Pure: the text of a module in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+SECTION = re.compile(r'^RETURN = r"""\n(.*?)^"""', re.MULTILINE | re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """The type of a value, in the words of Ansible's documentation."""
+
+    type: str  # str, int, float, bool, list, dict or raw
+    parts: Mapping[str, Kind] | None = None  # of a mapping, or of each mapping of a list; None: any keys
+    each: Kind | None = None  # of each entry of a list, and of each value of a mapping with any keys; None: any value
+    returned: str = ""  # when, as the documentation says it; "always" and "success" are promises
+
+
+RAW = Kind("raw")
+TEXT, NUMBER, YES_NO = Kind("str"), Kind("int"), Kind("bool")
+DIFFERENCE = Kind("dict", dict.fromkeys(("before", "after", "before_header", "after_header", "prepared"), TEXT))
+DIFFERENCES = Kind("list", each=DIFFERENCE)
+
+#: what Ansible's own part of a module answers
+COMMON: Mapping[str, Kind] = {
+    "changed": YES_NO,
+    "failed": YES_NO,
+    "skipped": YES_NO,
+    "msg": TEXT,
+}
+#: parts of an answer that another module documents: (module, key) -> module, key (all of its keys where it is empty)
+ELSEWHERE = {
+    ("multimaster_verify", "machine"): ("multimaster_info", ""),
+    ("multimaster_verify", "multicast"): ("multicast_verify", ""),
+    ("multimaster_computer", "shells"): ("multimaster_info", "environment"),
+}
+#: mappings whose keys are modules, each with the answers of its runs
+RUNS = {
+    ("multimaster_computer", "concerns"): ("sysctl", "routes", "hosts_entries", "managed_files", "managed_services")
+}
+
+Answer = Mapping[str, Kind]
+
+
+def documented(module: str, text_of: Callable[[str], str]) -> Answer:
+    """Return the kinds of the keys that a module answers.
+
+    `text_of(module)` returns its source. Raises KeyError where that documents no answer.
+    """
+    own = _section(text_of(module))
+    for (name, key), (other, part) in ELSEWHERE.items():
+        if name == module:
+            there = documented(other, text_of)
+            own[key] = there[part] if part else Kind("dict", there)
+    for (name, key), modules in RUNS.items():
+        if name == module:
+            own[key] = Kind("dict", {one: _runs(one, text_of) for one in modules})
+    own.pop("diff", None)  # in any module as Ansible has it
+    return {**COMMON, **own}
+
+
+def _runs(module: str, text_of: Callable[[str], str]) -> Kind:
+    return Kind("list", each=Kind("dict", documented(module, text_of)))
+
+
+def _section(source: str) -> dict[str, Kind]:
+    found = SECTION.search(source)
+    if found is None:
+        raise KeyError("RETURN")
+    return _kinds(yaml.load(found[1], _LOADER) or {})
+
+
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def _kinds(entries: Mapping[str, Any]) -> dict[str, Kind]:
+    return {str(name): _kind(entry) for name, entry in entries.items()}
+
+
+def _kind(entry: Mapping[str, Any]) -> Kind:
+    kind, contains, elements = str(entry.get("type", "raw")), entry.get("contains"), entry.get("elements")
+    parts, returned = _kinds(contains) if contains else None, str(entry.get("returned", ""))
+    if kind == "list":
+        return Kind(kind, None, Kind("dict", parts) if parts is not None else Kind(str(elements or "raw")), returned)
+    return Kind(kind, parts, Kind(str(elements)) if elements else None, returned)

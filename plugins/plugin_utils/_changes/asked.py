@@ -1,0 +1,172 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The one door by which answers of robots reach the controller: a module of the collection runs there, and what comes back is data."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import os
+import resource
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from ansible.errors import AnsibleActionFail, AnsibleConnectionFailure
+from ansible.plugins.action import ActionBase
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers.documented import Answer, documented
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_lines
+
+MODULES = Path(__file__).resolve().parents[2] / "modules"
+LONGEST = 1800.0  # seconds for one answer; `timeout` of a task, or ANSIBLE_TASK_TIMEOUT, ends it earlier
+MEMORY = 96 << 20  # bytes for one answer while it comes: Ansible keeps all of it, in several copies
+LAST_WORDS = 20_000  # characters of what a module that crashed has written
+
+Result = dict[str, Any]
+
+
+class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no types
+    """Runs the module of its own name on a robot. Only what the module documents comes back, within bounds."""
+
+    _robot = "this computer"
+
+    def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
+        """Run the module and return its result; see ActionBase."""
+        result: Result = super().run(tmp, task_vars)
+        return {**result, **self._execute_module(task_vars=task_vars)}
+
+    def _execute_module(self, *args: Any, task_vars: dict[str, Any] | None = None, **options: Any) -> Result:
+        """Run a module; see ActionBase. Ansible asks the robot about its Python before, so that has bounds as well."""
+        self._robot = str((task_vars or {}).get("inventory_hostname", self._robot))
+        result: Result = super()._execute_module(*args, task_vars=task_vars, **options)
+        return result
+
+    def _low_level_execute_command(self, *args: Any, **options: Any) -> Result:
+        """Run a command; see ActionBase. Its output has bounds, and what ssh says of a robot is plain text."""
+        try:
+            with bounded(LONGEST, MEMORY):
+                said: Result = super()._low_level_execute_command(*args, **options)
+        except AnsibleConnectionFailure as problem:
+            raise type(problem)(plain(problem, LINE)) from None
+        except MemoryError:
+            raise AnsibleActionFail(self._strange(f"more than {MEMORY >> 20} MiB")) from None
+        return said
+
+    def _parse_returned_data(self, res: Mapping[str, Any], *profile: Any) -> Any:
+        """Let Ansible read the output of a module, of which no more is left than its answer; see ActionBase."""
+        return super()._parse_returned_data({**res, **self._taken(res)}, *profile)
+
+    def _taken(self, res: Mapping[str, Any]) -> Result:
+        """Return what Ansible may read of an output: an answer, or the last words of a module that could not run."""
+        text = answer.found_in(str(res.get("stdout") or ""))
+        if not text:
+            return {name: plain_lines(str(res.get(name) or "")[-LAST_WORDS:]) for name in ("stdout", "stderr")}
+        try:
+            taken = answer.taken(text, answer_of(self._task.action.rpartition(".")[2]))
+        except answer.Strange as strange:
+            return {"stdout": json.dumps({"failed": True, "msg": self._strange(str(strange))}), "stderr": ""}
+        result = dict(taken.result)
+        if taken.left_out:
+            names = ", ".join(sorted(taken.left_out)[:3])
+            note = f"{self._robot}: {self._task.action} does not document {names} of its answer, so they are left out."
+            result["warnings"] = [*result.get("warnings", []), note]
+        if taken.trace:
+            result["exception"] = taken.trace[-LAST_WORDS:]
+        return {"stdout": json.dumps(result), "stderr": ""}
+
+    def _strange(self, found: str) -> str:
+        return (
+            f"{self._robot}: the answer to {self._task.action} is none of this module: found {found}; expected what its "
+            "documentation says. Something else than the module answers there: look at this computer before you trust it."
+        )
+
+
+@functools.cache
+def answer_of(module: str) -> Answer:
+    """Return what a module of the collection answers."""
+    return documented(module, lambda name: (MODULES / f"{name}.py").read_text(encoding="utf-8"))
+
+
+class _Expired(BaseException):
+    """A timeout. It is no Exception, since connection plugins catch those and try again."""
+
+
+@contextlib.contextmanager
+def bounded(seconds: float, memory: int) -> Iterator[None]:
+    """Let what runs inside take so many seconds and bytes; programs that it started end with it.
+
+    Raises AnsibleConnectionFailure after the time, and MemoryError.
+    """
+    before = set(_children())
+    try:
+        with limited(seconds), _room(memory):
+            yield
+    except BaseException:
+        for process in set(_children()) - before:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+        raise
+
+
+@contextlib.contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Raise AnsibleConnectionFailure after this time. Without an answer, ssh waits as long as TCP does, for hours.
+
+    The `timeout` of a task uses the same alarm. Where it is set, it limits the time already.
+    """
+
+    def ring(number: int, frame: FrameType | None) -> None:
+        raise _Expired
+
+    if threading.current_thread() is not threading.main_thread() or signal.getitimer(signal.ITIMER_REAL)[0]:
+        yield
+        return
+    former = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    except _Expired:
+        raise AnsibleConnectionFailure(f"no answer within {seconds:.0f} s") from None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, former)
+
+
+@contextlib.contextmanager
+def _room(memory: int) -> Iterator[None]:
+    """Let this process, one of Ansible's workers, grow by so many bytes: MemoryError beyond. Only Linux counts them."""
+    used = _data()
+    if not used:
+        yield
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    limits = [used + memory, *(limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY)]
+    resource.setrlimit(resource.RLIMIT_DATA, (min(limits), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+def _data() -> int:
+    """Return the bytes of data that this process has (proc_pid_status(5), VmData); 0 where that is not told."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return 0
+    return next((int(line.split()[1]) << 10 for line in lines if line.startswith("VmData:")), 0)
+
+
+def _children() -> list[int]:
+    """Return the processes that this one has started (proc_pid_task_children(5)); none where that is not told."""
+    found: list[int] = []
+    for path in Path("/proc/self/task").glob("*/children"):
+        with contextlib.suppress(OSError):
+            found += map(int, path.read_text(encoding="ascii").split())
+    return found

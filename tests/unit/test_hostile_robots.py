@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A robot that answers anything, through the door and then through each reader: a sentence at most, and the others keep their results.
+
+The same answers come from a real robot in tests/systems/test_hostile_robot.py.
+"""
+
+import copy
+import json
+import random
+import sys
+import types
+from pathlib import Path
+
+import pytest
+from ansible.playbook.task import Task
+from ansible_collections.rosfleet.multimaster.plugins.action import (
+    fleet_adopt,
+    fleet_bundle,
+    fleet_check,
+    fleet_predict,
+    fleet_report,
+    fleet_watch,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.asked import answer_of
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned
+
+HERE = Path(__file__).parent
+ROOM = HERE / "plugins" / "plugin_utils"
+sys.path += [str(ROOM / name) for name in ("_adopt", "_verify", "_world")] + [str(HERE.parents[1] / "lab" / "nodes")]
+
+import fleets  # noqa: E402
+import hostile_answers  # noqa: E402
+import shown  # noqa: E402
+import worlds  # noqa: E402
+
+SEEDS = range(120)
+#: what is small and has the shape of an answer: other attacks end at the door (test_answer.py)
+SHAPED = ["texts", "numbers", "types", "less", "more"]
+HOSTILE, HONEST = "kobuki", "tibi-nav"
+PLAN = worlds.fig12()
+INFOS = {name: worlds.info_of(machine) for name, machine in planned(PLAN).machines.items() if name in PLAN.computers}
+SEEN = fleets.observed(fleets.fig12())
+WATCHED = {
+    "changed": False,
+    "watched": 3,
+    "seconds": 10.0,
+    "dropped": 0,
+    "lost": [{"kind": "heartbeat", "name": "tibi"}],
+    "events": [
+        {"kind": "link", "name": "eth0", "well": False, "expected": "up", "found": "down", "time": 1.0, "after": 2.0}
+    ],
+    "msg": "Lost.",
+}
+
+
+@pytest.fixture(autouse=True)
+def printed(monkeypatch):
+    lines = []
+    for module in (fleet_report, fleet_predict, fleet_watch, fleet_bundle):
+        monkeypatch.setattr(module.Display, "display", lambda self, text, **_more: lines.append(str(text)))
+    return lines
+
+
+def answered(drawn, true, module):
+    """What the controller keeps of an answer that was changed in any way."""
+    said = hostile_answers.answer(drawn, copy.deepcopy(true), "/mark", HONEST, drawn.choice(SHAPED))
+    try:
+        return answer.taken(said.decode("utf-8", "replace"), answer_of(module)).result
+    except answer.Strange as strange:
+        return {"failed": True, "msg": str(strange)}
+
+
+def acted(action, hostvars=None, **args):
+    """The result of an action on the controller."""
+    task = Task()
+    task.action, task.async_val, task.check_mode, task.diff = "rosfleet.multimaster.action", 0, False, False
+    task.args = args
+    connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
+    context = types.SimpleNamespace(password=None, become_pass=None)
+    variables = {
+        "hostvars": hostvars,
+        "ansible_play_hosts_all": list(hostvars or ()),
+        "inventory_dir": "/home/me/fleet",
+    }
+    return action.ActionModule(task, connection, context, None, None, None).run(task_vars=variables)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_look_at_a_machine(seed):
+    drawn = random.Random(f"look {seed}")
+    found = answered(drawn, INFOS[HOSTILE], "multimaster_info")
+    result = acted(fleet_check, plan=to_plain(PLAN.computers[HOSTILE]), machine=found, refuse=drawn.random() < 0.5)
+    json.dumps(result)
+    assert not result.get("failed") or HOSTILE in result["msg"]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_prediction(seed):
+    found = answered(random.Random(f"look {seed}"), INFOS[HOSTILE], "multimaster_info")
+    hostvars = {name: {"multimaster_info": found if name == HOSTILE else info} for name, info in INFOS.items()}
+    result = acted(fleet_predict, hostvars, fleet=to_plain(PLAN), machine="multimaster_info", table=True)
+    json.dumps(result)
+    assert not result.get("failed")
+
+
+class Hosts(dict):
+    """What Ansible hands out as hostvars, as far as adopt looks at it."""
+
+    _inventory = types.SimpleNamespace(
+        get_host=lambda name: types.SimpleNamespace(get_groups=lambda: [], vars={"ansible_host": name})
+    )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_adoption(seed, tmp_path):
+    infos = {
+        name: shown.machine(name, f"192.168.1.{number}/24", masters=[shown.roscore(name, f"192.168.1.{number}")])
+        for number, name in enumerate((HOSTILE, HONEST), 10)
+    }
+    infos[HOSTILE] = answered(random.Random(f"adopt {seed}"), infos[HOSTILE], "multimaster_info")
+    hostvars = Hosts({name: {"adopt_found": info} for name, info in infos.items()})
+    result = acted(fleet_adopt, hostvars, machines=list(infos), machine="adopt_found", path=str(tmp_path / "fleet"))
+    assert [path.name for path in tmp_path.iterdir()] == ["fleet"]
+    assert not result.get("failed")
+    assert HONEST in shown.read_folder(tmp_path / "fleet").robots.values().__str__()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_verification_and_its_report(seed, tmp_path):
+    drawn = random.Random(f"verify {seed}")
+    hostvars = {}
+    for name, seen in SEEN.items():
+        hostvars[name] = {
+            "verify_probe": {**to_plain(seen.probe), "multicast": to_plain(seen.multicast) if seen.multicast else {}},
+            "multimaster_info": copy.deepcopy(INFOS.get(name, {})),
+        }
+    mine = hostvars["car-nav"]
+    mine["verify_probe"] = answered(drawn, mine["verify_probe"], "multimaster_verify")
+    mine["multimaster_info"] = answered(drawn, mine["multimaster_info"], "multimaster_info")
+    given = {
+        "fleet": to_plain(fleets.fig12()),
+        "multicast": "verify_probe.multicast",
+        "probe": "verify_probe",
+        "machine": "multimaster_info",
+    }
+    page, cases = tmp_path / "report.html", tmp_path / "junit.xml"
+    result = acted(fleet_report, hostvars, **given, path=str(page), junit=str(cases))
+    json.dumps(result)
+    assert "passed" in result
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["junit.xml", "report.html", "report.page.html"]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_watch(seed):
+    drawn = random.Random(f"watch {seed}")
+    told = answered(drawn, WATCHED, "multimaster_watch")
+    hostvars = {HOSTILE: {"verify_watched": told}, HONEST: {"verify_watched": {**WATCHED, "lost": [], "events": []}}}
+    result = acted(fleet_watch, hostvars, watched="verify_watched", duration="10 s", known={})
+    json.dumps(result)
+    assert not result.get("failed")
