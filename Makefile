@@ -84,5 +84,5 @@ lock: ## write requirements-dev.txt, with the hashes of all packages, out of req
 copies: ## write the files that are copies of others, after these were edited
 	@python3 tools/copies.py
 
-shipped: setup ## write the list of the files that the built collection holds
+shipped: setup ## write the list of the files that the built collection holds, of those that git has
 	@$(PYTHON) tools/shipped.py

@@ -1,23 +1,68 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Builds the collection out of the files that git knows, and compares what is in it with the reviewed list.
+"""Writes which files the collection ships, by name, and builds it.
 
-python tools/shipped.py            writes tests/unit/shipped.txt: look at its difference before you commit it
+python tools/shipped.py            writes tests/unit/shipped.txt, and with it `manifest` in galaxy.yml
+
+The list is made of the files that git has and that are of a kind that is shipped: `git add` a new one first, and look at the
+difference of the list before you commit it. What else lies in the folder is not shipped, whatever its name: nothing in
+galaxy.yml stands for several files.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tarfile
-import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / "tests" / "unit" / "shipped.txt"
+GALAXY = ROOT / "galaxy.yml"
+DIRECTIVES = "  directives:\n"  # the last key of galaxy.yml
+# What is shipped, of the files that git has: `*` is any text without a slash, `**/` any folders.
+KINDS = """
+README.md CONTRIBUTING.md REUSE.toml
+meta/runtime.yml
+changelogs/changelog.yaml changelogs/config.yaml
+docs/*.md docs/images/*.png docs/grafana/*.json
+LICENSES/*.txt
+playbooks/*.yml playbooks/tasks/*.yml
+inventory/single_computer/**/*.yml inventory/multi_computer/**/*.yml
+plugins/**/*.py plugins/**/*.yml plugins/**/*.j2
+roles/**/*.yml roles/*/README.md
+roles/nodes/files/**/*.py roles/nodes/files/**/*.conf roles/nodes/files/**/*.msg roles/nodes/files/**/*.srv
+roles/nodes/files/**/package.xml
+""".split()
+
+
+def _pattern(kind: str) -> str:
+    words = {"**/": r"(?:[^/.][^/]*/)*", "*": r"[^/.][^/]*"}
+    return "".join(words.get(word) or re.escape(word) for word in re.split(r"(\*\*/|\*)", kind))
+
+
+_KINDS = re.compile("|".join(map(_pattern, KINDS)))
+
+
+def ours() -> list[str]:
+    """The files that git has and that are of a kind that is shipped."""
+    command = ["git", "ls-files", "-z", "--cached"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout.decode()
+    there = {name for name in listed.split("\0") if name and os.path.lexists(ROOT / name)}
+    return sorted(name for name in there if _KINDS.fullmatch(name))
+
+
+def galaxy(names: list[str]) -> str:
+    """The text of galaxy.yml with these files."""
+    strange = [name for name in names if not re.fullmatch(r"[\w./-]+", name)]
+    if strange:
+        raise SystemExit(f"{strange[0]!r} has letters that galaxy.yml reads otherwise: give it another name.")
+    head, _key, _old = GALAXY.read_text().partition(DIRECTIVES)
+    return head + DIRECTIVES + "".join(f"    - include {name}\n" for name in names)
 
 
 def clean_tree(folder: Path) -> None:
@@ -55,12 +100,10 @@ def content(archive: Path) -> list[str]:
 
 
 def main() -> None:
-    """Write the list."""
-    with tempfile.TemporaryDirectory() as folder:
-        tree, target = Path(folder, "tree"), Path(folder, "target")
-        tree.mkdir()
-        clean_tree(tree)
-        LIST.write_text("".join(f"{name}\n" for name in content(build(tree, target))))
+    """Write the list, and galaxy.yml."""
+    names = ours()
+    LIST.write_text("".join(f"{name}\n" for name in names))
+    GALAXY.write_text(galaxy(names))
 
 
 if __name__ == "__main__":

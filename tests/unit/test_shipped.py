@@ -5,8 +5,10 @@
 
 import json
 import os
+import random
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -27,16 +29,39 @@ plugins/.vault_pass plugins/modules/.x.py plugins/modules/__pycache__/x.cpython-
 plugins/modules/x.py.orig roles/hosts/files/key.pem roles/nodes/files/python/__pycache__/x.pyc docs/notes.txt docs/.x.md
 docs/drafts/x.md playbooks/host_vars/x.yml playbooks/.x.yml changelogs/.plugin-cache.yaml meta/x.yml extensions/x.yml
 plugins/.venv/x.py roles/hosts/.mine/x.yml inventory/single_computer/.mine/x.yml
+inventory/single_computer/vault.yml inventory/single_computer/group_vars/all.yml playbooks/secret.yml docs/x.md
 """.split()
+# Names as secrets have them, and names as files of ours have them.
+STRAYS = """
+vault.yml all.yml secrets.yml secret.txt hosts.yml inventory.yml x.yml x.yaml vars.json x.md notes.md README.old.md x.py passwords.py
+x.j2 x.conf x.msg x.srv package.xml id_rsa id_ed25519 key.pem robot.key x.crt .env .netrc .vault_pass .x.yml .x.py wpa_supplicant.conf
+x.png x.txt token bundle.zip fleet.tar.gz main.yml main.yml.bak runtime.yml galaxy.yml MANIFEST.in setup.cfg
+""".split()
+
+
+def strays(seed):
+    """Any folder of the tree, and new ones in it, with names of STRAYS: those that are not files of ours."""
+    drawn = random.Random(seed)
+    own = shipped.LIST.read_text().split()
+    folders = sorted({str(folder) for name in own for folder in Path(name).parents} - {"."})
+    found = set()
+    for folder in folders:
+        for name in drawn.sample(STRAYS, 6):
+            inner = drawn.choice(("", "", "mine/", "group_vars/all/", "host_vars/", "files/"))
+            found.add(f"{folder}/{inner}{name}")
+    return sorted(found - set(own))
+
+
+SECRET = "hunter2-of-the-builder"
 
 
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
     tree = tmp_path_factory.mktemp("tree")
     shipped.clean_tree(tree)
-    for name in DECOYS:
+    for name in (*DECOYS, *strays(seed=1)):
         (tree / name).parent.mkdir(parents=True, exist_ok=True)
-        (tree / name).write_text("secret\n")
+        (tree / name).write_text(f"{SECRET}\n")
     return shipped.build(tree, tmp_path_factory.mktemp("target"))
 
 
@@ -64,17 +89,40 @@ def installed(archive, tmp_path_factory):
 
 def test_the_files_are_those_of_the_reviewed_list(archive):
     own = [name for name in shipped.content(archive) if name not in ("MANIFEST.json", "FILES.json")]
-    listed = [name for name in shipped.LIST.read_text().splitlines() if name not in ("MANIFEST.json", "FILES.json")]
+    listed = shipped.LIST.read_text().splitlines()
     more, less = sorted(set(own) - set(listed)), sorted(set(listed) - set(own))
     assert not more and not less, (
         f"more: {more}, less: {less}; if that is meant: make shipped, and review the difference"
     )
 
 
+def test_a_file_of_ours_that_the_list_has_not_is_told():
+    """And one that is there no more. What git does not have is not ours."""
+    listed, ours = shipped.LIST.read_text().splitlines(), shipped.ours()
+    more, less = sorted(set(ours) - set(listed)), sorted(set(listed) - set(ours))
+    assert not more and not less, f"not listed: {more}, gone: {less}; make shipped, and review the difference"
+    assert shipped.GALAXY.read_text() == shipped.galaxy(listed), "galaxy.yml has another list: make shipped"
+
+
 def test_no_test_no_tool_no_secret_and_no_link_is_in_it(archive):
     own = shipped.content(archive)
     assert not [name for name in own if name in DECOYS or name.endswith("(no file)")]
     assert not [name for name in own if name.split("/")[0] in ("tests", "tools", "extensions", ".ci", ".work")]
+
+
+def test_what_lies_in_any_folder_is_not_in_it(archive):
+    """Files with any name that lay there when it was built: neither their names nor what was in them."""
+    lay = strays(seed=1)
+    assert len(lay) > 500 and not set(lay) & set(shipped.content(archive))
+    with tarfile.open(archive) as opened:
+        texts = [opened.extractfile(member).read() for member in opened if member.isfile()]
+    assert not [text for text in texts if SECRET.encode() in text]
+
+
+@pytest.mark.parametrize("name", ["x[1].yml", "a b.yml", "x*.py", "x\ny.py", "#x.yml"])
+def test_a_name_that_would_stand_for_several_files_is_refused(name):
+    with pytest.raises(SystemExit, match="give it another name"):
+        shipped.galaxy(["README.md", f"plugins/{name}"])
 
 
 def test_every_python_file_of_the_trees_that_run_is_in_it(archive):
