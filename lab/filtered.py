@@ -61,6 +61,14 @@ while True:
     except OSError as problem:
         print(problem, flush=True)
 """
+# A port, and groups, at which a robot waits for forged packets.
+HEARS, GROUP, GROUP6 = 5000, "226.0.0.0", "ff02::77"
+# What makes a kernel take own addresses and those of the loopback interface from a wire, and any sender by any way.
+CARELESS = " ".join(
+    f"net.ipv4.conf.{name}.{setting}"
+    for name in ("all", "eth0")
+    for setting in ("accept_local=1", "route_localnet=1", "rp_filter=0")
+)
 FILES = (
     "/etc/rosfleet-multimaster/firewall.nft /etc/systemd/system/multimaster-firewall.service "
     "/etc/firewalld/policies/rosfleet-*.xml /var/lib/rosfleet-multimaster/files-firewall.json"
@@ -118,6 +126,52 @@ class Filtered(Lab):
         """A stranger finds no port and no answer."""
         addresses = self.addresses.values()
         assert self.look(STRANGER, *addresses, **ports) == {address: {"tcp": [], "udp": []} for address in addresses}
+
+    def forges(self, host, *packets, protocol="udp"):
+        """The stranger sends a robot packets with any source: pairs of source and destination. Returns what the robot hears."""
+        mac = self.run(host, "cat /sys/class/net/eth0/address").strip()
+        self.start(host, "hearer", f"python3 {{script}} eth0 {HEARS} {GROUP} {GROUP6}", "hearer.py")
+        try:
+            self.run(host, "until grep -q listens /run/hearer.out; do sleep 0.1; done")
+            for name in ("forger.py", "self_talker.py"):
+                to = STRANGER if name == "forger.py" else host
+                self.run(to, f"cat >/run/{name}", stdin=(ROOT / "lab/nodes" / name).read_text())
+            words = json.dumps([[protocol, *packet] for packet in packets])
+            self.run(STRANGER, f"python3 /run/forger.py eth0 {mac} {HEARS}", stdin=words)
+            own = [place for place in self.own_places(host) if place != "::1"]
+            self.run(host, f"python3 /run/self_talker.py eth0 {HEARS} {' '.join(own)}; sleep 0.5")
+            return self.run(host, "cat /run/hearer.out").splitlines()[1:]
+        finally:
+            self.stop(host, "hearer")
+
+    def own_places(self, host):
+        """The addresses of a robot, and the groups at which it waits."""
+        local = self.run(host, "ip -6 -o address show dev eth0 scope link").split()[3].partition("/")[0]
+        return [self.addresses[host], "127.0.0.1", GROUP, local, "::1", GROUP6]
+
+    def takes_nothing_in_its_own_name(self):
+        """No robot takes a packet from a wire that has the robot's own address, or one of the loopback interface, as its source."""
+        for host, address in self.addresses.items():
+            member = next(other for other in self.addresses.values() if other != address)
+            four, six = (self.own_places(host)[start : start + 3] for start in (0, 3))
+            own = [(source, place) for places in (four, six) for source in places[:2] for place in places]
+            packets = [
+                *own,
+                ("127.9.9.9", address),
+                ("192.168.20.99", address),
+                ("fe80::99", six[0]),
+                (member, address),
+            ]
+            self.run(host, f"sysctl -qw {CARELESS if self.checks_ipv4(host) else ''} net.ipv4.conf.all.rp_filter=0")
+            heard = self.forges(host, *packets)
+            assert [line for line in heard if not line.startswith("itself")] == [f"{member} > {address}"], (host, heard)
+            assert {f"itself > {place}" for place in (address, "127.0.0.1", six[0])} <= set(heard), (host, heard)
+            if self.checks_ipv4(host):
+                assert {f"itself > {place}" for place in (GROUP, GROUP6)} <= set(heard), (host, heard)
+
+    def checks_ipv4(self, host):
+        """True where the packet filter knows an own address from a member's; ufw and firewalld leave that to the kernel."""
+        return self.filters[host] is FILTERS["nftables"]
 
     def lets_members_in(self):
         """Each robot reaches the roscore and discovery of the others, and what answers everybody."""

@@ -77,6 +77,10 @@ def test_a_stranger_finds_nothing(fleet):
     fleet.leaves_ssh_and_pings()
 
 
+def test_forged_packets_in_the_name_of_a_robot_itself_reach_no_port(fleet):
+    fleet.takes_nothing_in_its_own_name()
+
+
 def test_the_fleet_is_green(fleet):
     status, output = fleet.play("playbooks/verify.yml")
     assert status == 0, output

@@ -32,6 +32,30 @@ def test_a_stranger_finds_nothing_and_a_member_everything(fleet):
     fleet.leaves_ssh_and_pings()
 
 
+def test_forged_packets_in_the_name_of_the_robot_itself_reach_a_port_without_the_filter_alone(fleet):
+    """Without it they do, or the test could not fail."""
+    fleet.takes_nothing_in_its_own_name()
+    fleet.run("ana-pc", "nft delete table inet rosfleet_multimaster")
+    address, *_others, local, _loopback, group = fleet.own_places("ana-pc")
+    heard = fleet.forges("ana-pc", (address, address), ("127.0.0.1", address), (local, local), (local, group))
+    forged = [line for line in heard if not line.startswith("itself")]
+    assert forged == [f"{address} > {address}", f"127.0.0.1 > {address}", f"{local} > {local}", f"{local} > {group}"]
+    fleet.run("ana-pc", "systemctl reload multimaster-firewall")
+    fleet.takes_nothing_in_its_own_name()
+
+
+def test_rules_of_an_earlier_version_are_replaced_by_the_next_run(fleet):
+    """Those without the chain against forged packets, as they were; verify tells until then, on that computer alone."""
+    file = "/etc/rosfleet-multimaster/firewall.nft"
+    fleet.run("bob-pc", f"sed -i '/chain prerouting/,/}}/d' {file} && nft -f {file}")
+    status, output = fleet.play("playbooks/verify.yml")
+    assert status != 0 and "Findings: 1. the packet filter of bob-pc is not as planned" in output, output
+    assert "FAILED: 1 of " in output and "ana-pc is not as planned" not in output, output
+    assert fleet.play_filter() == {"ana-pc": 0, "bob-pc": 1}
+    assert fleet.play_filter() == {"ana-pc": 0, "bob-pc": 0}
+    fleet.takes_nothing_in_its_own_name()
+
+
 def test_verify_names_what_the_next_boot_would_miss_and_nothing_else(fleet):
     fleet.run("ana-pc", "systemctl disable multimaster-firewall")
     status, output = fleet.play("playbooks/verify.yml")

@@ -20,6 +20,7 @@ _SERVERS = ("sshd", "sshd-session", "dropbear")  # processes that serve ssh
 _SOCKETS = ("ssh.socket", "sshd.socket")  # units of systemd that listen for one
 _ESTABLISHED, _LISTEN = "01", "0A"  # include/net/tcp_states.h
 _SOCKET = re.compile(r"socket:\[([0-9]+)\]")
+_NUMBER = re.compile(r"[0-9]{1,5}\Z")
 _ANCESTORS = 64  # at most
 
 
@@ -68,11 +69,14 @@ class Access(typing.NamedTuple):
 def look(proc: str = "/proc") -> Access:
     """Look at this computer."""
     rows = [row for table in ("tcp", "tcp6") for row in _rows(text(f"{proc}/net/{table}", 1 << 24))]
-    listening = {int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == _LISTEN}
+    listeners = [(int(row[1].rpartition(":")[2], 16), row[7]) for row in rows if row[3] == _LISTEN]
+    listening = {port for port, _user in listeners}
+    of_root = listening - {port for port, user in listeners if user != "0"}
     connections = [_connection(row) for row in rows if row[3] == _ESTABLISHED]
     ways = _ways([found for found in connections if found.port in listening], proc)
     ssh = _listeners({port for port in listening if port >= FIRST}, proc)
-    ssh |= {way.connection.port for way in ways if way.is_ssh} | _told() | _by_systemd()
+    ssh |= {way.connection.port for way in ways if way.is_ssh} | _by_systemd()
+    ssh |= _told([found for found in connections if found.port in of_root])
     return Access(sorted(port for port in ssh if port >= FIRST), ways)
 
 
@@ -135,12 +139,20 @@ def _name(pid: int, proc: str) -> str:
     return text(f"{proc}/{pid}/comm").strip()
 
 
-def _told() -> typing.Set[int]:
-    """The port that the ssh server names in the environment, where nothing has removed it."""
+def _told(connections: typing.Iterable[Connection]) -> typing.Set[int]:
+    """The port that the ssh server names in the environment, if one of these connections is the named one.
+
+    Anybody may write a variable, and an ssh server behind a pipe, as of a ProxyCommand, writes "UNKNOWN 65535 UNKNOWN 65535".
+    """
     words = os.environ.get("SSH_CONNECTION", "").split()
-    # Where sshd serves a pipe, as behind a ProxyCommand, it says "UNKNOWN 65535 UNKNOWN 65535".
-    named = len(words) == 4 and words[2] != "UNKNOWN" and words[3].isdigit()
-    return {int(words[3])} if named else set()
+    if len(words) != 4 or not all(map(_NUMBER.match, words[1::2])):
+        return set()
+    try:
+        peer, _here = (ipaddress.ip_address(word.partition("%")[0]) for word in words[::2])
+    except ValueError:
+        return set()
+    port = int(words[3])
+    return {found.port for found in connections if found.port == port and ipaddress.ip_address(found.peer) == peer}
 
 
 def _by_systemd() -> typing.Set[int]:

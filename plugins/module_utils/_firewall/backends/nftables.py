@@ -5,6 +5,10 @@
 
 Of TCP, only packets that begin a connection are dropped. So no connection that is there already is touched, also where the
 kernel has not followed it from its beginning, or sees one direction of it only.
+
+A packet with an address of the computer itself as its source is dropped where it comes from a wire: the kernel checks that of IPv4
+alone, and not everywhere (accept_local). What the computer sends to itself has no wire: the loopback interface, and the copies
+of its own multicast, for which the kernel's `fib` names an interface in the hook prerouting alone.
 """
 
 import os
@@ -150,7 +154,8 @@ def text(wanted: Wanted) -> str:
         ports = ", ".join(str(port) for port in wanted.open(protocol))
         known += f"\t\t{protocol} dport {{ {ports} }} accept\n" if ports else ""
     known += "\t\tct state established,related accept\n"
-    chains = _chain("input", '\t\tiifname "lo" accept\n\t\tfib saddr type local accept\n' + known + _drops(""))
+    chains = _chain("prerouting", _forged())
+    chains += _chain("input", '\t\tiifname "lo" accept\n\t\tfib saddr type local accept\n' + known + _drops(""))
     if wanted.networks:
         chains += _chain("forward", known + _drops(f"ip daddr {{ {', '.join(wanted.networks)} }} "))
     return f"table inet {TABLE} {{\n{sets}{chains}}}\n"
@@ -158,6 +163,12 @@ def text(wanted: Wanted) -> str:
 
 def _chain(hook: str, rules: str) -> str:
     return f"\tchain {hook} {{\n\t\ttype filter hook {hook} priority 0; policy accept;\n{rules}\t}}\n"
+
+
+def _forged() -> str:
+    """The rules against packets that come from outside with an address of this computer, to itself or to be passed on."""
+    own = "fib saddr type local fib saddr . iif oif missing"
+    return "".join(f"\t\t{own} {protocol} dport {FIRST}-{LAST} drop\n" for protocol in ("tcp", "udp"))
 
 
 def _drops(destination: str) -> str:

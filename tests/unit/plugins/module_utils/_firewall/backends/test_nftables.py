@@ -1,25 +1,47 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""nftables: the sentences for computers that cannot have the table. ../test_run.py has a real kernel."""
+"""nftables: the table against real packets with any source, and the sentences for computers that cannot have it.
 
+Three network namespaces: a stranger, a gateway and what is behind it. ../test_run.py has runs of the module.
+"""
+
+import contextlib
+import json
 import os
+import random
 import shutil
 import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, nftables
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Port, Wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
-WANTED = Wanted(("10.5.0.1",), (), ())
+NODES = Path(__file__).parents[6] / "lab" / "nodes"
+TOOLS = ("nft", "unshare", "nsenter", "ip", "sysctl")
+PORT, GROUP, GROUP6 = 5000, "226.0.0.0", "ff02::77"
+CARELESS = [
+    f"net.ipv4.conf.{name}.{setting}"
+    for name in ("all", "out", "in")
+    for setting in ("accept_local=1", "route_localnet=1", "rp_filter=0")
+]
+STRANGER, VICTIM, INNER, MEMBER = "10.9.0.1", "10.9.0.2", "10.8.0.9", "10.9.0.77"
+GLOBAL = {"stranger": "fd00:9::1", "victim": "fd00:9::2", "inner": "fd00:8::9"}
+WANTED = Wanted((VICTIM, MEMBER, "10.8.0.1", INNER), ("10.8.0.0/24",), ())
+
+
+SMALL = Wanted(("10.5.0.1",), (), ())
 
 
 def test_a_computer_without_nft(monkeypatch):
     monkeypatch.setattr(contract, "program", lambda _name: "")
     with pytest.raises(Problem, match=r"^There is no nft, expected it .* install it \(apt-get install nftables\)"):
-        nftables.BackEnd(False).rules(WANTED)
+        nftables.BackEnd(False).rules(SMALL)
 
 
 def test_a_kernel_without_nftables(monkeypatch):
@@ -27,7 +49,7 @@ def test_a_kernel_without_nftables(monkeypatch):
     monkeypatch.setattr(contract, "program", lambda name: "/usr/sbin/" + name)
     monkeypatch.setattr(contract, "ask", lambda _argv: Answer(1, b"", said))
     with pytest.raises(Problem, match="^This computer does not take the packet filter") as found:
-        nftables.BackEnd(False).rules(WANTED)
+        nftables.BackEnd(False).rules(SMALL)
     assert "nft says: Error: Could not process rule: Operation not supported" in str(found.value)
     assert "set multimaster_firewall to none" in str(found.value) and len(str(found.value)) < 500
 
@@ -43,8 +65,200 @@ def test_a_container_that_may_make_no_network_namespace(monkeypatch):
     with pytest.raises(
         Problem, match="could not be tried in a network namespace of their own .unshare: unshare failed"
     ):
-        nftables.BackEnd(False).rules(WANTED)
+        nftables.BackEnd(False).rules(SMALL)
 
 
 def may_drop(restricted):
     return subprocess.run([*restricted, "true"], check=False, capture_output=True).returncode == 0
+
+
+# Packets with any source
+
+
+def why_not():
+    if os.geteuid() != 0:
+        return "needs root, to make network namespaces"
+    absent = [tool for tool in TOOLS if not shutil.which(tool)]
+    if absent:
+        return f"needs {', '.join(absent)}"
+    tried = subprocess.run(["unshare", "--net", "nft", "list", "ruleset"], check=False, capture_output=True)
+    return "needs network namespaces and nftables" if tried.returncode else ""
+
+
+class Space:
+    """A network namespace, which ends with the process that holds it."""
+
+    def __init__(self):
+        self.holder = subprocess.Popen(["unshare", "--net", "sleep", "300"])
+        while os.readlink(f"/proc/{self.holder.pid}/ns/net") == os.readlink("/proc/self/ns/net"):
+            time.sleep(0.01)
+        self("ip link set lo up")
+
+    def words(self, *words):
+        return ["nsenter", f"--net=/proc/{self.holder.pid}/ns/net", *words]
+
+    def __call__(self, command, stdin=None):
+        done = subprocess.run(self.words(*command.split()), input=stdin, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+        return done.stdout
+
+    def local(self, device):
+        """The link-local address of an interface."""
+        found = json.loads(self(f"ip -6 -j address show dev {device} scope link"))
+        return next(info["local"] for entry in found for info in entry.get("addr_info", ()) if "local" in info)
+
+    def cable(self, device, other, other_device):
+        self(f"ip link add {device} type veth peer name {other_device} netns {other.holder.pid}")
+        for space, name in ((self, device), (other, other_device)):
+            space(f"ip link set {name} up")
+
+    def refused(self):
+        """How many beginnings of connections from nowhere TCP has answered here with a reset."""
+        lines = [line.split() for line in self("cat /proc/net/snmp").splitlines() if line.startswith("Tcp:")]
+        return int(dict(zip(*lines, strict=True))["OutRsts"])
+
+    @contextlib.contextmanager
+    def hearing(self, device):
+        """Yield what is heard; it is whole at the end."""
+        heard = []
+        command = self.words(sys.executable, str(NODES / "hearer.py"), device, str(PORT), GROUP, GROUP6)
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            try:
+                assert process.stdout.readline() == "listens\n"
+                yield heard
+                time.sleep(0.3)
+            finally:
+                process.terminate()
+            heard += process.stdout.read().splitlines()
+
+
+@pytest.fixture(scope="module")
+def wires():
+    """The stranger, the gateway that is to be the victim, and a computer behind it.
+
+    The victim's kernel is as careless as it can be set: it takes own addresses, loopback addresses and senders by a wrong
+    way from a wire.
+    """
+    if why_not():
+        pytest.skip(why_not())
+    stranger, victim, inner = spaces = [Space() for _number in range(3)]
+    try:
+        stranger.cable("out", victim, "out")
+        victim.cable("in", inner, "in")
+        stranger(f"ip address add {STRANGER}/24 dev out")
+        stranger(f"ip address add {GLOBAL['stranger']}/64 dev out nodad")
+        victim(f"ip address add {VICTIM}/24 dev out")
+        victim(f"ip address add {GLOBAL['victim']}/64 dev out nodad")
+        victim("ip address add 10.8.0.1/24 dev in")
+        inner(f"ip address add {INNER}/24 dev in")
+        inner("ip route add default via 10.8.0.1")
+        victim(f"sysctl -qw net.ipv4.ip_forward=1 {' '.join(CARELESS)}")
+        inner("sysctl -qw net.ipv4.conf.all.rp_filter=0 net.ipv4.conf.in.rp_filter=0")
+        end = time.monotonic() + 10
+        while "tentative" in victim("ip -6 address show") and time.monotonic() < end:
+            time.sleep(0.1)
+        yield spaces
+    finally:
+        for space in spaces:
+            space.holder.kill()
+            space.holder.wait()
+
+
+@contextlib.contextmanager
+def filtered(victim, wanted=WANTED):
+    victim("nft -f -", nftables.text(wanted))
+    try:
+        yield
+    finally:
+        victim(f"nft delete table inet {nftables.TABLE}")
+
+
+def send(wires, *packets):
+    stranger, victim, _inner = wires
+    mac = json.loads(victim("ip -j link show dev out"))[0]["address"]
+    stranger(f"{sys.executable} {NODES / 'forger.py'} out {mac} {PORT}", json.dumps(packets))
+
+
+def own_addresses(wires):
+    """The sources that are the victim's own, by their version: those of each interface, and loopback."""
+    victim = wires[1]
+    return {
+        4: [VICTIM, "10.8.0.1", "127.0.0.1", "127.1.2.3"],
+        6: [victim.local("out"), victim.local("in"), GLOBAL["victim"], "::1"],
+    }
+
+
+def packets(wires, sources, protocol="udp"):
+    """From each source to each kind of place at the victim."""
+    places = {4: [VICTIM, "10.8.0.1", "127.0.0.1", GROUP], 6: [wires[1].local("out"), GLOBAL["victim"], GROUP6]}
+    return [(protocol, source, place) for version in (4, 6) for source in sources[version] for place in places[version]]
+
+
+def test_without_the_filter_they_reach_a_port(wires):
+    """Or the other tests could not fail."""
+    with wires[1].hearing("out") as heard:
+        send(wires, *packets(wires, own_addresses(wires)))
+    found = {line.split(" > ")[0] for line in heard}
+    assert {VICTIM, "10.8.0.1", "127.0.0.1", wires[1].local("out"), GLOBAL["victim"]} <= found
+
+
+def test_an_address_of_the_computer_itself_does_not_come_in_from_a_wire(wires):
+    with filtered(wires[1]), wires[1].hearing("out") as heard:
+        send(wires, *packets(wires, own_addresses(wires)), ("udp", MEMBER, VICTIM), ("udp", STRANGER, VICTIM))
+    assert heard == [f"{MEMBER} > {VICTIM}"]
+
+
+def test_nor_does_the_beginning_of_a_connection(wires):
+    """What begins in the computer's own name is answered to itself, which knows of nothing."""
+    victim, packet = wires[1], ("tcp", GLOBAL["victim"], GLOBAL["victim"])
+    with victim.hearing("out"):
+        before = victim.refused()
+        send(wires, packet)
+        time.sleep(0.3)
+        assert victim.refused() == before + 1
+    with filtered(victim), victim.hearing("out"):
+        before = victim.refused()
+        send(wires, packet, *packets(wires, own_addresses(wires), "tcp"))
+        time.sleep(0.3)
+        assert victim.refused() == before
+
+
+def test_what_the_computer_sends_to_itself_arrives(wires):
+    victim = wires[1]
+    places = [VICTIM, "10.8.0.1", "127.0.0.1", GROUP, victim.local("out"), GLOBAL["victim"], "::1", GROUP6]
+    with filtered(victim), victim.hearing("out") as heard:
+        victim(f"{sys.executable} {NODES / 'self_talker.py'} out {PORT} {' '.join(places)}")
+    assert sorted(heard) == sorted(f"itself > {place}" for place in places)
+
+
+def test_a_gateway_passes_nothing_on_in_its_own_name_that_comes_from_a_wire(wires):
+    inner, forged = wires[2], [("udp", source, INNER) for source in (VICTIM, "10.8.0.1", "127.0.0.1")]
+    member = ("udp", MEMBER, INNER)
+    with inner.hearing("in") as heard:
+        send(wires, member, *forged)
+    assert f"{MEMBER} > {INNER}" in heard and f"{VICTIM} > {INNER}" in heard
+    with filtered(wires[1]), inner.hearing("in") as heard:
+        send(wires, member, *forged, ("udp", STRANGER, INNER))
+    assert heard == [f"{MEMBER} > {INNER}"]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_any_source_comes_in_only_where_the_rules_let_it(wires, seed):
+    """Sources of all kinds, drawn by a generator: members pass, nothing else does."""
+    drawn = random.Random(seed)
+    network = f"10.{drawn.randrange(20, 200)}.{drawn.randrange(256)}"
+    members, prefix = [f"{network}.0/25", MEMBER], f"fd{drawn.randrange(256):02x}:{drawn.randrange(1, 65535):x}:"
+    wanted = Wanted((*members, f"{prefix}:/64"), (), (Port("tcp", 8080),), (2222,))
+    sources = {4: [MEMBER, f"{network}.{drawn.randrange(128)}"], 6: [f"{prefix}:{drawn.randrange(1, 65535):x}"]}
+    let_in = {*sources[4], *sources[6]}
+    for _turn in range(40):
+        sources[4].append(f"{drawn.randrange(1, 224)}." + ".".join(str(drawn.randrange(255)) for _part in range(3)))
+        sources[6].append(
+            f"{drawn.choice(('fe80::', '2001:db8::', '::ffff:a09:', 'fd12::'))}{drawn.randrange(1, 65535):x}"
+        )
+    sources[4] += [f"{network}.{drawn.randrange(128, 255)}", *own_addresses(wires)[4]]
+    sources[6] += own_addresses(wires)[6]
+    with filtered(wires[1], wanted), wires[1].hearing("out") as heard:
+        send(wires, *packets(wires, sources))
+    found = {line.split(" > ")[0] for line in heard}
+    assert found == let_in
