@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml
 from ansible.errors import AnsibleError
 from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.plugins.action import ActionBase
@@ -20,11 +22,14 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle impor
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import packed
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import Bundle
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import BY_NAME, RESERVED
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import page
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import registered
 
+ROLES = Path(__file__).parents[2] / "roles"
+WORD = re.compile(r"[\w.-]+")
 NAME = "rosfleet-bundle-%Y-%m-%dT%H%M%S.zip"
 ENCRYPTED = ("EncryptedString", "AnsibleVaultEncryptedUnicode")  # of ansible-core 2.19, and before
 SHIFTED = (
@@ -78,10 +83,30 @@ class ActionModule(ActionBase):
         context = self._play_context
         known = {str(getattr(context, name, "") or "") for name in ("password", "become_pass")}
         known |= secrets.values(dict(os.environ))
+        foreign: set[str] = set()
+        registered_as = {text.partition(".")[0] for text in self._task.args.values() if isinstance(text, str)}
+        listed = {*BY_NAME, *RESERVED, *role_options(), *registered_as}
         for host in [*hostvars]:
             variables = raw(hostvars, host)
             known |= secrets.values(variables) | set(encrypted(variables)) | set(rendered(hostvars, host, variables))
-        return bundle.without(secrets.Secrets(known, names(bundle)))
+            foreign |= secrets.foreign(variables, listed)
+        return bundle.without(secrets.Secrets(known, names(bundle), foreign - words(bundle)))
+
+
+def role_options() -> set[str]:
+    """Return the names of the options that the collection's roles have: with those of the fleet, all that is the collection's."""
+    specs = [yaml.safe_load(path.read_text()) for path in ROLES.glob("*/meta/argument_specs.yml")]
+    return {name for spec in specs for entry in spec["argument_specs"].values() for name in entry.get("options") or {}}
+
+
+def words(bundle: Bundle) -> set[str]:
+    """Return the words that a bundle has anyway: those of the plan and of versions, and the names of interfaces."""
+    plan = {text for text in secrets.texts(to_plain(bundle.fleet)) if " " not in text}
+    seen = [entry.probe.forwarding.interfaces for entry in bundle.observations.values() if entry.probe]
+    versions = {
+        word for machine in bundle.machines.values() for text in machine.values() for word in WORD.findall(text)
+    }
+    return plan | versions | {interface.interface for entry in seen for interface in entry}
 
 
 READ_IT = "Passwords and keys were taken out where they could be recognised; read it before you give it away."
@@ -155,8 +180,8 @@ def encrypted(value: Any) -> Iterator[str]:
 def rendered(hostvars: Any, host: str, variables: Mapping[str, Any]) -> Iterator[str]:
     """Yield the secrets of a host that a template makes, such as a look-up in a keyring."""
     for name, value in variables.items():
-        if isinstance(value, str) and "{" in value and secrets.named(name):
+        if any("{" in text for text in secrets.values({name: value})):
             try:
-                yield str(hostvars[host][name])
+                yield from secrets.values({name: hostvars[host][name]})
             except (AnsibleError, KeyError):
                 continue

@@ -9,18 +9,19 @@ import stat
 import zipfile
 
 SECRET = "Hunter2forTheTest"
+DOOR = "abracadabra"  # the value of a variable with a name that says nothing
 
 
 def plant(lab, host):
-    """Let root write a password into the log of a service."""
-    lines = f"MESSAGE=login of {host} at 192.168.1.229 with password={SECRET}\\nOBJECT_SYSTEMD_UNIT=multimaster-sync.service\\n"
+    """Let root write a password, and the value of a variable, into the log of a service."""
+    lines = f"MESSAGE=login of {host} at 192.168.1.229 opened with {DOOR} and password={SECRET}\\nOBJECT_SYSTEMD_UNIT=multimaster-sync.service\\n"
     lab.run(host, f"printf '{lines}' | logger --journald && journalctl --sync")
     assert SECRET in lab.run(host, "journalctl --unit multimaster-sync.service")
 
 
 def bundled(lab, path, **more):
     status, output = lab.play(
-        "playbooks/verify.yml", variables={"verify_bundle": str(path), "verify_report": "", **more}
+        "playbooks/verify.yml", variables={"verify_bundle": str(path), "verify_report": "", "lock": {"of": [DOOR]}, **more}
     )
     assert status == 0 and f"Bundle: {path}" in output and SECRET not in output, output
     assert stat.S_IMODE(path.stat().st_mode) == 0o600 and path.stat().st_size < 200_000
@@ -40,7 +41,8 @@ def test_a_bundle_with_names(lab, tmp_path):
     files = bundled(lab, tmp_path / "help.zip")
     log = files["logs/kobuki1computer.txt"]
     assert "== discovery" in log and "== roscore" in log and "password=(removed)" in log
-    assert SECRET not in "".join(files.values())
+    assert "opened with (removed) and password=(removed)" in log
+    assert SECRET not in "".join(files.values()) and DOOR not in "".join(files.values())
     about = json.loads(files["about.json"])["computers"]["kobuki1computer"]
     assert (
         about["kernel"] and about["python"].startswith("3.") and about["system"].startswith("Debian") and about["ros"]
@@ -54,7 +56,7 @@ def test_a_bundle_without_names(lab, tmp_path):
     plant(lab, "kobuki1computer")
     files = bundled(lab, tmp_path / "help.zip", verify_bundle_anonymous=True)
     everything = "".join(files.values())
-    left = [word for word in (SECRET, "kobuki", "192.168.") if word in everything]
+    left = [word for word in (SECRET, DOOR, "kobuki", "192.168.") if word in everything]
     assert not left, [line for line in everything.splitlines() if left[0] in line][:5]
     assert "login of robot1-computer1 at 10." in files["logs/robot1-computer1.txt"]
     assert judged(lab, tmp_path / "help.zip", tmp_path / "found.json")["verdict"] == "ok"

@@ -37,8 +37,8 @@ plan.json           what the fleet is to be
 observations.json   what each computer has seen of the others
 logs/               the last lines of what the services of the collection said, for each computer
 
-Passwords, keys and tokens were taken out where they could be recognised: by their names, their form, or because the inventory has
-them. {names}Topics and services of the robots are listed by name. Read it before you give it to others.
+Passwords, keys and tokens were taken out where they could be recognised: by their names, their form, or because a variable of the
+inventory has them. {names}Topics and services of the robots are listed by name. Read it before you give it to others.
 
 The same findings, without a robot: ansible-playbook rosfleet.multimaster.report -e bundle=FILE
 """

@@ -3,15 +3,19 @@
 
 """Secrets, taken out of what goes into a bundle. Pure: data in, the same data without them out.
 
-Three ways to know one: by the name beside it (`password: ...`), by its form (`AKIA...`, a private key), and by its value, where
-the inventory or the environment has it under such a name. Rather one text too many is taken out than one too few.
+Three ways to know one: by the name beside it (`password: ...`), by its form (`AKIA...`, a private key, a random text), and by its
+value: of each variable of the inventory that is not the collection's own. Rather one text too many is taken out than one too few.
+
+`tests/unit/plugins/plugin_utils/_bundle` has lines with secrets as people write them, and lines that stay as they are.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+import ipaddress
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 T = TypeVar("T")
@@ -19,15 +23,78 @@ T = TypeVar("T")
 REMOVED = "(removed)"
 SHORTEST = 4  # letters of a value that is looked for on its own
 LONGEST = 4096
+MOST = 5000  # values
+_SHORT = 200  # letters of a text whose result is kept
 
-_WORDS = (
-    r"(?:pass(?:word|wd|phrase|code)?|pwd|psk|secret|token|credentials?|cookie|vault|auth[_-]?key|wep[_-]?key|wireless[_-]?key"
-    r"|api[_-]?key|access[_-]?key(?:[_-]?id)?|private[_-]?key|secret[_-]?key|license[_-]?key|signing[_-]?key|encryption[_-]?key)"
-    r"(?:s|\d+|[_-](?:id|value|text|file|hash|base64))?"
+# Names of secrets, and their ends: `db_password`, `PGPASSWORD`. A phrase may follow the first ones, up to the end of its line;
+# the others have one word.
+_BEGIN = r"(?:(?<![^\W_])|(?-i:(?<=[a-z])(?=[A-Z])))"  # of a word, also of one in camel case
+_PHRASES = (
+    r"(?:password|passwd|passphrase|passwort|passcode|kennwort|contraseña|mot de passe|senha|secret|(?<![fn])pw"
+    rf"|(?-i:(?<=[A-Z])(?<!COM)(?<!BY)(?<!TRES)PASS)|{_BEGIN}(?:pass|pwd|psk|credentials?|creds?))"
 )
-_BEGIN = r"(?:(?<![A-Za-z])|(?-i:(?<=[a-z])(?=[A-Z])))"  # of a word, also of one in camel case
-_VALUE = r"(?:\"(?:[^\"\\]|\\.)*\"|'(?:[^'\\]|\\.)*'|[^\s,;&'\")\]}]+)"
-_NAME = re.compile(rf"{_BEGIN}{_WORDS}$|^vault", re.IGNORECASE)
+_KEYS = (
+    r"(?:api|ssh|wep|wpa|wifi|wi-fi|wireless|wlan|network|licen[cs]e|encryption|shared|pre-?shared|access|private|secret|signing|auth|session"
+    r"|storage|account|master|deploy|service|security|vault|aes|hmac|admin|root|user|client|server|robot|camera|mqtt)"
+)
+_SINGLE = (
+    rf"(?:token|(?<=[a-z][_.])key|{_BEGIN}(?:cookie|vault|community|{_KEYS}[ _.-]?key(?:[_-]?id)?|pin[ _-]?code|(?-i:PIN|PUK|OTP)|otp|one[ _-]time code"
+    r"|verification code|(?:session|php|j)sess?(?:ion)?_?id|session[ _]id|webhook(?:[ _-]?url)?|auth|sas|connection[ _]?string))"
+)
+_MORE = r"(?:s|\d{1,4}|[_-](?:id|value|text|hash|base64|enc|raw|plain|old|new))?"
+_WORDS = rf"(?:{_PHRASES}|{_SINGLE}){_MORE}"
+_QUOTED = (
+    r"(?:[bBuUrRfF]{0,2}(?:\"\"\"[\s\S]{0,4000}?(?:\"\"\"|\Z)|'''[\s\S]{0,4000}?(?:'''|\Z)"
+    r"|(?:\\{1,3}\"){3}[^\n]{0,4000}?(?:\\{1,3}\"){3}|\\{1,3}\"[^\n]{0,4000}?\\{1,3}\"|\\{1,3}'[^\n]{0,4000}?\\{1,3}'|\"(?:[^\"\\\n]|\\[^\n])*\"|'(?:[^'\\\n]|\\[^\n])*'))"
+)
+_VALUE = rf"(?:{_QUOTED}|[\"'][^\n]+|[^\s,;&'\")\]}}]+)"
+# What a bundle has of an environment: the names of ROS and of lists of folders. Of others it has the names alone.
+_LISTED = re.compile(r"ROS\w*|CATKIN_\w+|(?:\w+_)?PATH|PYTHON\w*|LANG|LC_\w+")
+# Ansible's own names, and values that many variables have.
+_ANSIBLE = re.compile(
+    r"ansible_\w+|groups|group_names|hostvars|inventory_(?:hostname|hostname_short|dir|file)|omit|play_hosts|playbook_dir|role_\w+|vars|environment"
+)
+_CONFIGURATION = {
+    *(
+        "true",
+        "false",
+        "none",
+        "null",
+        "auto",
+        "default",
+        "present",
+        "absent",
+        "started",
+        "stopped",
+        "enabled",
+        "disabled",
+        "localhost",
+    ),
+    *(
+        "root",
+        "local",
+        "ipv4",
+        "ipv6",
+        "noetic",
+        "python3",
+        "production",
+        "master",
+        "robot",
+        "robots",
+        "computer",
+        "network",
+    ),
+}
+_NAME = re.compile(rf"(?:{_WORDS}|[_.-]keys?)(?:[_-]file)?$|^vault", re.IGNORECASE)
+_NO_NAME = re.compile(
+    r"(?:^|[_.-])(?:public|pub|primary|foreign|sort|host|map|dict|known|cache|topic)[_-]?keys?$|^auth$", re.IGNORECASE
+)
+
+# What begins a line of a journal, and may come between a name and its value on the next line.
+_PREFIX = r"(?:[^\n]{0,20}\d\d:\d\d:\d\d\S{0,12} (?:[\w.-]{1,60} )?[\w./-]{1,60}(?:\[\d{1,9}\])?: )?"
+_LINE = r"(?:\n|\\{1,3}n)"  # the end of a line, also in a text of JSON
+_NEXT = rf"{_LINE}{_PREFIX}[ \t]*"
+_IS = r"(?:\\{0,3}[\"']?\s{0,4}\]?\s{0,4}(?:[=:]+>?|-{1,2}>|\s(?:is|was|to|are|set to|changed to|is now|has been set to)\b:?)[ \t]*)"
 
 
 class Form(NamedTuple):
@@ -35,16 +102,24 @@ class Form(NamedTuple):
 
     name: str
     pattern: re.Pattern[str]
-    left: str = REMOVED
+    left: str | Callable[[re.Match[str]], str] = REMOVED
 
 
-def _form(name: str, pattern: str, left: str = REMOVED, flags: int = 0) -> Form:
+def _form(name: str, pattern: str, left: str | Callable[[re.Match[str]], str] = REMOVED, flags: int = 0) -> Form:
     return Form(name, re.compile(pattern, flags), left)
 
 
 _BEHIND = r"\1" + REMOVED
 _PEM = r"[A-Z0-9 ]{0,40}PRIVATE KEY[A-Z ]{0,40}-----"
 _UPPER, _LOWER, _DIGIT = (rf"(?=[A-Za-z0-9+/]*{kind})" for kind in ("[A-Z]", "[a-z]", r"\d"))
+# Words behind `password` and the like that begin no secret: what people say about one.
+_ABOUT = (
+    r"(?:is|are|for|was|were|and|or|of|has|have|in|to|on|at|by|with|from|not|no|file|files|auth|authentication|login|prompt|required|accepted|rejected"
+    r"|expired?|expires|expiry|changed?|changes|ok|failed|failure|failures|mismatch|missing|incorrect|wrong|invalid|check|checked|checks|hash|hashes"
+    r"|manager|policy|store|stores|database|age|length|field|entry|entries|protected|set|reset|needed|given|found|never|will|must|can|cannot"
+    r"|does|did|may|should|as|than|that|which|still|already|too|bucket|ring|based|count|type|types|limit|less|refresh|refreshed|request|requests"
+    r"|agent|server|service|lookup|query|update|updated|cache|cached|attempt|attempts|strength|empty|unknown|unset|removed|line|lines|enabled|disabled|off|allowed|available|shown|stored|visible)\b"
+)
 
 # No pattern looks at a text more than a few hundred times: logs may be anybody's.
 FORMS = (
@@ -55,37 +130,183 @@ FORMS = (
         rf"(?<![A-Za-z0-9+/=_.-])(?!/){_UPPER}{_LOWER}{_DIGIT}[A-Za-z0-9+/]{{60,}}={{0,2}}(?![A-Za-z0-9+=_.-])",
     ),
     _form("a text of ansible-vault", r"\$ANSIBLE_VAULT;[^\n]*(?:\s+(?:\S{1,40} ){0,3}[0-9a-f]{20,})*"),
+    _form("a key of age or PuTTY", r"\bAGE-SECRET-KEY-1[A-Z0-9]+|Private-Lines:[^\n]*(?:\n[A-Za-z0-9+/=]{20,})*"),
     _form("a user in a URL", r"(?<=://)(?:[^\s/@:'\"]{0,200}:[^\s@'\"]{1,200}|[^\s/@'\"]{1,200})(?=@)"),
-    _form("a header of HTTP", r"(authorization[\"']?\s*[:=]\s*)[^\n]+", _BEHIND, re.IGNORECASE),
-    _form("a cookie", r"\b(cookie\s*:\s*)[^\n]+", _BEHIND, re.IGNORECASE),
-    _form("a bearer", r"\b(bearer\s+)[A-Za-z0-9._~+/=-]{8,}", _BEHIND, re.IGNORECASE),
-    _form("a JSON web token", r"\beyJ[A-Za-z0-9_-]{8,}\.[A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]*)?"),
-    _form("a key of Amazon", r"\b(?:AKIA|ASIA|AROA|AIDA|AGPA|ANPA)[A-Z0-9]{16}\b"),
-    _form("a key of Google", r"\bAIza[A-Za-z0-9_-]{30,}|\bya29\.[A-Za-z0-9_-]{20,}"),
-    _form("a token of GitHub", r"\b(?:gh[pousr]_[A-Za-z0-9]{20,}|github_pat_[A-Za-z0-9_]{20,})"),
-    _form("a token of GitLab", r"\bgl[a-z]{2,5}-[A-Za-z0-9_-]{16,}"),
-    _form("a token of Slack", r"\bxox[abeprs]-[A-Za-z0-9-]{10,}"),
-    _form("a key with a prefix", r"\b(?:[srp]k[_-](?:live|test|proj|ant|or)[A-Za-z0-9_-]{10,}|sk-[A-Za-z0-9]{20,})"),
-    _form("a token with a prefix", r"\b(?:npm_|pypi-|hf_|hvs\.|dop_v1_|tskey-|SG\.)[A-Za-z0-9._-]{16,}"),
-    _form("a hashed password", r"\$(?:1|2[abxy]?|5|6|7|y|gy|argon2id?|apr1|sha1)\$[^\s:'\"]{8,}"),
-    _form("a password of sshpass", rf"\b(sshpass\s+-p\s*){_VALUE}", _BEHIND),
-    _form("a user of curl", rf"\b(curl\s[^\n]{{0,200}}?(?:-u|--(?:proxy-)?user)[ =]?){_VALUE}", _BEHIND),
     _form(
-        "a value beside its name", rf"({_BEGIN}{_WORDS}[\"']?\s*(?:[=:]+>?|\s+is\b)\s*){_VALUE}", _BEHIND, re.IGNORECASE
-    ),
-    _form("a value behind its option", rf"(--?[\w-]{{0,40}}{_BEGIN}{_WORDS}\s+){_VALUE}", _BEHIND, re.IGNORECASE),
-    _form(
-        "a value behind its name",
-        rf"(\b(?:password|passphrase|passwd|psk|api key|access token)\s+)(?!(?:is|for|was|and|or|of|has|in|to)\b){_VALUE}",
+        "a hook of a chat",
+        r"(https?://[^\s/'\"<>]{1,200}/(?:[^\s'\"<>]{0,200}/)?(?:web)?hooks?/)[^\s'\"<>]+",
         _BEHIND,
         re.IGNORECASE,
     ),
+    _form(
+        "a hook of a chat at its own host",
+        r"((?<![\w.-])(?:https?://)?(?:[\w-]{1,63}\.){0,6}(?:hooks?\.\w+|webhook\w*\.\w+|outlook\.office|maker\.ifttt|chat\.googleapis|discord(?:app)?|api\.telegram"
+        r"|ntfy|logic\.azure|hc-ping|api\.pushover|pipedream)[\w.-]*(?::\d+)?/)[^\s'\"<>]+",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "a query",
+        r"([?&](?:[\w.\[\]-]{1,60})=)(?=[^\s&#'\"<>]{16}|[^\s&#'\"<>]{0,15}[A-Z]|[^\s&#'\"<>]{0,7}[A-Za-z][^\s&#'\"<>]{0,7}\d)[^\s&#'\"<>]+",
+        _BEHIND,
+    ),
+    _form("a header of HTTP", r"(authorization\\?[\"']?\s*[:=,]\s*)[^\n]+", _BEHIND, re.IGNORECASE),
+    _form("a cookie", r"\b(cookie\\?[\"']?\s*[:=]\s*)[^\n]+", _BEHIND, re.IGNORECASE),
+    _form(
+        "a bearer",
+        r"\b((?:bearer|basic|digest)\s+)(?=[A-Za-z._~+/-]*[0-9A-Z=])[A-Za-z0-9._~+/=-]{8,}",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form("a JSON web token", r"\beyJ[A-Za-z0-9_-]{8,}\.[A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]*)?"),
+    _form("a key of Amazon", r"\b(?:AKIA|ASIA|AROA|AIDA|AGPA|ANPA)[A-Z0-9]{16}\b"),
+    _form("a key of Google", r"\bAIza[A-Za-z0-9_-]{30,}|\bya29\.[A-Za-z0-9_-]{20,}|\bGOCSPX-[\w-]{10,}"),
+    _form("a token of GitHub", r"\b(?:gh[pousr]_[A-Za-z0-9]{20,}|github_pat_[A-Za-z0-9_]{20,})"),
+    _form("a token of GitLab", r"\bgl[a-z]{2,5}-[A-Za-z0-9_-]{16,}"),
+    _form("a token of Slack", r"\bxox[abeprs]-[A-Za-z0-9-]{10,}|\bxapp-[A-Za-z0-9-]{10,}"),
+    _form(
+        "a key with a prefix",
+        r"\b(?:[srp]k[_-](?:live|test|proj|ant|or)[A-Za-z0-9_-]{10,}|sk-[A-Za-z0-9]{20,}|whsec_\w{10,})",
+    ),
+    _form(
+        "a token with a prefix",
+        r"\b(?:npm_|pypi-|hf_|hv[sb]\.|dop_v1_|tskey-|SG\.|shp(?:at|ss)_|lin_api_|ATATT|AccountKey=|dckr_pat_)[A-Za-z0-9._/+=-]{12,}",
+    ),
+    _form("a bot of Telegram", r"\b\d{8,10}:[A-Za-z0-9_-]{35}\b"),
+    _form(
+        "a hashed password",
+        r"\$(?:1|2[abxy]?|5|6|7|y|gy|argon2id?|apr1|sha1|pbkdf2[\w-]*)\$[^\s:'\"]{8,}|\{S?SHA\d*\}[A-Za-z0-9+/=]{20,}",
+    ),
+    _form("a password of sshpass", rf"\b(sshpass\s+-p\s*){_VALUE}", _BEHIND),
+    _form(
+        "a user of curl", rf"\b((?:curl|wget|http)\s[^\n]{{0,200}}?(?:-u|-a|--(?:proxy-)?user)[ =]?){_VALUE}", _BEHIND
+    ),
+    _form(
+        "a client of MySQL",
+        rf"\b((?:mysql\w*|mariadb[\w-]*|7z|mongo\w*|redis-cli)\s(?:[^\n|;]{{0,200}}?\s)?-[pa]\s?){_VALUE}",
+        _BEHIND,
+    ),
+    _form("a key of wpa_passphrase", rf"\b(wpa_passphrase\s+{_VALUE}\s+)[^\n|>]+", _BEHIND),
+    _form(
+        "an option of a client",
+        rf"\b((?:mosquitto_\w+|ipmitool|zip|unzip|vncviewer|xfreerdp|ldap\w+|openssl"
+        rf"|kinit|docker login|ftp|lftp|sqlcmd|bcp)\s(?:[^\n|;]{{0,200}}?\s)?(?:-[PwkK]|/p:)\s?){_VALUE}",
+        _BEHIND,
+    ),
+    _form("a community of SNMP", rf"\b(snmp\w+\s[^\n|;]{{0,200}}?-[cAX]\s?){_VALUE}", _BEHIND),
+    _form("a user of Samba", r"\b((?:smbclient|mount\.cifs|rpcclient|net)\s[^\n|;]{0,200}?-U\s?[^\s%]+%)\S+", _BEHIND),
+    _form(
+        "a password for chpasswd", r"(\becho\s+(?:-\w+\s+)*[\"']?[\w.-]+:)[^\n|]+(?=\|\s*(?:sudo\s+)?chpasswd)", _BEHIND
+    ),
+    _form(
+        "a password on standard input",
+        r"(\b(?:echo|printf)\s+(?:-\w+\s+)*)[^\n|]+(?=\|\s*(?:sudo\s+-S|passwd|docker login|cryptsetup|gpg|kinit|su\b))",
+        _BEHIND,
+    ),
+    _form(
+        "a password as a word",
+        r"(\b(?:htpasswd\s+-\w*b\w*\s+\S+\s+\S+|add_user\s+\S+|change_password\s+\S+|useradd\s[^\n]{0,100}?-p|requirepass|iwconfig\s+\S+\s+key|-passin\s+pass:|-passout\s+pass:|pass:)\s*)[^\s'\"]+",
+        _BEHIND,
+    ),
+    _form(
+        "a password of SQL",
+        rf"\b(identified\s+(?:with\s+\w+\s+)?by\s+(?:password\s+)?|(?:with\s+)?(?:encrypted\s+)?password\s+(?=')){_VALUE}",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form("the key of a line of .netrc", r"(\bmachine\s+\S+\s+login\s+\S+\s+password\s+)\S+", _BEHIND),
+    _form(
+        "an element",
+        rf"(<(?:\w{{1,20}}:)?[\w./-]{{0,30}}?{_WORDS}\w{{0,10}}(?:\s[^<>]{{0,200}})?>)[^<]+",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "an attribute beside a name",
+        rf"((?:\\{{0,3}}[\"'])?(?:name|key|id)(?:\\{{0,3}}[\"'])?\s*[=:]\s*\\{{0,3}}[\"'][\w./-]{{0,40}}?"
+        rf"{_WORDS}\\{{0,3}}[\"']\s*[,; ]\s*(?:\\{{0,3}}[\"'])?(?:value|val|content|default)(?:\\{{0,3}}[\"'])?\s*[=:]\s*){_VALUE}",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "a block of YAML",
+        rf"({_WORDS}\\{{0,3}}[\"']?\s{{0,4}}:[ \t]*[|>][-+\d]{{0,2}}[ \t]*)(?:{_LINE}{_PREFIX}[ \t]{{1,}}[^\n]+)+",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "a list beside its name",
+        rf"({_WORDS}\\{{0,3}}[\"']?\s{{0,4}}[:=]\s{{0,4}})[\[({{](?:{_LINE}{_PREFIX}|[^\])}}]){{0,2000}}[\])}}]?",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "a header of its own name",
+        r"((?:x-[\w-]{0,30}(?:auth|key|token|secret)[\w-]{0,20})\\?[\"']?\s*[:=,]\s*)(?![|>][-+\d]{0,2}(?:\s|\\))[^\n]+",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form("a value in quotes beside its name", rf"({_WORDS}{_IS}(?:{_NEXT})?){_QUOTED}", _BEHIND, re.IGNORECASE),
+    _form("a value on the next line", rf"({_WORDS}{_IS}\\?{_NEXT})(?=\S)[^\n]+", _BEHIND, re.IGNORECASE),
+    _form(
+        "a phrase beside its name",
+        rf"({_PHRASES}{_MORE}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. ))[^\s][^\n]*",
+        _BEHIND,
+        re.IGNORECASE | re.MULTILINE,
+    ),
+    _form(
+        "a value beside its name",
+        rf"({_WORDS}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. )){_VALUE}",
+        _BEHIND,
+        re.IGNORECASE | re.MULTILINE,
+    ),
+    _form("a value behind its option", rf"((?<![\w-])--?[\w-]{{0,40}}?{_WORDS}\s+){_VALUE}", _BEHIND, re.IGNORECASE),
+    _form(
+        "a value behind its name",
+        rf"((?:{_BEGIN}(?:password|passphrase|passwd|passwort|kennwort|psk|pwd|pin code)|(?<![fn])pw)(?:\s+--\w+)?"
+        rf"\s+)(?!\(removed\)|{_ABOUT}|[-/(<])[^\s][^\n]*",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "a value some words behind its name",
+        rf"({_PHRASES}\s[^\n:=]{{0,40}}?\s(?:is|was)\s+)(?!{_ABOUT}){_VALUE}",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "a random value behind its name",
+        rf"({_BEGIN}(?:(?:{_KEYS} )?key|token|secret|code)\s+)(?!\(removed\))(?=[^\s,;]{{0,99}}\d)(?=[^\s,;]{{0,99}}[A-Za-z])[^\s,;]{{6,}}",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "a random value beside `key`",
+        r"(\bkey\\?[\"']?\s*[=:]\s*[\"']?(?:s:)?)(?=[^\s,;&'\"]{0,99}\d)(?=[^\s,;&'\"]{0,99}[A-Za-z])[^\s,;&'\"]{8,}",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "a value behind -p",
+        r"(?<!mkdir)(?<!ssh)(?<!cp)(\s-p\s+)(?![-/.~$({]|\d+(?:[:/\s,]|$)|\w+=|[\w.]+:\d)[^\s'\"]{4,}",
+        _BEHIND,
+    ),
 )
+_RANDOM = re.compile(
+    r"(?<![\w/+.=@~-])[A-Za-z0-9+_=-]{16,}(?![\w+/.=:-])|(?<![\w/.-])(?:[0-9a-f]{32,}|[0-9A-F]{32,})(?![\w.-])"
+)
+_UUID = re.compile(r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}", re.IGNORECASE)  # names of runs, boots and disks
+_HEX = re.compile(r"[0-9a-f]+|[0-9A-F]+")
+_SUM = re.compile(
+    r"(?:md5|sha\d*|sum|digest|commit|revision|rev|hash|checksum|boot|invocation|build|version|image|type)\W{0,3}(?:id|is|of)?\W{0,3}(?:[0-9a-f]{32,64}\W{1,3}(?:and|or|not|!=)\W{1,3})?$",
+    re.IGNORECASE,
+)
+_CHANGE = re.compile(r"(?<=[a-z])[A-Z0-9]|(?<=[A-Z])[a-z0-9]|(?<=[0-9])[A-Za-z]")
 
 
 def named(name: str) -> bool:
     """Say whether the name of a variable, parameter or key says that its value is a secret."""
-    return bool(_NAME.search(name))
+    return bool(_NAME.search(name)) and not _NO_NAME.search(name)
 
 
 def values(variables: Mapping[str, Any], encrypted: Iterable[str] = ()) -> set[str]:
@@ -94,45 +315,77 @@ def values(variables: Mapping[str, Any], encrypted: Iterable[str] = ()) -> set[s
     found: set[str] = set()
     for name, value in variables.items():
         if name in chosen or named(name):
-            found |= set(_texts(value))
+            found |= set(texts(value))
         elif isinstance(value, Mapping):
             found |= values({str(key): part for key, part in value.items()})
     return found
 
 
-def _texts(value: Any) -> Iterable[str]:
+def foreign(variables: Mapping[str, Any], listed: Iterable[str]) -> set[str]:
+    """Collect the values of variables that are no part of a bundle: all but those `listed`, and Ansible's own words.
+
+    Of Ansible's variables those stay in logs that say how a computer is reached: addresses and users, see `Anonymous`.
+    """
+    own = set(listed)
+    found: set[str] = set()
+    for name, value in variables.items():
+        result = isinstance(value, Mapping) and {"changed", "failed", "skipped"} & value.keys()
+        ansible = _ANSIBLE.fullmatch(name) and not name.endswith("_args")
+        if name not in own and not result and not ansible:
+            found |= {text for text in texts(value) if not _ordinary(text)}
+    return found
+
+
+def _ordinary(text: str) -> bool:
+    """Say whether a value says nothing on its own: a word of configuration, a small number, an address."""
+    if text.lower() in _CONFIGURATION or "{{" in text or (text.isdigit() and len(text) < 5):
+        return True
+    try:
+        ipaddress.ip_interface(text)
+    except ValueError:
+        return False
+    return True
+
+
+def texts(value: Any) -> Iterable[str]:
+    """Yield the texts and numbers in a value of any depth."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, (list, tuple)):
         for part in value:
-            yield from _texts(part)
+            yield from texts(part)
     elif value is not None and not isinstance(value, bool):
         yield str(value)
 
 
 class Secrets:
-    """Takes secrets out; `known` are values of which it is known. `kept` are names of the fleet: they are no secrets."""
+    """Takes secrets out. `known` are values of which it is known, `kept` names of the fleet, which are none.
 
-    def __init__(self, known: Iterable[str] = (), kept: Iterable[str] = ()) -> None:
+    `foreign` are values that are no part of a bundle: they are taken out of sentences and logs. In data they could be a word that
+    means something, such as `ssh`.
+    """
+
+    def __init__(self, known: Iterable[str] = (), kept: Iterable[str] = (), foreign: Iterable[str] = ()) -> None:
         names = {name.lower() for name in kept}
-        lines = {line.strip() for value in known for line in value.splitlines()}
-        worth = {line for line in lines if SHORTEST <= len(line) <= LONGEST and line.lower() not in names}
-        longest = sorted(worth, key=lambda text: (-len(text), text))
-        inner = "|".join(map(re.escape, longest))
-        self._known = re.compile(rf"(?<![A-Za-z0-9])(?:{inner})(?![A-Za-z0-9])") if inner else None
+        self._known = _any_of(known, names)
+        self._foreign = _any_of(foreign, names)
 
     def text(self, text: str) -> str:
         """Return a text, of any number of lines, without secrets."""
-        if self._known:
-            text = self._known.sub(REMOVED, text)
-        for form in FORMS:
-            text = form.pattern.sub(form.left, text)
-        return text
+        for pattern in (self._known, self._foreign):
+            text = pattern.sub(REMOVED, text) if pattern else text
+        return _RANDOM.sub(_not_random, _formed(text))
+
+    def word(self, text: str) -> str:
+        """Return a value of data, such as a name or an address, without secrets."""
+        return _formed(self._known.sub(REMOVED, text) if self._known else text)
 
     def data(self, value: Any) -> Any:
         """Return plain data or dataclasses without secrets."""
         if isinstance(value, str):
-            return self.text(value) if len(value) >= SHORTEST else value
+            if len(value) < SHORTEST:
+                return value
+            return self.text(value) if " " in value else self.word(value)
         if isinstance(value, Mapping):
             return {key: self._beside(str(key), part) for key, part in value.items()}
         if isinstance(value, (list, tuple)):
@@ -150,7 +403,47 @@ class Secrets:
         """Return a dataclass without secrets; where its `name` is that of a secret, so are its other texts."""
         fields = [field.name for field in dataclasses.fields(value)]  # type: ignore[arg-type]
         parts = {name: self.data(getattr(value, name)) for name in fields}
+        if isinstance(parts.get("environment"), Mapping):
+            given = parts["environment"].items()
+            parts["environment"] = {name: text if _LISTED.fullmatch(name) else REMOVED for name, text in given}
         called = parts.get("name")
         if isinstance(called, str) and named(called) and {"expected", "found", "value"} & parts.keys():
             parts.update({name: REMOVED for name in ("expected", "found", "value") if parts.get(name)})
         return dataclasses.replace(value, **parts)  # type: ignore[type-var]
+
+
+def _any_of(values_: Iterable[str], names: set[str]) -> re.Pattern[str] | None:
+    """Return the pattern of any of these values, each line of them for itself, the longest first."""
+    lines = {line.strip() for value in values_ for line in value.splitlines()}
+    worth = {line for line in lines if SHORTEST <= len(line) <= LONGEST and line.lower() not in names}
+    longest = sorted(worth, key=lambda text: (-len(text), text))[:MOST]
+    inner = "|".join(map(re.escape, longest))
+    return re.compile(rf"(?<![A-Za-z0-9])(?:{inner})(?![A-Za-z0-9])") if inner else None
+
+
+def _formed(text: str) -> str:
+    return _short(text) if len(text) < _SHORT else _long(text)
+
+
+@functools.lru_cache(maxsize=20_000)
+def _short(text: str) -> str:
+    """Return a text of data: most of them are there many times."""
+    return _long(text)
+
+
+def _long(text: str) -> str:
+    for form in FORMS:
+        text = form.pattern.sub(form.left, text)
+    return text
+
+
+def _not_random(found: re.Match[str]) -> str:
+    """Return a long word, or what stands in its place where it is as random as a key."""
+    word = found[0]
+    if _UUID.fullmatch(word):
+        return word
+    if _HEX.fullmatch(word):
+        before = found.string[max(0, found.start() - 100) : found.start()]
+        return word if len(word) < 32 or word.isdigit() or _SUM.search(before) else REMOVED
+    changes = len(_CHANGE.findall(word))
+    return REMOVED if changes >= len(word) / 4 and sum(letter.isdigit() for letter in word) >= 2 else word

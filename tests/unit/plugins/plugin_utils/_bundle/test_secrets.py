@@ -10,21 +10,47 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import (
     REMOVED,
     Secrets,
+    foreign,
     named,
     values,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Differing
-from planted import PLANTED, TIME
+from planted import ORDINARY, PLANTED, TIME, any_secret
 
 
-@pytest.mark.parametrize(("text", "secret"), [entry[1:] for entry in PLANTED], ids=[entry[0] for entry in PLANTED])
-def test_a_kind_of_secret(text, secret):
-    assert secret in text  # or the test could not fail
+@pytest.mark.parametrize("planted", PLANTED, ids=[f"{entry.text[:40]!r}" for entry in PLANTED])
+def test_a_secret_as_people_write_it(planted):
+    assert all(part in planted.text for part in planted.parts)  # or the test could not fail
     before, after = f"{TIME}kobuki1computer is online\n", f"\n{TIME}kobuki2computer is offline"
-    found = Secrets().text(text)
-    assert secret not in found and REMOVED in found
-    both = Secrets().text(before + text + after)
-    assert secret not in both and both.endswith(after)
+    journal = "".join(f"\n{TIME}{line}" for line in planted.text.split("\n"))
+    for text in (planted.text, before + planted.text + after, f"{before}{journal}{after}"):
+        found = Secrets().text(text)
+        assert REMOVED in found and not [part for part in planted.parts if part in found], found
+
+
+def test_there_are_enough_of_them():
+    assert len(PLANTED) >= 200 and len(set(PLANTED)) == len(PLANTED) and len(ORDINARY) >= 140
+
+
+@pytest.mark.parametrize("line", ORDINARY)
+def test_an_ordinary_line_stays_as_it_is(line):
+    assert Secrets().text(line) == line
+    assert Secrets().text(TIME + line) == TIME + line
+
+
+def test_ordinary_lines_stay_as_they_are_one_after_another():
+    text = "".join(f"{TIME}{line}\n" for line in ORDINARY)
+    assert Secrets().text(text) == text
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_any_secret_in_any_form_anywhere(seed):
+    """Drawn by a generator: names, forms and surroundings as programs and people have them."""
+    for number in range(100):
+        planted = any_secret(seed * 1000 + number)
+        found = Secrets().text(planted.text)
+        assert not [part for part in planted.parts if part in found], (seed * 1000 + number, planted.text, found)
 
 
 def test_values_that_are_known_are_taken_out_wherever_they_stand():
@@ -41,19 +67,73 @@ def test_values_that_are_known_are_taken_out_wherever_they_stand():
     assert Secrets(known).text(text) == f"said {REMOVED}, {REMOVED} and {REMOVED}; {REMOVED}; three3; one12"
 
 
+def test_variables_that_are_not_listed_are_taken_out_whatever_their_names():
+    variables = {
+        "multimaster_address": "192.168.1.229",
+        "verify_report": "report",
+        "door": "abracadabra",
+        "wifi": {"key": "lab-key", "ssid": ["our lab"]},
+        "mqtt_pw": "mq tt",
+        "ansible_user": "anna",
+        "ansible_ssh_common_args": "-o ProxyCommand=x",
+        "ntp_server": "192.168.1.1",
+        "found": {"changed": False, "stdout": "a result"},
+        "count": 12,
+        "flag": True,
+    }
+    found = foreign(variables, ["multimaster_address", "verify_report"])
+    assert found == {"abracadabra", "lab-key", "our lab", "mq tt", "-o ProxyCommand=x"}
+    secrets = Secrets(foreign=found, kept=["our lab"])
+    assert secrets.text("said abracadabra in our lab") == f"said {REMOVED} in our lab"
+    assert secrets.data(["abracadabra", "it is abracadabra"]) == ["abracadabra", f"it is {REMOVED}"]
+
+
 def test_a_name_of_the_fleet_is_no_secret_and_neither_is_a_word_of_three_letters():
     assert Secrets(["kobuki1", "ros"], ["Kobuki1"]).text("kobuki1 has ros") == "kobuki1 has ros"
 
 
 @pytest.mark.parametrize(
-    "name", ["ansible_password", "DB_PASSWD", "wifiPsk", "api-key", "vault_it", "tokens", "AWS_SECRET_ACCESS_KEY"]
+    "name",
+    [
+        "ansible_password",
+        "DB_PASSWD",
+        "wifiPsk",
+        "api-key",
+        "vault_it",
+        "tokens",
+        "AWS_SECRET_ACCESS_KEY",
+        "mqtt_pw",
+        "snmp_community",
+        "ssh_key",
+        "wifi.key",
+        "PGPASSWORD",
+        "SSHPASS",
+        "DB_PW",
+        "rootpw",
+    ],
 )
 def test_a_name_that_says_so(name):
     assert named(name)
 
 
 @pytest.mark.parametrize(
-    "name", ["compass", "passed", "key", "topics", "tokenizer", "author", "ROS_MASTER_URI", "secretary"]
+    "name",
+    [
+        "compass",
+        "passed",
+        "key",
+        "topics",
+        "tokenizer",
+        "author",
+        "ROS_MASTER_URI",
+        "secretary",
+        "public_key",
+        "COMPASS",
+        "fpw",
+        "keys",
+        "authors",
+        "keyboard",
+    ],
 )
 def test_a_name_that_does_not_say_so(name):
     assert not named(name)
@@ -68,6 +148,14 @@ def test_values_beside_such_a_name_in_data():
         "token": "",
     }
     assert Secrets().data(Differing("sync", "api_key", "one", "two")) == Differing("sync", "api_key", REMOVED, REMOVED)
+
+
+def test_of_an_environment_it_has_what_is_listed():
+    found = AsFound(
+        environment={"ROS_MASTER_URI": "http://a:11311", "DOOR": "abracadabra", "ROS_TOKEN": "x1", "PYTHONPATH": "/a"}
+    )
+    kept = {"ROS_MASTER_URI": "http://a:11311", "DOOR": REMOVED, "ROS_TOKEN": REMOVED, "PYTHONPATH": "/a"}
+    assert Secrets().data(found).environment == kept
 
 
 @pytest.mark.parametrize("fleet", [fleets.fig12(), fleets.plan(3, 2)], ids=["fig12", "plan"])
