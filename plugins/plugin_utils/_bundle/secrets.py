@@ -270,13 +270,32 @@ FORMS = (
     ),
     _form(
         "a value some words behind its name",
-        rf"({_PHRASES}\s[^\n:=]{{0,40}}?\s(?:is|was)\s+)(?!{_ABOUT}){_VALUE}",
+        rf"((?:password|passphrase|passwd|passwort|secret word)\s(?:[^\n:=]{{0,40}}?\s)?(?:is|was|will be)\s+)(?!{_ABOUT}){_VALUE}",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "a value for somebody",
+        rf"({_PHRASES}\s(?:for|of|at|on|to)\s[^\s:=]{{1,60}}\s?[:=]\s?)(?!{_ABOUT})[^\s][^\n]*",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form(
+        "a user and a password",
+        r"(\b(?:login|user|as|failed for|credentials?)\s+[\w.-]{1,40}[:/])(?!\d+\b)(?=[^\s]{0,40}\d)[^\s:/]+",
+        _BEHIND,
+        re.IGNORECASE,
+    ),
+    _form("a text for a command", rf"(<<<\s?){_VALUE}", _BEHIND),
+    _form(
+        "a line of a router or of Windows",
+        rf"(\b(?:enable\s+(?:secret|password)(?:\s+\d)?|snmp-server\s+community|password\s+\d|net\s+use\s[^\n]{{0,100}}?/user:\S+)\s+){_VALUE}",
         _BEHIND,
         re.IGNORECASE,
     ),
     _form(
         "a random value behind its name",
-        rf"({_BEGIN}(?:(?:{_KEYS} )?key|token|secret|code)\s+)(?!\(removed\))(?=[^\s,;]{{0,99}}\d)(?=[^\s,;]{{0,99}}[A-Za-z])[^\s,;]{{6,}}",
+        rf"({_BEGIN}(?:(?:{_KEYS} )?key|token|secret|code|pass)\s+)(?!\(removed\))(?=[^\s,;]{{0,99}}\d)(?=[^\s,;]{{0,99}}[A-Za-z])[^\s,;]{{6,}}",
         _BEHIND,
         re.IGNORECASE,
     ),
@@ -288,7 +307,7 @@ FORMS = (
     ),
     _form(
         "a value behind -p",
-        r"(?<!mkdir)(?<!ssh)(?<!cp)(\s-p\s+)(?![-/.~$({]|\d+(?:[:/\s,]|$)|\w+=|[\w.]+:\d)[^\s'\"]{4,}",
+        r"(?<!mkdir)(?<!ssh)(?<!cp)(\s-p\s+)(?![-/.~$({]|\d+(?:[:/\s,-]|$)|\w+=|[\w.]+:\d)[^\s'\"]{4,}",
         _BEHIND,
     ),
 )
