@@ -69,14 +69,12 @@ class Access(typing.NamedTuple):
 def look(proc: str = "/proc") -> Access:
     """Look at this computer."""
     rows = [row for table in ("tcp", "tcp6") for row in _rows(text(f"{proc}/net/{table}", 1 << 24))]
-    listeners = [(int(row[1].rpartition(":")[2], 16), row[7]) for row in rows if row[3] == _LISTEN]
-    listening = {port for port, _user in listeners}
-    of_root = listening - {port for port, user in listeners if user != "0"}
+    listening = {int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == _LISTEN}
     connections = [_connection(row) for row in rows if row[3] == _ESTABLISHED]
     ways = _ways([found for found in connections if found.port in listening], proc)
     ssh = _listeners({port for port in listening if port >= FIRST}, proc)
     ssh |= {way.connection.port for way in ways if way.is_ssh} | _by_systemd()
-    ssh |= _told([found for found in connections if found.port in of_root])
+    ssh |= _told(connections) & _of_root(rows)
     return Access(sorted(port for port in ssh if port >= FIRST), ways)
 
 
@@ -137,6 +135,12 @@ def _listeners(candidates: typing.Set[int], proc: str) -> typing.Set[int]:
 
 def _name(pid: int, proc: str) -> str:
     return text(f"{proc}/{pid}/comm").strip()
+
+
+def _of_root(rows: typing.Iterable[typing.Sequence[str]]) -> typing.Set[int]:
+    """The ports on which root alone listens."""
+    listeners = [(int(row[1].rpartition(":")[2], 16), row[7]) for row in rows if row[3] == _LISTEN]
+    return {port for port, _user in listeners} - {port for port, user in listeners if user != "0"}
 
 
 def _told(connections: typing.Iterable[Connection]) -> typing.Set[int]:
