@@ -8,6 +8,7 @@ import os
 import signal
 import threading
 import time
+from decimal import Decimal
 
 import pytest
 from rosfleet_multimaster.core import remembered
@@ -310,3 +311,92 @@ def test_forgotten(tmp_path):
     assert store.read(str(tmp_path)) is None and not store.forget(str(tmp_path))
     Roscore(tmp_path).store._renew(rest=False)
     assert store.forget(str(tmp_path)) and store.read(str(tmp_path)) is None
+
+
+DAMAGE = {
+    "nothing": b"",
+    "bytes": bytes(range(256)) * 100,
+    "deep": b"[" * 100_000,
+    "another format": remembered.line(0, {"format": 99, "boot": ""}),
+    "no mapping": remembered.line(0, [1]),
+    "a head alone and bytes": remembered.head("boot") + b"\0" * 5000 + b"\n",
+}
+
+
+@pytest.mark.parametrize("data", DAMAGE.values(), ids=DAMAGE)
+def test_whatever_is_in_the_file_it_is_read_or_put_aside(tmp_path, data, caplog):
+    path = tmp_path / remembered.FILE
+    path.write_bytes(data)
+    found = store.read(str(tmp_path))
+    assert found is None or vars(found.registry) == vars(Registry())
+    assert not path.exists() and path.with_name(f"{remembered.FILE}.damaged").read_bytes() == data
+    assert len(caplog.records) == 1
+
+
+@pytest.mark.parametrize("problem", [MemoryError(), RecursionError(), OSError(5, "Input/output error"), KeyError("x")])
+def test_whatever_happens_while_it_is_read_the_roscore_starts(tmp_path, monkeypatch, problem):
+    Roscore(tmp_path).store._renew(rest=False)
+
+    def fail(*_arguments):
+        raise problem
+
+    monkeypatch.setattr(store.remembered, "read", fail)
+    assert store.read(str(tmp_path)) is None
+    assert os.listdir(tmp_path) == [f"{remembered.FILE}.damaged"]
+
+
+def test_a_file_that_is_far_too_large_is_put_aside_unread(tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "LARGEST", 100)
+    (tmp_path / remembered.FILE).write_bytes(remembered.head("boot") + b"x" * 100)
+    assert store.read(str(tmp_path)) is None and os.listdir(tmp_path) == [f"{remembered.FILE}.damaged"]
+
+
+def test_after_five_starts_that_come_to_nothing_it_is_put_aside(tmp_path):
+    roscore = Roscore(tmp_path)
+    roscore.store._renew(rest=False)
+    roscore.change(1)
+    for _start in range(store.STARTS - 1):
+        assert store.read(str(tmp_path)) is not None
+    store.settled(str(tmp_path))
+    for _start in range(store.STARTS):
+        assert store.read(str(tmp_path)) is not None
+    assert store.read(str(tmp_path)) is None and os.listdir(tmp_path) == [f"{remembered.FILE}.damaged"]
+
+
+def test_a_value_that_cannot_be_kept_is_said_once_and_all_else_is_kept(tmp_path, caplog):
+    roscore = Roscore(tmp_path)
+    roscore.store._renew(rest=False)
+    deep = []
+    for _level in range(5000):
+        deep = [deep]
+    for value in (Decimal(1), object(), "\ud800", deep, 10**5000):
+        roscore.store.add([["set", "/strange", value], ["set", "/tree", {"good": 1, "bad": value}]])
+        roscore.change(1)
+    assert len(caplog.records) == 2
+    assert store.read(str(tmp_path)).registry.parameters == {"count": 1, "tree": {"good": 1}}
+
+
+def test_its_thread_never_ends(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(store, "SYNC", 0.001)
+    monkeypatch.setattr(store, "AGAIN", 0.001)
+    roscore, failures = Roscore(tmp_path), [ValueError(), RecursionError(), MemoryError(), RuntimeError()]
+    roscore.store.start()
+
+    def grown(_size, _base):
+        if failures:
+            raise failures.pop()
+        return False
+
+    monkeypatch.setattr(store.remembered, "grown", grown)
+    for count in range(1, 200):
+        roscore.change(count)
+        time.sleep(0.005)
+        if not failures:
+            break
+    assert not failures
+    for _try in range(400):
+        if roscore.store._file is not None:
+            break
+        time.sleep(0.01)
+    roscore.change(500)
+    assert store.read(str(tmp_path)).registry.parameters == {"count": 500}

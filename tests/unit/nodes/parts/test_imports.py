@@ -14,6 +14,20 @@ def test_what_is_written_is_read_again():
     assert imports.read(text)["node"] == "/master_sync"
 
 
-@pytest.mark.parametrize("text", [None, 7, "", "{", "[]", "{}", '{"imports": []}', '{"imports": {"a": 7}}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        None,
+        7,
+        "",
+        "{",
+        "[]",
+        "{}",
+        "[" * 100_000,
+        '{"imports": {"a": {"b": 7}}}',
+        '{"imports": []}',
+        '{"imports": {"a": 7}}',
+    ],
+)
 def test_a_damaged_record_claims_nothing(text):
     assert imports.claims_of(text) == {}

@@ -48,13 +48,12 @@ class Roscore:
         self._survivors = Survivors(self._workers, self._master)
         self._late: Optional[Registry] = None  # nodes of other computers, which may have survived a boot of this one
         self._status, self._uri, self._said = 0, "", ""
+        self._settled = False
 
     def run(self) -> int:
         """Serve until a signal; the exit status."""
         found = store.read(self._options.store) if self._options.store else None
-        before = self._before(found)
-        if before is not None:
-            self._master.restore(before)
+        before = self._restored(found)
         memory.settled()
         self._keep_from_now_on(found)
         self._master.handed_on = self._hand_on
@@ -78,6 +77,9 @@ class Roscore:
     def _tick(self, now: float) -> float:
         if self._master.done:  # somebody called `shutdown`
             self._end()
+        if not self._settled and self._options.store:
+            store.settled(self._options.store)
+        self._settled = True
         with self._master.ps_lock:  # a lock that nobody gives back is what the watchdog is to see
             pass
         self._say_status()
@@ -103,6 +105,17 @@ class Roscore:
                 program.LOG.warning("the node %s at %s is refused: %s", *record[1:4])
 
     # The start
+
+    def _restored(self, found: Optional[store.Found]) -> Optional[Registry]:
+        """The knowledge of an earlier life, which the master has again. Raises Fatal where it cannot: the next start is afresh."""
+        try:
+            before = self._before(found)
+            if before is not None:
+                self._master.restore(before)
+        except Exception as problem:
+            store.give_up(self._options.store, "the roscore cannot come back with it")
+            raise program.Fatal(f"what is kept cannot be used: {type(problem).__name__}: {problem}") from None
+        return before
 
     def _before(self, found: Optional[store.Found]) -> Optional[Registry]:
         """The knowledge of an earlier life, as far as it counts."""
@@ -188,8 +201,17 @@ def main() -> int:
         except OSError as problem:
             raise program.Fatal(f"what is kept in {options.store} cannot be removed: {problem}") from None
         return 0
+    # Until the loop runs, too: what is kept may be why it never does.
+    program.on_request_at_once(partial(_forget_at_once, options.store))
     memory.give_back()
     return Roscore(options).run()
+
+
+def _forget_at_once(folder: str) -> None:
+    """End, and know nothing afterwards."""
+    if folder:
+        store.forget(folder)
+    program.leave_process(0)
 
 
 if __name__ == "__main__":

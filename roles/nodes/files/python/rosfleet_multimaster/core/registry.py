@@ -39,10 +39,29 @@ class Registry:
 
     def apply(self, record: Record) -> None:
         """Carry out what a record says. Raises ValueError where it says nothing."""
+        self.check(record)
         try:
             _APPLY[record[0]](self, *record[1:])
         except (KeyError, TypeError, IndexError):
-            raise ValueError(f"no record: {str(record)[:100]}") from None
+            raise ValueError("no record") from None
+
+    @staticmethod
+    def check(record: Any) -> None:
+        """Raise ValueError where this is no record."""
+        kinds = _TYPES.get(record[0]) if isinstance(record, list) and record and isinstance(record[0], str) else None
+        if kinds is None or len(record) != len(kinds) + 1 or not all(map(isinstance, record[1:], kinds)):
+            raise ValueError("no record")
+
+    def now(self, record: Record) -> Record:
+        """The same record as it is now: of a registration, with its presence; of a type or node, with what it is."""
+        kind, key, *rest = record
+        if kind in ("publisher", "subscriber", "listener"):
+            return [*record[:4], tuple(rest[:2]) in getattr(self, f"{kind}s").get(key, {})]
+        if kind == "service":
+            held = self.services.get(key)
+            there = held is not None and (held.node, held.uri) == tuple(rest[:2])
+            return [kind, key, *rest[:2], held.node_uri if held and there else rest[2], there]
+        return [kind, key, (self.types if kind == "type" else self.nodes).get(key, "")]
 
     def records(self) -> Iterator[Record]:
         """The records that make this registry out of an empty one."""
@@ -155,6 +174,17 @@ _APPLY: Dict[str, Callable[..., None]] = {
     "node": _node,
     "set": _set,
     "delete": _delete,
+}
+#: kind -> the types of what follows it
+_TYPES: Dict[str, Tuple[type, ...]] = {
+    "publisher": (str, str, str, bool),
+    "subscriber": (str, str, str, bool),
+    "listener": (str, str, str, bool),
+    "service": (str, str, str, str, bool),
+    "type": (str, str),
+    "node": (str, str),
+    "set": (str, object),
+    "delete": (str,),
 }
 
 

@@ -6,14 +6,15 @@
 
 The first line is number 0 and a mapping: the format, and the boot of the computer that wrote it. A line counts if it is
 whole, its checksum is right, and its number follows that of the line before. The first line that does not count ends the
-file: a process or a computer that ended while it wrote leaves half a line.
+file: a process or a computer that ended while it wrote leaves half a line. A value that JSON has not is left out alone.
 """
 
 import base64
 import json
 import zlib
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
+from .bounds import Room, freed, names
 from .registry import Record, Registry
 
 FORMAT = 1
@@ -43,6 +44,9 @@ class Special(NamedTuple):
 
 
 _SPECIAL = "\0special"  # XML has no such character, so no mapping of a parameter has this key
+_KINDS = ("Binary", "DateTime")
+_UNKEPT = (ValueError, TypeError, OverflowError, RecursionError)
+_NOTHING = object()
 
 
 class Remembered(NamedTuple):
@@ -54,6 +58,7 @@ class Remembered(NamedTuple):
     lines: int  # and the number of the last line in them
     torn: bool  # something follows that does not count,
     damaged: bool  # and it is more than one line that was not finished
+    left_out: int  # lines or records that are whole, and could not be taken
 
 
 def head(boot: str) -> bytes:
@@ -62,47 +67,111 @@ def head(boot: str) -> bytes:
 
 
 def line(number: int, content: Any) -> bytes:
-    """One line. Raises ValueError or TypeError for a value that cannot be kept."""
-    text = f"{number} {json.dumps(content, default=_plain, separators=(',', ':'))}".encode()
-    return b"%08x %s\n" % (zlib.crc32(text), text)
+    """One line. Raises ValueError, TypeError or RecursionError for a value that cannot be kept."""
+    text = json.dumps(content, default=_plain, separators=(",", ":"), ensure_ascii=False)
+    data = f"{number} {text}".encode()
+    return b"%08x %s\n" % (zlib.crc32(data), data)
 
 
-def read(data: bytes, special: Any = lambda value: value) -> Optional[Remembered]:
-    """Read a store; None where it is none, or of another format. `special` makes values of Special ones."""
-    lines = data.split(b"\n")
-    first = _content(lines[0], 0, special)
-    if len(lines) < 2 or not isinstance(first, dict) or first.get("format") != FORMAT:
-        return None
-    registry, good, last = Registry(), len(lines[0]) + 1, 0
-    for number, text in enumerate(lines[1:-1], 1):
-        records = _content(text, number, special)
-        if not isinstance(records, list) or not _applied(registry, records):
-            break
-        good, last = good + len(text) + 1, number
-    rest = data[good:]
-    return Remembered(registry, str(first.get("boot", "")), good, last, bool(rest), b"\n" in rest)
+def keepable(records: Sequence[Record]) -> Tuple[List[Record], List[str]]:
+    """The same records without the values that cannot be kept, and the names of the parameters that have them."""
+    kept: List[Record] = []
+    without: List[str] = []
+    for record in records:
+        try:
+            line(0, [record])
+            kept.append(record)
+        except _UNKEPT:
+            if record[0] == "set":
+                value = _kept_of(record[2])
+                kept.append(["delete", record[1]] if value is _NOTHING else ["set", record[1], value])
+            without.append(str(record[1]))
+    return kept, without
 
 
-def _applied(registry: Registry, records: Sequence[Record]) -> bool:
+def _kept_of(value: Any) -> Any:
+    """A value without what cannot be kept: a member of a mapping goes alone, a list as a whole."""
+    if isinstance(value, dict):
+        parts = {key: _kept_of(part) for key, part in value.items() if isinstance(key, str) and _is_kept(key)}
+        return {key: part for key, part in parts.items() if part is not _NOTHING}
+    return value if _is_kept(value) else _NOTHING
+
+
+def _is_kept(value: Any) -> bool:
     try:
-        for record in records:
-            registry.apply(record)
-    except ValueError:
+        line(0, value)
+    except _UNKEPT:
         return False
     return True
 
 
-def _content(text: bytes, number: int, special: Any) -> Any:
-    """The content of a line; None where it does not count."""
-    try:
-        if text[:9] != b"%08x " % zlib.crc32(text[9:]):
-            return None
-        written, _space, body = text[9:].partition(b" ")
-        if int(written) != number:
-            return None
-        return json.loads(body.decode(), object_hook=lambda found: _revived(found, special))
-    except ValueError:
+def read(lines: Iterable[bytes], special: Any = lambda value: value) -> Optional[Remembered]:
+    """Read a store, line by line; None where it is none, or of another format. `special` makes values of Special ones.
+
+    What follows a line that is damaged does not count. A line that is whole, but says what nobody understands or what is
+    more than is taken, is left out alone.
+    """
+    given = iter(lines)
+    head = next(given, b"")
+    first = _content(head, 0, special)
+    if not head.endswith(b"\n") or not isinstance(first, dict) or first.get("format") != FORMAT:
         return None
+    registry, room, good, last, left_out = Registry(), Room(), len(head), 0, 0
+    rest = b""
+    for number, text in enumerate(given, 1):
+        records = _content(text, number, special)
+        if records is None:
+            rest = text
+            break
+        left_out += _apply(registry, room, records)
+        good, last = good + len(text), number
+    more = rest.endswith(b"\n") or bool(rest) and next(given, None) is not None
+    return Remembered(registry, str(first.get("boot", "")), good, last, bool(rest), more, left_out)
+
+
+def _apply(registry: Registry, room: Room, records: Any) -> int:
+    """Carry out the records of a line; how many were left out."""
+    if not isinstance(records, list):
+        return 1
+    left_out = 0
+    for record in records:
+        try:
+            _apply_one(registry, room, record)
+        except (ValueError, TypeError, LookupError):
+            left_out += 1
+    return left_out
+
+
+def _apply_one(registry: Registry, room: Room, record: Record) -> None:
+    """Carry out a record, within the bounds of a roscore. Raises ValueError."""
+    registry.check(record)
+    kind, name = record[:2]
+    if kind == "set":
+        room.parameters += room.set(registry.parameters, name, record[2])
+    elif kind == "delete":
+        room.parameters -= freed(registry.parameters, name)
+    else:
+        names(record[1:])
+        if record == registry.now(record):
+            return
+        if record[-1]:
+            room.register(*[part for part in record[1:] if isinstance(part, str)])
+        room.count(record)
+    registry.apply(record)
+
+
+def _content(text: bytes, number: int, special: Any) -> Any:
+    """The content of a line; None where it does not count, and "" where it is whole and cannot be understood."""
+    body = text[:-1]
+    if not text.endswith(b"\n") or body[:9] != b"%08x " % zlib.crc32(body[9:]):
+        return None
+    written, _space, content = body[9:].partition(b" ")
+    if written != b"%d" % number:
+        return None
+    try:
+        return json.loads(content.decode(), object_hook=lambda found: _revived(found, special))
+    except (ValueError, TypeError, RecursionError, MemoryError):
+        return ""
 
 
 def _plain(value: Any) -> Any:
@@ -110,8 +179,10 @@ def _plain(value: Any) -> Any:
 
 
 def _revived(found: Dict[str, Any], special: Any) -> Any:
-    given: List[Any] = found.get(_SPECIAL, [])
-    return special(Special(*given)) if given else found
+    given = found.get(_SPECIAL) if len(found) == 1 else None
+    if not isinstance(given, list) or len(given) != 2 or given[0] not in _KINDS or not isinstance(given[1], str):
+        return found
+    return special(Special(*given))
 
 
 def grown(size: int, base: int) -> bool:

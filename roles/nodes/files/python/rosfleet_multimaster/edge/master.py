@@ -18,7 +18,10 @@ import rosgraph.network
 import rosgraph.xmlrpc
 from rosmaster import master_api, paramserver, registrations
 
+from ..core import bounded_json
+from ..core.bounds import BOUNDS, Beyond, Room, beyond, freed, names, weight, writable
 from ..core.name_guard import NameGuard
+from ..core.plain_text import plain
 from ..core.registry import Of, Record, Registry, touches
 from .clock import monotonic
 from .notifier import Notifier
@@ -201,7 +204,7 @@ class _Pool:
             self._notifier.tell(uri, "paramUpdate", key, (key, copied(value)))
         elif name == "publisher_update_task":
             uri, topic, uris = arguments
-            self._notifier.tell(uri, _TELLING[name], topic, (topic, list(uris)))
+            self._notifier.tell(uri, _TELLING[name], topic, (topic, uris))
         elif name == "shutdown_node_task":
             uri, node, reason = arguments
             if not self._spared(node, uri):
@@ -230,7 +233,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self.handed_on: Callable[[List[Record]], None] = lambda _records: None
         self.more: Dict[str, Callable[..., Any]] = {"system.listMethods": self._methods, TOGETHER: self._together}
 
-        note = self._records.append
+        note = self._note
+        self.room = Room()
         self.thread_pool = _Pool(self._notifier, lambda _node, _uri: self._spare)
         self.ps_lock = self._lock = Lock()
         self._lock.changed = self._commit
@@ -274,7 +278,11 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         """
         if not self.caller().own:
             return -1, "only programs of this computer may use it", 0
-        return 1, "", [json.dumps(self._part(json.loads(text)), default=str) for text in texts]
+        try:
+            parts = [_calls(text) for text in texts]
+        except (ValueError, TypeError) as problem:
+            return -1, f"expected: texts of JSON, each a list of calls: {plain(problem)}", 0
+        return 1, "", [json.dumps(self._part(calls), default=str) for calls in parts]
 
     def _part(self, calls: List[Any]) -> List[Any]:
         """The results; of a call that fails, why, as a text."""
@@ -295,8 +303,16 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def caller(self) -> Caller:
         return getattr(self.calls, "caller", Caller())
 
+    def _note(self, record: Record) -> None:
+        self._records.append(record)
+        self.room.count(record)
+
     def _change(self, name: str, arguments: Tuple[Any, ...]) -> Any:
         at = CHANGES[name]
+        try:
+            heavier = self._heavier(name, arguments)
+        except Beyond as problem:
+            return -1, str(problem), 0
         texts = len(arguments) > max(at, 1) and all(isinstance(arguments[place], str) for place in (0, at))
         if at and texts:
             refused = self._refusal(arguments[0], arguments[at])
@@ -306,11 +322,27 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             code, text, value = getattr(self, name)(*arguments)
         finally:
             self._spare = False
+        if code == 1:
+            self.room.parameters += heavier
+        elif code == 0 and heavier:  # rosmaster failed on its way, and nobody knows how far it came
+            self.room.parameters = weight(self.param_server.parameters)
         if code == 1 and not at and name.endswith("Param"):
             self._parameter(name, arguments)
         if code == 1 and name.startswith("unregister") and self.has_ended(arguments[0]):
             self.left(arguments[0], self.reg_manager.nodes[arguments[0]].api)
         return code, text, copied(value)
+
+    def _heavier(self, name: str, arguments: Tuple[Any, ...]) -> int:
+        """How much heavier the parameters get by a call. Raises Beyond. Wrong arguments have their answer from rosmaster."""
+        texts = arguments[:-1] if name == "setParam" else arguments
+        names(texts)
+        if not name.endswith("Param") or not all(isinstance(text, str) and text for text in texts[1:]):
+            return 0
+        if name == "setParam" and len(arguments) == 3:
+            return self.room.set(self.param_server.parameters, _resolved(arguments), arguments[2])
+        if name == "deleteParam" and len(arguments) == 2:
+            return -freed(self.param_server.parameters, _resolved(arguments))
+        return 0
 
     def _refusal(self, node: str, uri: str) -> str:
         held = self.reg_manager.nodes.get(node)
@@ -327,7 +359,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         """A parameter was set or deleted."""
         if name == "unsubscribeParam":
             return
-        key = rosgraph.names.resolve_name(arguments[1], arguments[0])
+        key = _resolved(arguments)
         self._records.append(["set", key, arguments[2]] if name == "setParam" else ["delete", key])
         for watched, last in self._last.items():
             if touches(key, watched):
@@ -390,17 +422,13 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
         What changes meanwhile may be in it or not. Who notes the changes since, and carries them out after it, has what is.
         """
-        records = chain([["set", "/", {}]], self._parameters(), self.registered())
+        records = chain([["set", "/", {}]], _records_of("", self.param_server.parameters), self.registered())
         while True:
             with self._lock:
                 part = list(islice(records, PART))
             if not part:
                 return
             yield part
-
-    def _parameters(self) -> Iterator[Record]:
-        for name, value in list(self.param_server.parameters.items()):
-            yield ["set", f"/{name}", copied(value)]
 
     # After a start
 
@@ -411,6 +439,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             for name, uri in found.nodes.items():
                 manager.nodes[name] = registrations.NodeRef(name, uri)
             self.topics_types.update(found.types)
+            for topic in found.publishers:  # rosmaster lists no topics where one of them has no type
+                self.topics_types.setdefault(topic, "*")
             self.param_server.parameters = found.parameters
             for table, users_of, held in (
                 (self.publishers, found.publishers, "topic_publications"),
@@ -432,6 +462,11 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             for name, uri in found.nodes.items():
                 self.guard.judge(name, "", uri, monotonic())
             self._records.clear()
+            self.room = Room()
+            self.room.parameters = weight(found.parameters)
+            for record in found.records():
+                if record[0] != "set":
+                    self.room.count(record)
 
     def _node(self, name: str, uri: str) -> Any:
         nodes = self.reg_manager.nodes
@@ -519,8 +554,37 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         return True
 
 
+def _calls(text: str) -> List[Any]:
+    """The calls in a text of JSON. Raises ValueError."""
+    calls = bounded_json.read(text) if isinstance(text, str) else None
+    if not isinstance(calls, list) or not all(isinstance(call, list) and call for call in calls):
+        raise ValueError("something else")
+    if len(calls) > BOUNDS["together"].most:
+        raise beyond("together", f"a text with {len(calls):,} calls")
+    if not writable(calls):
+        raise ValueError("a text with characters that XML has not")
+    return calls
+
+
+def _resolved(arguments: Tuple[Any, ...]) -> str:
+    """The name of the parameter of setParam or deleteParam."""
+    return str(rosgraph.names.resolve_name(arguments[1], arguments[0] if isinstance(arguments[0], str) else "/"))
+
+
 def _key(record: Record) -> Tuple[Any, ...]:
     return tuple(record[:4])
+
+
+def _records_of(name: str, tree: Dict[str, Any]) -> Iterator[Record]:
+    """The records of a tree of parameters: many, so that no line of the store is larger than one value."""
+    if not tree or any(not key or "/" in key for key in tree):  # no path leads to such a member
+        yield ["set", name or "/", copied(tree)]
+        return
+    for key, value in list(tree.items()):
+        if isinstance(value, dict):
+            yield from _records_of(f"{name}/{key}", value)
+        else:
+            yield ["set", f"{name}/{key}", value]
 
 
 def copied(value: Any) -> Any:

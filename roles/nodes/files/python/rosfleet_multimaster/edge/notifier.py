@@ -94,4 +94,6 @@ class Notifier:
         except OSError as problem:
             _log.debug("%s of %s: %s", call.method, call.uri, problem)
             return False, False
+        except Exception as problem:  # such as a value that XML-RPC has not: this node cannot be told, the others are
+            _log.debug("%s of %s: %s: %s", call.method, call.uri, type(problem).__name__, problem)
         return True, False

@@ -9,6 +9,7 @@ lives on the parameter server, so it lives as long as the registrations do.
 import json
 from typing import Any, Dict
 
+from ..core import bounded_json
 from ..core.sync import Claims
 
 IMPORTS = "/rosfleet_multimaster/imports"
@@ -25,7 +26,7 @@ def write(node: str, uri: str, claims: Claims) -> str:
 def read(text: Any) -> Dict[str, Any]:
     """The record in a value of the parameter server; empty where it is none."""
     try:
-        found = json.loads(text) if isinstance(text, str) else {}
+        found = bounded_json.read(text) if isinstance(text, str) else {}
         return found if isinstance(found, dict) and isinstance(found.get("imports"), dict) else {}
     except ValueError:
         return {}
@@ -35,6 +36,11 @@ def claims_of(text: Any) -> Claims:
     """The claims in the record of an earlier life; none where it is damaged."""
     imports = read(text).get("imports", {})
     try:
-        return {(node, uri): master for master, nodes in imports.items() for node, uri in nodes.items()}
+        return {
+            (node, uri): master
+            for master, nodes in imports.items()
+            for node, uri in nodes.items()
+            if isinstance(uri, str)
+        }
     except (AttributeError, TypeError):
         return {}

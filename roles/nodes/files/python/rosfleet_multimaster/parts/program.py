@@ -154,6 +154,11 @@ def on_request(loop: Loop, job: Callable[[], None]) -> None:
     signal.signal(signal.SIGUSR1, lambda _number, _frame: loop.post(job))
 
 
+def on_request_at_once(job: Callable[[], None]) -> None:
+    """Have `job` called on SIGUSR1 while there is no loop yet."""
+    signal.signal(signal.SIGUSR1, lambda _number, _frame: job())
+
+
 def leave_process(status: int) -> None:
     """End the process now, whatever threads of ROS are still waiting for."""
     sys.stderr.flush()
