@@ -154,12 +154,12 @@ def test_ros_has_three_files(path):
 
 #: what touches the outside -> the only files of the nodes that import it; wait_for_master.py runs alone, without these
 OUTSIDE = {
-    "socket": "addresses connections ending lifeline loop master ros rpc_client rpc_server systemd tcpros udp",
+    "socket": "addresses connections door ending lifeline loop master ros rpc_client rpc_server systemd tcpros udp",
     "socketserver": "rpc_server",
     "select": "",
     "selectors": "loop",
-    "http": "rpc_client rpc_server",
-    "threading": "counting loop master notifier patience rpc_client rpc_server store parts/changes parts/served parts/told",
+    "http": "door rpc_client rpc_server",
+    "threading": "counting door loop master notifier patience rpc_client rpc_server store parts/changes parts/refusals parts/served parts/told",
     "queue": "loop",
     "time": "clock wait_for_master",
     "signal": "parts/program publish_metrics",

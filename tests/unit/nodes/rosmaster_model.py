@@ -137,6 +137,8 @@ class ParamDictionary:
     def get_param(self, key):
         value = self.parameters
         for part in parts_of(key):
+            if not isinstance(value, dict):
+                raise KeyError(key)
             value = value[part]
         return value
 

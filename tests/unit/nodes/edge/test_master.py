@@ -15,6 +15,7 @@ import pytest
 from rosmaster_model import installed
 
 REAL = installed()
+from rosfleet_multimaster.core import bounds  # noqa: E402
 from rosfleet_multimaster.core.registry import Registry  # noqa: E402
 from rosfleet_multimaster.edge import master as module  # noqa: E402
 from rosfleet_multimaster.parts import imports  # noqa: E402
@@ -418,3 +419,143 @@ def test_it_serves_on_a_socket_that_was_held(roscore):
 def test_a_port_that_is_taken_is_an_error(roscore):
     with socket.create_server(("0.0.0.0", 0)) as taken, pytest.raises(OSError, match="in use"):
         module.serve(roscore.master, taken.getsockname()[1], [], {})
+
+
+# Bounds
+
+
+def test_what_is_beyond_a_bound_is_refused_and_changes_nothing(roscore):
+    some(roscore)
+    counted = []
+    roscore.master.refused = lambda problem: counted.append(problem.bound)
+    before = roscore.without_order()
+    deep = 1
+    for _level in range(70):
+        deep = {"a": deep}
+    for call in (
+        ("setParam", "/a", "/deep", deep),
+        ("setParam", "/a", "/large", "x" * (40 << 20)),
+        ("setParam", "/a", "/watched", "x" * (5 << 20)),
+        ("setParam", "/a", "/" + "n" * 600, 1),
+        ("registerPublisher", "/" + "a" * 600, "/chatter", "x/Y", A),
+        ("registerSubscriber", "/a", "/chatter", "x/" + "Y" * 600, A),
+        ("registerService", "/a", "/serve", "rosrpc://a:5", "http://" + "a" * 600),
+    ):
+        code, text, _value = roscore.master.answer(*[call[0], call[1:]])
+        assert code == -1 and "more than the roscore takes" in text
+    assert roscore.without_order() == before
+    assert counted == ["depth", "parameter", "watched", "name", "name", "name", "name"]
+
+
+def test_the_registrations_have_a_bound_and_one_that_is_there_may_be_said_again(roscore, monkeypatch):
+    some(roscore)
+    most = bounds.Bound(roscore.master.room.registrations + 2000, "bytes")
+    monkeypatch.setitem(bounds.BOUNDS, "registrations", most)
+    roscore.call("registerPublisher", "/b", "/chatter", "x/Y", B)
+    for call in (
+        ("registerPublisher", "/c", "/chatter", "x/Y", B),
+        ("registerSubscriber", "/c", "/chatter", "x/Y", B),
+        ("registerService", "/c", "/serve_more", "rosrpc://b:5", B),
+        ("subscribeParam", "/c", B, "/speed"),
+    ):
+        assert roscore.master.answer(call[0], call[1:])[0] == -1
+    some(roscore)
+    roscore.call("unregisterPublisher", "/b", "/chatter", B)
+    roscore.call("registerPublisher", "/b", "/other", "x/Y", B)
+
+
+def test_types_of_topics_that_nobody_has_go_where_there_is_no_room(roscore, monkeypatch):
+    for number in range(50):
+        roscore.call("registerPublisher", "/a", f"/topic_{number}", "x/Y", A)
+        roscore.call("unregisterPublisher", "/a", f"/topic_{number}", A)
+    monkeypatch.setitem(bounds.BOUNDS, "registrations", bounds.Bound(roscore.master.room.registrations, "bytes"))
+    roscore.call("registerPublisher", "/a", "/new", "x/Y", A)
+    assert set(roscore.master.topics_types) == {"/new"}
+
+
+# The name of the collection
+
+
+RECORD = imports.IMPORTS
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        ("setParam", "/x", RECORD, ""),
+        ("setParam", "/x", RECORD.strip("/"), ""),
+        ("setParam", "/rosfleet_multimaster", "~imports", ""),
+        ("setParam", "/rosfleet_multimaster/x", "imports", ""),
+        ("setParam", "rosfleet_multimaster/x", "imports", ""),
+        ("setParam", "/x", "//rosfleet_multimaster//", {"imports": ""}),
+        ("setParam", "/x", RECORD + "/below", 1),
+        ("setParam", "/x", "/rosfleet_multimaster/other", 1),
+        ("deleteParam", "/x", RECORD),
+        ("deleteParam", "/x", "/rosfleet_multimaster"),
+        ("setParam", "/x", "/", {"a": 1}),
+        ("setParam", "/x", "/", {"a": 1, "rosfleet_multimaster": {"imports": ""}}),
+        ("setParam", "/x", "/", {"a": 1, "/rosfleet_multimaster": 5}),
+    ],
+)
+@pytest.mark.parametrize("way", ["alone", "multicall", "together"])
+def test_the_record_of_imports_is_set_by_its_own_program_alone(roscore, monkeypatch, call, way):
+    if not REAL and call[1] != "/x":
+        pytest.skip("the model of rosmaster resolves no names")
+    roscore.import_of("/camera", FAR)
+    held = roscore.call("getParam", "/x", RECORD)
+    monkeypatch.setattr(module.programs, "is_own", lambda *_ends: False)
+    roscore.master.calls.caller = module.Caller("127.0.0.1", "127.0.0.1")
+    if way == "alone":
+        roscore.master.answer(call[0], call[1:])
+    elif way == "multicall":
+        roscore.master.answer("system.multicall", ([{"methodName": call[0], "params": list(call[1:])}],))
+    else:
+        roscore.master.answer("rosfleetTogether", ("/x", [json.dumps([list(call)])]))
+    assert roscore.call("getParam", "/x", RECORD) == held and roscore.master.guard.is_import("/camera", FAR)
+    tree = roscore.call("getParam", "/x", "/")
+    assert ("a" in tree) == (call[2] == "/"), "what else is in the tree is set"
+    assert json.loads(json.dumps(roscore.registry.parameters)) == tree
+
+
+def test_one_multicall_does_not_end_the_node_of_another_robot(roscore, monkeypatch):
+    roscore.import_of("/camera", FAR)
+    monkeypatch.setattr(module.programs, "is_own", lambda *_ends: False)
+    roscore.master.calls.caller = module.Caller("192.0.2.7", "192.0.2.1")
+    calls = [
+        ["setParam", "/x", RECORD, ""],
+        ["unregisterPublisher", "/camera", "/image", FAR],
+        ["registerPublisher", "/camera", "/image", "x/Y", FAR],
+        ["registerPublisher", "/camera", "/image", "x/Y", NEW],
+        ["registerPublisher", "/other", "/image", "x/Y", FAR],
+        ["registerPublisher", "/other", "/image", "x/Y", NEW],
+    ]
+    roscore.master.answer("system.multicall", ([{"methodName": name, "params": rest} for name, *rest in calls],))
+    monkeypatch.setattr(module.addresses, "addresses_of_all", lambda hosts: {"far": "192.0.2.9", "new": "192.0.2.7"})
+    monkeypatch.setattr(module.addresses, "here", lambda _uris, _seconds: set())
+    ends = [call for call in roscore.told.since() if call[1] == "shutdown"]
+    assert [call[:3] for call in ends] == [(FAR, "shutdown", "/other")]
+    assert not any(may_end(roscore, *call[:3]) for call in ends)
+
+
+def may_end(roscore, uri, method, name):
+    return roscore.master._may_tell(module.Call(uri, method, (name,), (method, name)))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "ended"),
+    [
+        ("192.0.2.7", "192.0.2.8", True),  # it registered itself
+        ("192.0.2.8", "192.0.2.7", True),  # its successor is on its computer
+        ("192.0.2.8", "192.0.2.8", False),
+        ("127.0.0.1", "127.0.0.1", False),
+    ],
+)
+def test_a_node_of_this_robot_is_ended_as_before(roscore, monkeypatch, first, second, ended):
+    monkeypatch.setattr(module.addresses, "addresses_of_all", lambda hosts: dict.fromkeys(hosts, "192.0.2.7"))
+    monkeypatch.setattr(module.addresses, "here", lambda _uris, _seconds: set())
+    for address, uri in ((first, A), (second, NEW)):
+        roscore.master.calls.caller = module.Caller(address, "192.0.2.1")
+        roscore.call("registerPublisher", "/a", "/chatter", "x/Y", uri)
+    assert may_end(roscore, A, "shutdown", "/a") == ended
+    monkeypatch.setattr(module.addresses, "here", lambda uris, _seconds: set(uris))
+    assert may_end(roscore, A, "shutdown", "/a") == (ended or first == "127.0.0.1")

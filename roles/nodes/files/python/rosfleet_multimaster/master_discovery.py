@@ -6,7 +6,7 @@
 """
 
 import urllib.parse
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from .core import metrics, parameters, report
 from .core.differences import Stamps
@@ -54,6 +54,7 @@ class MasterDiscovery:
         self.masters: Tuple[Master, ...] = ()
         self.diagnostics: Optional[ros.Diagnostics] = None
         self.outsiders: Tuple[Outsider, ...] = ()  # who is ignored
+        self.refused: Callable[[], Any] = lambda: None  # what the roscore has refused
         self.told: Dict[str, Master] = {}
         self.status = ""
         self.looked = 0.0  # when the addresses were looked at
@@ -80,6 +81,7 @@ class MasterDiscovery:
         self._wire(values)
         self.identity = own_roscore.Identity()
         source = self._source(env_uri, name, 1.0 / values["rosmaster_hz"])
+        self.refused = lambda: source.refused
         self._serve(values, source)
         program.on_signals(self.loop, self._end)
         in_own_thread(
@@ -226,7 +228,7 @@ class MasterDiscovery:
 
     def _entries(self) -> List[Diagnosis]:
         """The entries of /diagnostics."""
-        own = report.roscore(self.own.uri, self.own.away)
+        own = report.roscore(self.own.uri, self.own.away, self.refused())
         return [own, *report.links(self._links()), report.ignored(self.outsiders)]
 
     def _samples(self) -> metrics.Samples:

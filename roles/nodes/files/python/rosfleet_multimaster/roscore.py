@@ -16,11 +16,13 @@ import uuid
 from functools import partial
 from typing import Any, List, Optional
 
+from .core.bounds import Beyond
 from .core.registry import Record, Registry
-from .edge import addresses, master, memory, store, systemd
+from .edge import addresses, journal, master, memory, store, systemd
 from .edge.loop import Loop, Workers, in_thread
 from .parts import core_services, imports, program
 from .parts.changes import Changes
+from .parts.refusals import Refusals
 from .parts.survivors import THREADS, Survivors, alive_of
 
 WATCHED = (imports.IMPORTS, "/do_not_sync")  # parameters whose changes are told
@@ -40,7 +42,7 @@ class Roscore:
             uuid.uuid4().hex,
             self._master.ps_lock,
             self._master.registered,
-            self._master.watched,
+            lambda: [*self._master.watched(), *self._refusals.parameters()],
             self._master.caller,
         )
         self._store: Optional[store.Store] = None
@@ -49,6 +51,7 @@ class Roscore:
         self._late: Optional[Registry] = None  # nodes of other computers, which may have survived a boot of this one
         self._status, self._uri, self._said = 0, "", ""
         self._settled = False
+        self._refusals = Refusals(self._tell)
 
     def run(self) -> int:
         """Serve until a signal; the exit status."""
@@ -58,6 +61,8 @@ class Roscore:
         self._keep_from_now_on(found)
         self._master.handed_on = self._hand_on
         self._master.left = self._survivors.look_after
+        self._master.refused = self._refused
+        self._master.not_ended = self._not_ended
         core_services.run_id(self._call)
         self._serve()
         if before is not None:
@@ -66,6 +71,7 @@ class Roscore:
         if self._late is not None:
             self._survivors.wait_for(self._late)
         in_thread("versions", partial(core_services.versions, self._call))
+        journal.quiet("rosmaster", "rosgraph", "xmlrpc")
         program.on_signals(self._loop, self._end)
         program.on_request(self._loop, self._forget)
         self._loop.run(self._tick)
@@ -83,6 +89,7 @@ class Roscore:
         with self._master.ps_lock:  # a lock that nobody gives back is what the watchdog is to see
             pass
         self._say_status()
+        self._refusals.tick(now)
         return self._rosout.tick(now) if self._options.rosout else now + 0.5
 
     def _say_status(self) -> None:
@@ -102,7 +109,20 @@ class Roscore:
         self._changes.add(records)
         for record in records:
             if record[0] == "refused":
-                program.LOG.warning("the node %s at %s is refused: %s", *record[1:4])
+                text = "the node {} at {} is refused: {}".format(*record[1:4])
+                self._refusals.say(f"{record[1:3]}", text)
+
+    def _refused(self, problem: Beyond) -> None:
+        self._refusals.add(problem.bound, str(problem))
+
+    def _not_ended(self, name: str, uri: str) -> None:
+        text = f"{name} at {uri} is not told to end: neither it nor its successor was registered from its computer"
+        self._refusals.say("end", text)
+
+    def _tell(self, records: List[Record]) -> None:
+        """Tell who follows something that is no change of the registrations."""
+        with self._master.ps_lock:
+            self._changes.add(records)
 
     # The start
 

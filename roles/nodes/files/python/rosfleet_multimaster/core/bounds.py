@@ -23,6 +23,7 @@ BOUNDS: Dict[str, Bound] = {
     "request": Bound(32 * MIB, "bytes of a request, also when it is unpacked"),
     "values": Bound(48 * MIB, "bytes of memory of the values in a request"),
     "text": Bound(16 * MIB, "bytes of one text"),
+    "elements": Bound(100, "elements of XML in each other: a list in a list has three"),
     "depth": Bound(64, "levels of a parameter: the parts of its name, and the lists and mappings in each other"),
     "name": Bound(512, "characters of a name, a type or a URI"),
     "parameter": Bound(32 * MIB, "bytes of one parameter"),
@@ -32,7 +33,12 @@ BOUNDS: Dict[str, Bound] = {
     "users": Bound(20_000, "publishers, subscribers or listeners of one name"),
     "calls": Bound(100_000, "calls in one system.multicall"),
     "together": Bound(1_000, "calls in one text of rosfleetTogether"),
-    "answer": Bound(72 * MIB, "bytes of an answer"),
+    "answer": Bound(80 * MIB, "bytes of an answer"),
+    "under way": Bound(
+        512 * MIB, "bytes of memory for all large requests and answers at once; half of it for other computers"
+    ),
+    "connections": Bound(800, "open connections; then the one that was idle longest ends, of another computer first"),
+    "head": Bound(16 * 1024, "bytes of the head of a request"),
 }
 
 # What a value counts: not less than it costs in memory, in the store and in an answer.
@@ -134,10 +140,9 @@ class Room:
             raise beyond("parameters", name)
         return grown
 
-    def register(self, *texts: str) -> None:
-        """Raise Beyond where there is no room for one more registration."""
-        if self.registrations + registration(*texts) > BOUNDS["registrations"].most:
-            raise beyond("registrations", texts[0])
+    def is_full(self, *texts: str) -> bool:
+        """True where there is no room for one more registration with these texts."""
+        return self.registrations + registration(*texts) > BOUNDS["registrations"].most
 
     def count(self, record: List[Any]) -> None:
         """Count a change: a registration that is new, or gone."""

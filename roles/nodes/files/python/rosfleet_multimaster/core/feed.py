@@ -10,9 +10,11 @@ import json
 from collections import deque
 from typing import Any, Deque, List, Optional, Sequence
 
+from .bounds import weight
 from .graph import Malformed
 
 MOST = 10000  # records of the history
+_LONG = 1000  # signs of a text that count as one more record
 PART = 200  # records, or calls, in one text
 
 
@@ -29,9 +31,9 @@ class Feed:
         """Note the changes of one call."""
         self.revision += 1
         self._history.append(list(records))
-        self._held += len(records)
+        self._held += _size(records)
         while self._held > self._most:
-            self._held -= len(self._history.popleft())
+            self._held -= _size(self._history.popleft())
 
     def since(self, epoch: str, revision: int) -> Optional[List[List[Any]]]:
         """The records after a revision; None where only the whole state helps."""
@@ -40,6 +42,11 @@ class Feed:
             return None
         start = len(self._history) - behind
         return [record for at in range(start, len(self._history)) for record in self._history[at]] if behind else []
+
+
+def _size(records: Sequence[List[Any]]) -> int:
+    """Records, and what long values count."""
+    return sum(1 + (weight(record[-1]) // _LONG if record[0] == "parameter" else 0) for record in records)
 
 
 def packed(rows: Sequence[Any]) -> List[str]:

@@ -14,7 +14,7 @@ import json
 import zlib
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
-from .bounds import Room, freed, names
+from .bounds import Room, beyond, freed, names
 from .registry import Record, Registry
 
 FORMAT = 1
@@ -154,8 +154,8 @@ def _apply_one(registry: Registry, room: Room, record: Record) -> None:
         names(record[1:])
         if record == registry.now(record):
             return
-        if record[-1]:
-            room.register(*[part for part in record[1:] if isinstance(part, str)])
+        if record[-1] and room.is_full(*[part for part in record[1:] if isinstance(part, str)]):
+            raise beyond("registrations", name)
         room.count(record)
     registry.apply(record)
 

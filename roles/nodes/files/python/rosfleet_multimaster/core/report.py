@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sentences for the log, and the entries of /diagnostics (REP 107): links, masters, clocks and refusals."""
 
-from typing import Iterable, List, NamedTuple, Sequence, Tuple
+from typing import Any, Iterable, List, NamedTuple, Sequence, Tuple
 
 from .health import APART, Seen, Shown
 from .limits import sentence
@@ -92,9 +92,14 @@ def _wrong(name: str, why: str, values: List[Tuple[str, str]]) -> Diagnosis:
 # Links
 
 
-def roscore(uri: str, away: str) -> Diagnosis:
-    """The entry about the own roscore. `away`: why there is no state of it, "" where there is one."""
-    return Diagnosis(f"{PREFIX}roscore", away or "it answers", [("uri", uri)], ERROR if away else OK)
+def roscore(uri: str, away: str, refused: Any = None) -> Diagnosis:
+    """The entry about the own roscore. `away`: why there is no state of it, "" where there is one.
+
+    `refused`: bound -> how many requests were beyond it since its start.
+    """
+    counts = refused if isinstance(refused, dict) else {}
+    values = [(f"refused requests, {bound}", f"{count}") for bound, count in sorted(counts.items())[:VALUES]]
+    return Diagnosis(f"{PREFIX}roscore", away or "it answers", [("uri", uri), *values], ERROR if away else OK)
 
 
 def links(shown: Shown) -> List[Diagnosis]:

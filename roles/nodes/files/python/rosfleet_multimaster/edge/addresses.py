@@ -150,7 +150,7 @@ def own_hosts() -> Set[str]:
 
 def here(uris: Iterable[str], seconds: float) -> Set[str]:
     """Those URIs that lead to this computer, as far as their names can be resolved in this time."""
-    own, hosts = own_hosts(), {uri: _host_of(uri) for uri in uris}
+    own, hosts = own_hosts(), {uri: host_of(uri) for uri in uris}
     others = {host for host in hosts.values() if host and host not in own}
     try:
         known = within(seconds, partial(addresses_of_all, others))
@@ -160,7 +160,8 @@ def here(uris: Iterable[str], seconds: float) -> Set[str]:
     return {uri for uri, host in hosts.items() if host in own}
 
 
-def _host_of(uri: str) -> str:
+def host_of(uri: str) -> str:
+    """The host in a URI; "" where there is none."""
     try:
         return urlsplit(uri).hostname or ""
     except ValueError:  # [ without ]

@@ -23,6 +23,7 @@ _INFO = 2  # the attribute with struct tcp_info; asked for by bit 1
 _INFO_LAST_DATA_RECEIVED = 52  # bytes into it: milliseconds since data came, and then since an acknowledgement came
 _LOWEST = 1024  # ports below it are of ssh and the like, never of a node, whatever a robot says of its nodes
 _MESSAGE = struct.Struct("=BBBB48s20x")  # struct inet_diag_msg
+_OWNER = 64  # bytes into it: the user
 
 
 class Tcp(NamedTuple):
@@ -40,6 +41,17 @@ def connections() -> List[Tcp]:
     states = ((1 << _STATES) - 1) & ~(1 | 1 << _LISTEN | 1 << _TIME_WAIT)
     body = struct.pack("=BBBBI48x", socket.AF_INET, socket.IPPROTO_TCP, 1 << (_INFO - 1), 0, states)
     return [_tcp(message) for message in _ask(_SOCK_DIAG_BY_FAMILY, _REQUEST | _DUMP, body)]
+
+
+def owner(local: Tuple[str, int], remote: Tuple[str, int]) -> int:
+    """The user (its number) whose process has this end of a connection. Raises OSError where it is not of this computer."""
+    family = socket.AF_INET6 if ":" in local[0] else socket.AF_INET
+    ends = [socket.inet_pton(family, address).ljust(16, b"\0") for address, _port in (local, remote)]
+    identity = struct.pack(">HH16s16s", local[1], remote[1], *ends) + struct.pack("=III", 0, 0xFFFFFFFF, 0xFFFFFFFF)
+    body = struct.pack("=BBBBI48s", family, socket.IPPROTO_TCP, 0, 0, 0xFFFFFFFF, identity)
+    for message in _ask(_SOCK_DIAG_BY_FAMILY, _REQUEST, body, one=True):
+        return int(struct.unpack_from("=I", message, _OWNER)[0])
+    raise OSError(errno.ENOENT, "there is no such connection")
 
 
 def end(connection: Tcp) -> bool:
@@ -86,8 +98,8 @@ def addresses_of(host: str) -> FrozenSet[str]:
     return frozenset(address for address in found if not address.startswith("127."))
 
 
-def _ask(kind: int, flags: int, body: bytes) -> Iterator[bytes]:
-    """Ask the kernel, and yield the messages of its answer. Raises OSError."""
+def _ask(kind: int, flags: int, body: bytes, one: bool = False) -> Iterator[bytes]:
+    """Ask the kernel, and yield the messages of its answer, which is `one` of them or ends with a word. Raises OSError."""
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, _NETLINK_SOCK_DIAG) as kernel:
         kernel.settimeout(2.0)
         kernel.send(struct.pack("=IHHII", 16 + len(body), kind, flags, 1, 0) + body)
@@ -103,6 +115,8 @@ def _ask(kind: int, flags: int, body: bytes) -> Iterator[bytes]:
                         raise OSError(-code, os.strerror(-code))
                     return
                 yield data[16:length]
+                if one:
+                    return
                 data = data[(length + 3) & ~3 :]
 
 

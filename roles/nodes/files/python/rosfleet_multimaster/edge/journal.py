@@ -55,6 +55,14 @@ class Handler(logging.StreamHandler):  # type: ignore[type-arg]  # a class of Py
             self.handleError(record)
 
 
+def quiet(*names: str) -> None:
+    """Say nothing of what these libraries log: each line is about one request of anybody, who has it as the answer."""
+    for name in names:
+        logger = logging.getLogger(name)
+        logger.addHandler(logging.NullHandler())
+        logger.propagate = False
+
+
 class PlainStream:
     """A text stream to which each piece is written on one line. Its other methods are those of the stream behind it."""
 

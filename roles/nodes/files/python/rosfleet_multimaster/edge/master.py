@@ -7,11 +7,14 @@ seen where it is made, and all changes of one call are handed on together before
 """
 
 import json
+import logging
 import socket
+import sys
 import threading
+from functools import partial
 from itertools import chain, islice
 from socket import socket as Socket
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Set, Tuple
 
 import rosgraph.names
 import rosgraph.network
@@ -19,13 +22,18 @@ import rosgraph.xmlrpc
 from rosmaster import master_api, paramserver, registrations
 
 from ..core import bounded_json
-from ..core.bounds import BOUNDS, Beyond, Room, beyond, freed, names, weight, writable
+from ..core.bounds import BOUNDS, Beyond, Room, beyond, freed, names, parts_of, weight, writable
 from ..core.name_guard import NameGuard
+from ..core.notifications import Call
 from ..core.plain_text import plain
 from ..core.registry import Of, Record, Registry, touches
+from . import addresses, programs
 from .clock import monotonic
+from .door import Caller, Door, Handler, multicall
 from .notifier import Notifier
 from .roscore import TOGETHER
+
+_log = logging.getLogger("rosfleet.master")
 
 #: what changes something -> where the URI of the calling node stands in its arguments
 CHANGES = {
@@ -40,7 +48,16 @@ CHANGES = {
     "setParam": 0,
     "deleteParam": 0,
 }
+_REGISTERS = {
+    "registerPublisher": "publishers",
+    "registerSubscriber": "subscribers",
+    "registerService": "services",
+    "subscribeParam": "param_subscribers",
+}
 PART = 200  # records that are read at once
+TYPES_AGAIN = 5.0  # seconds until types are looked through again
+MOST_ENDERS = 1000  # nodes that are to be ended
+RESOLVE = 2.0  # seconds to find out where a node is
 _READ_TREES = ("getParam",)  # their answers have parts of the tree, which changes while they are written
 _KINDS = {
     registrations.Registrations.TOPIC_PUBLICATIONS: "publisher",
@@ -57,19 +74,6 @@ _UNREGISTER = {
 _TELLING = {"publisher_update_task": "publisherUpdate", "shutdown_node_task": "shutdown"}
 
 Note = Callable[[Record], None]
-
-
-class Caller(NamedTuple):
-    """Who makes the call of this thread."""
-
-    address: str = ""
-    here: str = ""  # the address at which it reached us
-    gone: Callable[[], bool] = lambda: False
-
-    @property
-    def own(self) -> bool:
-        """True where it is on this computer."""
-        return self.address.startswith("127.") or self.address in ("::1", self.here)
 
 
 class Lock:
@@ -228,14 +232,24 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self._imports, self._imported = imports, imported
         self.calls = threading.local()
         self._restored: Dict[Tuple[Any, ...], None] = {}  # registrations that nobody has confirmed yet
-        self._notifier = Notifier()
+        self._notifier = Notifier(self._may_tell)
+        self._enders: Dict[
+            Tuple[str, str], Set[Tuple[str, bool]]
+        ] = {}  # (URI, name) of a node to be ended -> from where
+        self._own, self._types_due = "/" + imports.strip("/").partition("/")[0], 0.0
         self.left: Callable[[str, str], None] = lambda _name, _uri: None
         self.handed_on: Callable[[List[Record]], None] = lambda _records: None
-        self.more: Dict[str, Callable[..., Any]] = {"system.listMethods": self._methods, TOGETHER: self._together}
+        self.refused: Callable[[Beyond], None] = lambda _problem: None
+        self.not_ended: Callable[[str, str], None] = lambda _name, _uri: None
+        self.more: Dict[str, Callable[..., Any]] = {
+            "system.listMethods": self._methods,
+            "system.multicall": partial(multicall, self.answer),
+            TOGETHER: self._together,
+        }
 
         note = self._note
         self.room = Room()
-        self.thread_pool = _Pool(self._notifier, lambda _node, _uri: self._spare)
+        self.thread_pool = _Pool(self._notifier, self._is_spared)
         self.ps_lock = self._lock = Lock()
         self._lock.changed = self._commit
         self.reg_manager = _Manager(self.thread_pool, note, self._seen, self._tell_topics)
@@ -252,8 +266,15 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     # Calls
 
+    def answer(self, name: str, arguments: Tuple[Any, ...]) -> Any:
+        """Each call of others comes here, also those of a multicall. What is beyond a bound has an answer that says so."""
+        try:
+            return self._dispatch(name, arguments)
+        except Beyond as problem:
+            self.refused(problem)
+            return -1, str(problem), 0
+
     def _dispatch(self, name: str, arguments: Tuple[Any, ...]) -> Any:
-        """Each call comes here, also those of a multicall."""
         if name in self.more:
             return self.more[name](*arguments)
         if name not in self._known:
@@ -280,6 +301,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             return -1, "only programs of this computer may use it", 0
         try:
             parts = [_calls(text) for text in texts]
+        except Beyond:
+            raise
         except (ValueError, TypeError) as problem:
             return -1, f"expected: texts of JSON, each a list of calls: {plain(problem)}", 0
         return 1, "", [json.dumps(self._part(calls), default=str) for calls in parts]
@@ -292,13 +315,13 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 try:
                     if name not in CHANGES:
                         raise ValueError(f"{name} changes nothing")
-                    results.append(self._dispatch(name, tuple(arguments)))
+                    results.append(self.answer(name, tuple(arguments)))
                 except Exception as problem:  # as in a multicall: one that fails does not end the others
                     results.append(f"{type(problem).__name__}: {problem}")
         return results
 
     def _methods(self) -> List[str]:
-        return sorted([*self._known, *self.more, "system.multicall"])
+        return sorted([*self._known, *self.more])
 
     def caller(self) -> Caller:
         return getattr(self.calls, "caller", Caller())
@@ -309,10 +332,10 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def _change(self, name: str, arguments: Tuple[Any, ...]) -> Any:
         at = CHANGES[name]
-        try:
-            heavier = self._heavier(name, arguments)
-        except Beyond as problem:
-            return -1, str(problem), 0
+        names(arguments[:-1] if name == "setParam" else arguments)
+        self._check_room(name, arguments)
+        arguments = self._guarded(name, arguments)
+        heavier = self._heavier(name, arguments)
         texts = len(arguments) > max(at, 1) and all(isinstance(arguments[place], str) for place in (0, at))
         if at and texts:
             refused = self._refusal(arguments[0], arguments[at])
@@ -328,21 +351,104 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             self.room.parameters = weight(self.param_server.parameters)
         if code == 1 and not at and name.endswith("Param"):
             self._parameter(name, arguments)
+        elif code == 1 and name in _REGISTERS:
+            self._registered_by(arguments[0])
         if code == 1 and name.startswith("unregister") and self.has_ended(arguments[0]):
             self.left(arguments[0], self.reg_manager.nodes[arguments[0]].api)
         return code, text, copied(value)
 
     def _heavier(self, name: str, arguments: Tuple[Any, ...]) -> int:
         """How much heavier the parameters get by a call. Raises Beyond. Wrong arguments have their answer from rosmaster."""
-        texts = arguments[:-1] if name == "setParam" else arguments
-        names(texts)
-        if not name.endswith("Param") or not all(isinstance(text, str) and text for text in texts[1:]):
+        key = _key_of(name, arguments)
+        if not key:
             return 0
-        if name == "setParam" and len(arguments) == 3:
-            return self.room.set(self.param_server.parameters, _resolved(arguments), arguments[2])
-        if name == "deleteParam" and len(arguments) == 2:
-            return -freed(self.param_server.parameters, _resolved(arguments))
-        return 0
+        if name == "deleteParam":
+            return -freed(self.param_server.parameters, key)
+        value = arguments[2]
+        heavier = self.room.set(self.param_server.parameters, key, value)
+        for watched in self._last:
+            if touches(key, watched):
+                part = value if parts_of(key) else dict(value).get(parts_of(watched)[0]) if value else None
+                if weight(part) > BOUNDS["watched"].most:
+                    raise beyond("watched", watched)
+        return heavier
+
+    def _check_room(self, name: str, arguments: Tuple[Any, ...]) -> None:
+        """Raise Beyond where there is no room for a registration that is not there yet."""
+        kind, at = _REGISTERS.get(name), CHANGES[name]
+        if kind is None or len(arguments) <= at or not all(isinstance(text, str) for text in arguments):
+            return
+        node, uri, key = arguments[0], arguments[at], arguments[2 if kind == "param_subscribers" else 1]
+        key = rosgraph.names.resolve_name(key, node) + ("/" if kind == "param_subscribers" else "")
+        users = getattr(self, kind).map.get(key, ())
+        texts = [text for text in arguments if isinstance(text, str)]
+        full = self.room.is_full(*texts)
+        if (full or len(users) >= BOUNDS["users"].most) and (node, uri) not in users:
+            self._forget_types()
+            if self.room.is_full(*texts):
+                raise beyond("registrations", key)
+            if kind != "services" and len(users) >= BOUNDS["users"].most:
+                raise beyond("users", key)
+
+    def _forget_types(self) -> None:
+        """rosmaster keeps the type of each topic that there ever was. Where there is no room, those of unused ones go."""
+        if monotonic() < self._types_due:
+            return
+        self._types_due = monotonic() + TYPES_AGAIN
+        for topic in list(self.topics_types):
+            if topic not in self.publishers.map and topic not in self.subscribers.map:
+                del self.topics_types[topic]
+                self.room.forget("type", topic)
+
+    def _guarded(self, name: str, arguments: Tuple[Any, ...]) -> Tuple[Any, ...]:
+        """The arguments without what others may not set: what is below the collection's own name. Raises Beyond."""
+        key = _key_of(name, arguments)
+        if not key or not touches(key, self._own) or self._is_own_program():
+            return arguments
+        held = self._value(self._own)
+        if parts_of(key):
+            if name == "setParam" and arguments[2] == self._value(key):
+                return arguments
+            raise Beyond(f"{key} is set by master_sync of this computer alone", "own")
+        if name != "setParam" or not isinstance(arguments[2], dict):
+            return arguments
+        tree = {part: value for part, value in arguments[2].items() if part.strip("/") != self._own.strip("/")}
+        return (*arguments[:2], tree if held is None else {**tree, self._own.strip("/"): held})
+
+    def _is_own_program(self) -> bool:
+        caller = self.caller()
+        return not caller.address or (caller.own and programs.is_own(*caller.ends))
+
+    def _registered_by(self, name: str) -> None:
+        """Note from which address a node was registered first: it may be ended from there."""
+        node = self.reg_manager.nodes.get(name)
+        if node is not None and not hasattr(node, "by"):
+            node.by = (self.caller().address, self.caller().own)
+
+    def _is_spared(self, name: str, uri: str) -> bool:
+        """True where a node whose name another one takes is not to be ended at all."""
+        by = getattr(self.reg_manager.nodes.get(name), "by", ("", False))
+        if len(self._enders) >= MOST_ENDERS:
+            self._enders.clear()
+        self._enders[uri, name] = {by, (self.caller().address, self.caller().own)}
+        return self._spare
+
+    def _may_tell(self, call: Call) -> bool:
+        """True where a node may be told that; asked in the notifier's thread.
+
+        A node is ended only where it is on the computer from which it was registered, or from which its successor was. Else
+        anybody could have any node of any robot ended by this roscore: by a registration in its name, and one more.
+        """
+        if call.method != "shutdown":
+            return True
+        callers = self._enders.get((call.uri, call.key[1]), set())
+        if any(own for _address, own in callers) and addresses.here([call.uri], RESOLVE):
+            return True
+        host = addresses.host_of(call.uri)
+        if addresses.addresses_of_all([host]).get(host) in {address for address, _own in callers}:
+            return True
+        self.not_ended(call.key[1], call.uri)
+        return False
 
     def _refusal(self, node: str, uri: str) -> str:
         held = self.reg_manager.nodes.get(node)
@@ -359,7 +465,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         """A parameter was set or deleted."""
         if name == "unsubscribeParam":
             return
-        key = _resolved(arguments)
+        key = _key_of(name, arguments)
         self._records.append(["set", key, arguments[2]] if name == "setParam" else ["delete", key])
         for watched, last in self._last.items():
             if touches(key, watched):
@@ -566,9 +672,13 @@ def _calls(text: str) -> List[Any]:
     return calls
 
 
-def _resolved(arguments: Tuple[Any, ...]) -> str:
-    """The name of the parameter of setParam or deleteParam."""
-    return str(rosgraph.names.resolve_name(arguments[1], arguments[0] if isinstance(arguments[0], str) else "/"))
+def _key_of(name: str, arguments: Tuple[Any, ...]) -> str:
+    """The name of the parameter of setParam or deleteParam; "" where it is another call, or none that rosmaster takes."""
+    if len(arguments) != {"setParam": 3, "deleteParam": 2}.get(name):
+        return ""
+    if not all(isinstance(text, str) for text in arguments[:2]) or not arguments[1]:
+        return ""
+    return str(rosgraph.names.resolve_name(arguments[1], arguments[0]))
 
 
 def _key(record: Record) -> Tuple[Any, ...]:
@@ -592,23 +702,6 @@ def copied(value: Any) -> Any:
     return {key: copied(part) for key, part in value.items()} if isinstance(value, dict) else value
 
 
-class _Handler(rosgraph.xmlrpc.SilenceableXMLRPCRequestHandler):  # type: ignore[misc]
-    """A connection. It tells the methods who calls."""
-
-    def do_POST(self) -> None:
-        """A call."""
-        self.server.calls.caller = Caller(self.client_address[0], self.connection.getsockname()[0], self._gone)
-        super().do_POST()
-
-    def _gone(self) -> bool:
-        try:
-            return not self.connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            return False
-        except OSError:
-            return True
-
-
 def serve(
     master: Master, port: int, held: List[socket.socket], more: Mapping[str, Callable[..., Any]]
 ) -> Tuple[str, socket.socket]:
@@ -625,7 +718,7 @@ def serve(
         master.uri = uri
         settled.set()
 
-    _Server.calls, _Server.held = master.calls, held
+    _Server.door, _Server.held = Door(master.answer, master.refused, master.calls), held
     rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
     master._ready = ready  # rosgraph calls it
     node = rosgraph.xmlrpc.XmlRpcNode(port, master, failed)
@@ -639,14 +732,16 @@ def serve(
 class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
     """rosgraph's, on a socket that systemd may have held."""
 
-    calls: Any = None
+    door: Door
     held: List[Socket] = []
     socket: Socket
     server_address: Any
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self.RequestHandlerClass = _Handler
+        base = rosgraph.xmlrpc.SilenceableXMLRPCRequestHandler
+        version = getattr(base, "protocol_version", "HTTP/1.0")  # rosgraph knows which kernels are slow
+        self.RequestHandlerClass = type("_Handler", (Handler,), {"door": self.door, "protocol_version": version})
 
     def server_bind(self) -> None:
         """Take the socket that is there, or open one."""
@@ -656,3 +751,17 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
                 self.socket, self.server_address = other, other.getsockname()
                 return
         super().server_bind()
+
+    def verify_request(self, request: Socket, client_address: Any) -> bool:
+        """True where there is room for one more connection."""
+        own = Caller(client_address[0], request.getsockname()[0]).own
+        return self.door.lines.opened(request, own)
+
+    def shutdown_request(self, request: Socket) -> None:
+        """A connection has ended."""
+        self.door.lines.closed(request)
+        super().shutdown_request(request)
+
+    def handle_error(self, _request: Any, client_address: Any) -> None:
+        """A connection that breaks is nobody's fault here."""
+        _log.debug("a connection of %s broke: %s", client_address, sys.exc_info()[1])

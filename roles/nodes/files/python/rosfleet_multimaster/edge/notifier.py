@@ -79,9 +79,9 @@ class Notifier:
 
     def _make(self, call: Call) -> Tuple[bool, bool]:
         """Call a node: whether it answered in time, and whether nobody is there any more."""
-        if not self._allowed(call):
-            return True, False
         try:
+            if not self._allowed(call):
+                return True, False
             rpc = Rpc(call.uri, TIMEOUT)
             try:
                 rpc.call(call.method, "/master", *call.arguments)

@@ -43,17 +43,17 @@ _start, _end = xmlrpc.client.Unmarshaller.start, xmlrpc.client.Unmarshaller.end
 class _Reader(xmlrpc.client.Unmarshaller):
     """Makes values of a document, as long as it is neither deep nor dear."""
 
-    def __init__(self, dear: int) -> None:
-        xmlrpc.client.Unmarshaller.__init__(self, use_builtin_types=True)
+    def __init__(self, dear: int, longest: int, plain_types: bool) -> None:
+        xmlrpc.client.Unmarshaller.__init__(self, use_builtin_types=plain_types)
         self._depth, self._left, self._size, self._wide = 0, dear, 0, False
-        self._most = dear
+        self._most, self._longest = dear, longest
 
     # These three are called for each element, of which a state has thousands: they call as little as can be.
 
     def start(self, tag: str, attrs: typing.Dict[str, str]) -> None:
         self._depth, self._size, self._wide = self._depth + 1, 0, False
         if self._depth > _NESTING:
-            raise ValueError(f"more than {_NESTING} elements within each other")
+            raise TooLarge(f"more than {_NESTING} elements within each other")
         self._left -= _ELEMENT + _STRUCT if tag == "struct" else _ELEMENT
         if self._left < 0:
             self._refuse()
@@ -72,8 +72,8 @@ class _Reader(xmlrpc.client.Unmarshaller):
         self._left -= cost
         if self._left < 0:
             self._refuse()
-        if self._size > _TEXT:
-            raise ValueError(f"a text of more than {_TEXT} bytes")
+        if self._size > self._longest:
+            raise TooLarge(f"a text of more than {self._longest} bytes")
         self._data.append(text)
 
     def end(self, tag: str) -> None:
@@ -94,10 +94,13 @@ def _no_document_type(*_declaration: typing.Any) -> None:
 class Document:
     """A document that is read piece by piece. Every method raises ValueError or what expat and xmlrpc have, or a Fault."""
 
-    def __init__(self, most: int) -> None:
-        """`most`: bytes of the document."""
+    def __init__(self, most: int, dear: int = _DEAR, longest: int = _TEXT, plain_types: bool = True) -> None:
+        """`most`: bytes of the document; `dear`: of memory of its values; `longest`: of one text.
+
+        `plain_types`: bytes and datetime, and not the classes of xmlrpc.client, which write the same again.
+        """
         self._most, self._fed = most, 0
-        self._reader = _Reader(min(2 * most, _DEAR) + _SPARE)
+        self._reader = _Reader(min(2 * most, dear) + _SPARE, longest, plain_types)
         self._reader.xml("", None)  # its texts are decoded already
         # In UTF-8 whatever it says: in another encoding nobody would see a document type coming.
         self._parser = parser = xml.parsers.expat.ParserCreate("utf-8")
@@ -116,7 +119,7 @@ class Document:
                 raise TooLarge(f"it has more than {self._most} bytes")
             self._parser.Parse(piece, False)
             if self._fed - max(self._parser.CurrentByteIndex, 0) > _TOKEN:
-                raise ValueError(f"a token of more than {_TOKEN} bytes")
+                raise TooLarge(f"a token of more than {_TOKEN} bytes")
 
     def close(self) -> Values:
         """The values, and the name of the method where it is a call."""

@@ -106,7 +106,12 @@ class Rounds:
         if self.claims:
             program.LOG.info("%d nodes of other masters are registered here since before this start", len(self.claims))
         # Also an empty record tells who keeps it: discovery and the verification then ask nobody else.
-        self._roscore.ask(("setParam", imports.IMPORTS, self._record(self.claims)))
+        if self._roscore.ask(("setParam", imports.IMPORTS, self._record(self.claims))) == [None]:
+            program.LOG.warning(
+                "the roscore does not let this program set %s, so it cannot keep names of other robots apart from own ones: "
+                "have both run by one user, or this one by root",
+                imports.IMPORTS,
+            )
 
     def soon(self, at: float) -> None:
         """Have a round at this time, or earlier."""

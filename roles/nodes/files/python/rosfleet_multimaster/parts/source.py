@@ -21,6 +21,7 @@ from ..edge.xml_rpc import STATE
 from . import imports, program
 from .own_roscore import Identity
 from .poller import GET_SYNC_INFO, Poller
+from .refusals import REFUSED
 
 CHANGES = "rosfleetChanges"
 WAIT, TIMEOUT = 50.0, 10.0  # seconds that an answer may take, and besides
@@ -41,6 +42,7 @@ class Follower:
         self._mirror, self._identity, self._stamps = mirror, identity, stamps
         self._epoch, self._revision = "", 0
         self.do_not_sync: Any = None
+        self.refused: Any = None
 
     def next(self) -> State:
         """The next state. Raises as Poller.poll, and PollInstead."""
@@ -58,6 +60,7 @@ class Follower:
         )
         self._refuse_foreign(record)
         self.do_not_sync = self._mirror.parameters.get("/do_not_sync")
+        self.refused = self._mirror.parameters.get(REFUSED)
         return self._stamps.of(self._mirror.state(), wall_clock())
 
     def _refuse_foreign(self, record: Any) -> None:
@@ -87,6 +90,12 @@ class Source:
     def do_not_sync(self) -> Any:
         """The parameter /do_not_sync."""
         return self._poller.do_not_sync if self._follower is None else self._follower.do_not_sync
+
+    @property
+    def refused(self) -> Any:
+        """How many requests the roscore has refused, by reason; None where it does not tell."""
+        follower = self._follower
+        return None if follower is None else follower.refused
 
     def next(self) -> State:
         """The state, as soon as there is another one or after a while. Raises as Poller.poll."""

@@ -28,6 +28,7 @@ THREADS = 16
 TIMEOUT = 2.0  # seconds of a question
 AGAIN, LATEST = 1.0, 30.0  # seconds until a silent node is asked again, doubled up to
 CALLER = "/master"
+LINES = 100  # of the log, about nodes one by one
 
 
 class State(enum.Enum):
@@ -152,7 +153,7 @@ class Survivors:
         self._left: Set[Of] = set()  # registered nodes that have not answered yet
         self._warned: Set[Of] = set()
         self._leaving: Set[Of] = set()
-        self._alive = self._gone = 0
+        self._alive = self._gone = self._lines = 0
 
     @property
     def silent(self) -> int:
@@ -190,12 +191,12 @@ class Survivors:
         if found.state is State.SILENT and self._roscore.has(name, uri):
             if of not in self._warned:
                 self._warned.add(of)
-                _log.warning("%s at %s does not answer: it stays registered, and is asked again", name, uri)
+                self._say(_log.warning, "%s at %s does not answer: it stays registered, and is asked again", name, uri)
             return True
         self._left.discard(of)
         if found.state is State.GONE:
             self._gone += 1
-            _log.info("%s at %s has ended meanwhile", name, uri)
+            self._say(_log.info, "%s at %s has ended meanwhile", name, uri)
             self._roscore.end_node(name, uri)
         elif found.state is State.ALIVE:
             self._alive += 1
@@ -205,6 +206,14 @@ class Survivors:
         if not self._left:
             _log.info("of the nodes from before, %d are still there and %d have ended", self._alive, self._gone)
         return False
+
+    def _say(self, log: Callable[..., None], text: str, *of: str) -> None:
+        """Log what became of a node; there may be a hundred thousand of them."""
+        self._lines += 1
+        if self._lines <= LINES:
+            log(text, *of)
+        elif self._lines == LINES + 1:
+            _log.info("what became of further nodes is not logged one by one")
 
     def _bury(self, of: Of, found: Found) -> bool:
         """End what is left of a node that is dead. True where it is to be asked again."""
