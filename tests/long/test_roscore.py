@@ -3,7 +3,8 @@
 
 """A thousand kills of the roscore at random moments, under churn: nothing is lost, and no dead node comes back.
 
-KILLS and KILL_SEED choose fewer, and another order.
+And a hundred thousand calls that anybody may make, out of a seed: each start is quick, and living nodes stay registered.
+KILLS and KILL_SEED, CALLS and CALL_SEED choose fewer, and others.
 """
 
 import json
@@ -24,6 +25,7 @@ from subject import lab_of  # noqa: E402
 LAB, HOST = "long-roscore", "kobuki1computer"
 KILLS = int(os.environ.get("KILLS", "1000"))
 SEED = os.environ.get("KILL_SEED", str(random.randrange(10**6)))
+CALLS, CALL_SEEDS = int(os.environ.get("CALLS", "100000")), os.environ.get("CALL_SEED", "1 2 3 4").split()
 EACH = 10  # seconds for one kill, on a busy machine; it takes less than one
 
 
@@ -52,3 +54,21 @@ def test_nothing_is_lost_and_nothing_comes_back(lab):
     found = json.loads(done.stdout.splitlines()[-1])
     print(found)
     assert found["kills"] == KILLS and found["changes"] > KILLS and found["nodes"] > KILLS / 2
+
+
+@pytest.mark.parametrize("seed", CALL_SEEDS)
+def test_no_call_of_anybody_makes_a_roscore_worse(lab, seed):
+    lab.run(HOST, "cat > /tmp/fuzzed_roscore.py", stdin=(ROOT / "lab/nodes/fuzzed_roscore.py").read_text())
+    calls = CALLS // len(CALL_SEEDS)
+    command = f"PYTHONPATH=/tmp/python:$PYTHONPATH exec python3 /tmp/fuzzed_roscore.py {calls} {seed}"
+    done = subprocess.run(
+        ["podman", "exec", containers.container(LAB, HOST), "bash", "-lc", command],
+        capture_output=True,
+        text=True,
+        timeout=300 + calls // 5,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    print(f"\nseed {seed}: {found}")
+    assert found["calls"] > 0.9 * calls and found["refused"] > calls / 100

@@ -4,6 +4,7 @@
 """The roscore that remembers: killed, restarted, with names that come twice, with nodes that say nothing."""
 
 import json
+import os
 import subprocess
 import time
 from pathlib import Path
@@ -235,6 +236,111 @@ def test_it_forgets_when_it_is_asked_to(nodes):
     nodes.run(FIRST, f"timeout 30 bash -c '{changed}'")
     assert "/stale" not in nodes.run(FIRST, "rosparam list") and "/alpha" not in nodes.run(FIRST, "rosnode list")
     wait(nodes, "/master_discovery/list_masters /master_sync/get_sync_info")
+
+
+#: As a local user without rights, and as a computer that is no member: set the record of imports in every way there is.
+FORGED = r"""
+import json, os, sys, xmlrpc.client
+roscore = xmlrpc.client.ServerProxy(sys.argv[1])
+record = "/rosfleet_multimaster/imports"
+ways = [("setParam", "/x", record, ""), ("setParam", "/rosfleet_multimaster", "~imports", ""), ("deleteParam", "/x", record),
+        ("deleteParam", "/x", "/rosfleet_multimaster"), ("setParam", "/x", "/rosfleet_multimaster", {})]
+several = xmlrpc.client.MultiCall(roscore)
+for name, *rest in ways:
+    getattr(several, name)(*rest)
+results = [getattr(roscore, name)(*rest)[0] for name, *rest in ways] + [result[0] for result in several()]
+print(json.dumps(results))
+"""
+
+
+def test_the_record_of_imports_is_of_master_sync_alone(lab):
+    record = lab.run(FIRST, "rosparam get /rosfleet_multimaster/imports")
+    assert "/master_sync" in record
+    for host, user, uri in ((FIRST, "nobody", "http://localhost:11311/"), (SECOND, "root", f"http://{FIRST}:11311/")):
+        words = f"runuser -u {user} -- python3 - {uri}"
+        assert json.loads(lab.run(host, words, stdin=FORGED)) == [-1] * 10, host
+    assert json.loads(json.loads(lab.run(FIRST, f"python3 -c '{GET_RECORD}'")))["node"] == "/master_sync"
+    lab.run(FIRST, "systemctl restart multimaster-sync")
+    wait(lab, "/master_sync/get_sync_info")
+    said = lab.run(FIRST, f"{SYNC_LOG} --since -1min")
+    assert "does not let this program" not in said, "its user is known by its service"
+
+
+GET_RECORD = (
+    "import json, xmlrpc.client as x; "
+    'print(json.dumps(x.ServerProxy("http://localhost:11311").getParam("/x", "/rosfleet_multimaster/imports")[2]))'
+)
+
+
+def test_what_it_has_refused_is_on_diagnostics(lab):
+    name = "/" + "n" * 600
+    assert "more than the roscore takes" in lab.run(FIRST, f"rosparam set {name} 1 2>&1; true")
+    look = "timeout 5 rostopic echo /diagnostics | grep -A 1 'refused requests, name'; true"
+    for _try in range(5):
+        shown = lab.run(FIRST, look)
+        if shown:
+            break
+    assert "value:" in shown
+
+
+@pytest.mark.parametrize("damage", ["deep", "bytes"])
+def test_a_store_that_cannot_be_read_is_put_aside_and_it_starts(lab, damage):
+    path = "/var/lib/multimaster-roscore/registrations"
+    lab.run(FIRST, f"systemctl stop {UNIT}; rm -f {path}.damaged")
+    lab.run(FIRST, f"python3 - {path} {damage}", stdin=DAMAGE)
+    began = time.monotonic()
+    lab.run(FIRST, f"systemctl start {UNIT}; test -e {path}.damaged")
+    print(f"\nstarted after {time.monotonic() - began:.1f} s")
+    assert lab.run(FIRST, f"systemctl show --value -p NRestarts {UNIT}").strip() == "0"
+    lab.run(FIRST, "systemctl restart multimaster-discovery multimaster-sync", check=False)
+    wait(lab, "/master_discovery/list_masters /master_sync/get_sync_info")
+
+
+DAMAGE = r"""
+import sys, zlib
+text = b"1 " + b"[" * 100000
+data = b"%08x %s\n" % (zlib.crc32(text), text)
+with open(sys.argv[1], "r+b") as file:
+    head = file.readline()
+    file.truncate(0)
+    file.seek(0)
+    file.write(head + data if sys.argv[2] == "deep" else bytes(range(256)) * 9)
+"""
+
+
+def test_connections_that_break_leave_no_traceback(lab):
+    lab.run(FIRST, "python3 -", stdin=BREAKS)
+    time.sleep(2)
+    said = lab.run(FIRST, f"journalctl -u {UNIT} -o cat --since -1min")
+    assert "Traceback" not in said and "Errno" not in said
+
+
+BREAKS = r"""
+import socket, struct, xmlrpc.client
+xmlrpc.client.ServerProxy("http://localhost:11311").setParam("/x", "/large", "x" * 10**6)
+body = xmlrpc.client.dumps(("/x", "/large"), "getParam").encode()
+head = b"POST /RPC2 HTTP/1.1\r\nContent-Length: %d\r\n\r\n" % len(body)
+for number in range(60):
+    connection = socket.create_connection(("localhost", 11311))
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset, not an end
+    connection.sendall((head + body)[: (number % 3 + 1) * 40] if number % 2 else head + body)
+    if number % 10 == 0:
+        connection.recv(10)
+    connection.close()
+xmlrpc.client.ServerProxy("http://localhost:11311").deleteParam("/x", "/large")
+"""
+
+FUZZED = int(os.environ.get("ROSCORE_CALLS", "3000"))
+
+
+def test_no_call_of_anybody_makes_a_roscore_worse(lab):
+    """A roscore of its own, beside that of the robot; tests/long/test_roscore.py makes more calls."""
+    lab.run(FIRST, "cat > /tmp/fuzzed_roscore.py", stdin=(ROOT / "lab/nodes/fuzzed_roscore.py").read_text())
+    library = "/usr/local/lib/rosfleet-multimaster/python"
+    told = lab.run(FIRST, f"PYTHONPATH={library}:$PYTHONPATH python3 /tmp/fuzzed_roscore.py {FUZZED} 1")
+    found = json.loads(told.splitlines()[-1])
+    print(found)
+    assert found["calls"] > 0.9 * FUZZED and found["refused"] and found["ends"] >= 4
 
 
 #: pytest, and what it needs

@@ -33,7 +33,7 @@ BOUNDS: Dict[str, Bound] = {
     "users": Bound(20_000, "publishers, subscribers or listeners of one name"),
     "calls": Bound(100_000, "calls in one system.multicall"),
     "together": Bound(1_000, "calls in one text of rosfleetTogether"),
-    "answer": Bound(80 * MIB, "bytes of an answer"),
+    "answer": Bound(96 * MIB, "bytes of an answer"),
     "under way": Bound(
         512 * MIB, "bytes of memory for all large requests and answers at once; half of it for other computers"
     ),
@@ -42,11 +42,11 @@ BOUNDS: Dict[str, Bound] = {
 }
 
 # What a value counts: not less than it costs in memory, in the store and in an answer.
-_NUMBER, _TEXT, _MEMBER, _WHOLE = 60, 80, 160, 240
+_NUMBER, _TEXT, _MEMBER, _LIST, _MAPPING = 60, 80, 120, 130, 240
 _REGISTRATION = 1500
 
 _DEAR = '<>&"\\\n\r\t'  # signs that XML or JSON writes as several
-_LONG = 40  # characters: in a shorter text they are not counted, but each taken for one
+_ANY_DEAR = re.compile(r'[<>&"\\\n\r\t]')
 _UNWRITABLE = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")  # XML has none of them
 _TIME = re.compile(r"[-+0-9T:Z. ]{0,40}\Z")
 
@@ -77,14 +77,14 @@ def _weight(value: Any, depth: int, name: str) -> int:
     if isinstance(value, dict):
         if depth <= 0:
             raise beyond("depth", name)
-        return _WHOLE + sum(_MEMBER + _key(key, name) + _weight(part, depth - 1, name) for key, part in value.items())
+        return _MAPPING + sum(_MEMBER + _key(key, name) + _weight(part, depth - 1, name) for key, part in value.items())
     if isinstance(value, (list, tuple)):
         if depth <= 0:
             raise beyond("depth", name)
-        return _WHOLE + sum(_weight(part, depth - 1, name) for part in value) + 8 * len(value)
+        return _LIST + sum(_weight(part, depth - 1, name) for part in value) + 10 * len(value)
     data = getattr(value, "data", None)
     if isinstance(data, bytes):  # xmlrpc.client.Binary
-        return _WHOLE + 3 * len(data)
+        return _LIST + 3 * len(data)
     time = getattr(value, "value", None)
     if isinstance(time, str) and not _TIME.match(time):  # xmlrpc.client.DateTime takes any text, and writes it as it is
         raise Beyond(f"{name} has a time that is none")
@@ -100,7 +100,7 @@ def _key(key: Any, name: str) -> int:
 def text_weight(text: str) -> int:
     """What a text counts."""
     size = len(text) if text.isascii() else 4 * len(text)
-    return _TEXT + size + (5 * sum(map(text.count, _DEAR)) if len(text) > _LONG else 4 * size)
+    return _TEXT + size + (5 * sum(map(text.count, _DEAR)) if _ANY_DEAR.search(text) else 0)
 
 
 def writable(values: Iterable[Any]) -> bool:
@@ -125,8 +125,9 @@ def writable(values: Iterable[Any]) -> bool:
 class Room:
     """What there is of parameters and registrations, as a sum that each change keeps right."""
 
-    def __init__(self) -> None:
-        self.parameters, self.registrations = _WHOLE, 0
+    def __init__(self, spare: float = 1.0) -> None:
+        """`spare`: how many times as much as the bound says there is room for registrations."""
+        self.parameters, self.registrations, self._spare = _MAPPING, 0, spare
         self._single: Dict[Tuple[str, str], int] = {}  # things of which each name has one: what they count
 
     def set(self, tree: Dict[str, Any], name: str, value: Any) -> int:
@@ -142,7 +143,7 @@ class Room:
 
     def is_full(self, *texts: str) -> bool:
         """True where there is no room for one more registration with these texts."""
-        return self.registrations + registration(*texts) > BOUNDS["registrations"].most
+        return self.registrations + registration(*texts) > BOUNDS["registrations"].most * self._spare
 
     def count(self, record: List[Any]) -> None:
         """Count a change: a registration that is new, or gone."""
@@ -180,7 +181,7 @@ def _grown(tree: Dict[str, Any], parts: Sequence[str], new: int) -> int:
         if isinstance(held, dict) and at + 1 < len(parts):
             within = held
             continue
-        new += sum(_WHOLE + _MEMBER + text_weight(inner) for inner in parts[at + 1 :])
+        new += sum(_MAPPING + _MEMBER + text_weight(inner) for inner in parts[at + 1 :])
         return new - weight(held) if part in within else new + _MEMBER + text_weight(part)
     return 0
 

@@ -44,6 +44,7 @@ class Special(NamedTuple):
 
 
 _SPECIAL = "\0special"  # XML has no such character, so no mapping of a parameter has this key
+_SPARE = 1.1  # while it is read, what is gone counts as well for a while
 _KINDS = ("Binary", "DateTime")
 _UNKEPT = (ValueError, TypeError, OverflowError, RecursionError)
 _NOTHING = object()
@@ -116,7 +117,7 @@ def read(lines: Iterable[bytes], special: Any = lambda value: value) -> Optional
     first = _content(head, 0, special)
     if not head.endswith(b"\n") or not isinstance(first, dict) or first.get("format") != FORMAT:
         return None
-    registry, room, good, last, left_out = Registry(), Room(), len(head), 0, 0
+    registry, room, good, last, left_out = Registry(), Room(_SPARE), len(head), 0, 0
     rest = b""
     for number, text in enumerate(given, 1):
         records = _content(text, number, special)

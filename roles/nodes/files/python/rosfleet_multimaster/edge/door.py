@@ -28,7 +28,7 @@ _PIECE = 1 << 16  # bytes
 _SMALL = 1 << 16  # bytes of a request or an answer that is not counted: there are at most as many as connections
 _THROWN_AWAY = 1 << 28  # bytes of a request that is too long and read nevertheless, so that its sender hears why
 _COMPRESS = 1400  # bytes of an answer
-_ANSWER, _PACKED = 3, 20  # times as much memory as its values count, and as a packed request has bytes
+_ANSWER, _PACKED = 2, 20  # times as much memory as its values count, and as a packed request has bytes
 _IN_A_CALL = ("/", "/RPC2", "/pydoc.css")  # the paths of xmlrpc.server
 
 Socket = socket.socket
