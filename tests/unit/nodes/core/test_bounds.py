@@ -12,6 +12,7 @@ import pytest
 from rosfleet_multimaster.core import bounds
 from rosfleet_multimaster.core.bounds import BOUNDS, Beyond, Room, freed, weight
 from rosfleet_multimaster.core.registry import Registry
+from rosfleet_multimaster.edge import xml_rpc
 
 PAGE = pathlib.Path(__file__).parents[4] / "docs" / "roscore.md"
 
@@ -120,3 +121,24 @@ def test_real_things_are_taken():
 def test_characters_that_xml_has_not(text):
     assert not bounds.writable([["setParam", {"a": [text]}]]) and not bounds.writable([{text: 1}])
     assert bounds.writable(["\t\n\r \u00fc\U0001f916"])
+
+
+def test_the_page_has_the_table():
+    rows = [
+        line.strip("| ").split(" | ") for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| ")
+    ]
+    for name, row in BOUNDS.items():
+        shown = f"{row.most // bounds.MIB} MiB" if row.most >= bounds.MIB else f"{row.most:,}"
+        assert [name, shown, row.what] in rows, name
+
+
+def test_the_bound_of_elements_is_that_of_the_reader():
+    assert BOUNDS["elements"].most == xml_rpc._NESTING
+
+
+def test_all_bounds_together_are_below_the_memory_of_the_unit():
+    """The text of the unit: plugins/plugin_utils/_plan/units.py."""
+    memory = (
+        sum(BOUNDS[name].most for name in ("parameters", "registrations", "under way")) + 3 * BOUNDS["parameter"].most
+    )
+    assert memory < 0.95 * (1 << 30)

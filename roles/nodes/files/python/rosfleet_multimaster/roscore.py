@@ -55,6 +55,7 @@ class Roscore:
 
     def run(self) -> int:
         """Serve until a signal; the exit status."""
+        journal.quiet("rosmaster", "rosgraph", "xmlrpc")
         found = store.read(self._options.store) if self._options.store else None
         before = self._restored(found)
         memory.settled()
@@ -71,7 +72,6 @@ class Roscore:
         if self._late is not None:
             self._survivors.wait_for(self._late)
         in_thread("versions", partial(core_services.versions, self._call))
-        journal.quiet("rosmaster", "rosgraph", "xmlrpc")
         program.on_signals(self._loop, self._end)
         program.on_request(self._loop, self._forget)
         self._loop.run(self._tick)

@@ -201,10 +201,14 @@ def freed(tree: Dict[str, Any], name: str) -> int:
 # Names
 
 
-def names(texts: Iterable[Any]) -> None:
-    """Raise Beyond where one of these names, types or URIs is too long. What is no text has its answer from rosmaster."""
+def names(texts: Iterable[Any], whole: bool = False) -> None:
+    """Raise Beyond where one of these names, types or URIs is too long. What is no text has its answer from rosmaster.
+
+    `whole`: names are with the namespace that was the caller's.
+    """
+    most = (2 if whole else 1) * BOUNDS["name"].most + (2 if whole else 0)
     for text in texts:
-        if isinstance(text, str) and len(text) > BOUNDS["name"].most:
+        if isinstance(text, str) and len(text) > most:
             raise beyond("name", f"a name of {len(text):,} characters")
 
 

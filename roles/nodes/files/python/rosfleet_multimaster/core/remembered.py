@@ -152,7 +152,7 @@ def _apply_one(registry: Registry, room: Room, record: Record) -> None:
     elif kind == "delete":
         room.parameters -= freed(registry.parameters, name)
     else:
-        names(record[1:])
+        names(record[1:], whole=True)
         if record == registry.now(record):
             return
         if record[-1] and room.is_full(*[part for part in record[1:] if isinstance(part, str)]):
