@@ -28,7 +28,7 @@ import xmlrpc.server
 PORT, START, ALIVE, HEARD = 11398, 5.0, 4, "/alive/heard"
 URI = f"http://127.0.0.1:{PORT}/"
 MIB = 1 << 20
-MEMORY, FILE = 1024 * MIB, 320 * MIB  # MemoryMax of the unit, and what docs/roscore.md says of the file
+MEMORY, FILE = 1024 * MIB, 600 * MIB  # MemoryMax of the unit, and what docs/roscore.md says of the file
 USER = 65534  # nobody
 METHODS = """registerPublisher registerSubscriber registerService unregisterPublisher unregisterSubscriber unregisterService subscribeParam
 unsubscribeParam setParam setParam setParam deleteParam getParam getParamNames hasParam searchParam lookupNode lookupService getSystemState

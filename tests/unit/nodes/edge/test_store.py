@@ -400,3 +400,23 @@ def test_its_thread_never_ends(tmp_path, monkeypatch, caplog):
         time.sleep(0.01)
     roscore.change(500)
     assert store.read(str(tmp_path)).registry.parameters == {"count": 500}
+
+
+def test_who_changes_much_in_a_short_time_waits_until_it_is_written_anew(tmp_path, monkeypatch):
+    """Else the file, or what waits for the new one, would take all there is."""
+    monkeypatch.setattr(store.remembered, "MOST", 1 << 20)
+    monkeypatch.setattr(store, "PATIENCE", 0.2)
+    roscore, slow = Roscore(tmp_path), threading.Event()
+    real = os.fdatasync
+    roscore.store.start()
+    monkeypatch.setattr(store.os, "fdatasync", lambda file: (slow.wait(20), real(file)))
+    written = 0
+    while roscore.store.wait() and written < 100:
+        with roscore.lock:
+            roscore.store.add([["set", "/large", "x" * 500_000]])
+        written += 1
+        assert os.path.getsize(tmp_path / remembered.FILE) < 5 << 20
+    assert 2 < written < 20
+    slow.set()
+    monkeypatch.setattr(store, "PATIENCE", 20)
+    assert roscore.store.wait()

@@ -16,7 +16,7 @@ import uuid
 from functools import partial
 from typing import Any, List, Optional
 
-from .core.bounds import Beyond
+from .core.bounds import Beyond, beyond
 from .core.registry import Record, Registry
 from .edge import addresses, journal, master, memory, store, systemd
 from .edge.loop import Loop, Workers, in_thread
@@ -64,6 +64,7 @@ class Roscore:
         self._master.left = self._survivors.look_after
         self._master.refused = self._refused
         self._master.not_ended = self._not_ended
+        self._master.wait = self._wait
         core_services.run_id(self._call)
         self._serve()
         if before is not None:
@@ -114,6 +115,10 @@ class Roscore:
 
     def _refused(self, problem: Beyond) -> None:
         self._refusals.add(problem.bound, str(problem))
+
+    def _wait(self) -> None:
+        if self._store is not None and not self._store.wait():
+            raise beyond("under way", "what is changed now, with what others change,")
 
     def _not_ended(self, name: str, uri: str) -> None:
         text = f"{name} at {uri} is not told to end: neither it nor its successor was registered from its computer"

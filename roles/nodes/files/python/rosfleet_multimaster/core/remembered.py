@@ -19,7 +19,8 @@ from .registry import Record, Registry
 
 FORMAT = 1
 FILE = "registrations"  # the name of the store
-SLACK, FACTOR = 1 << 20, 2  # a store is written anew when it has grown by so many bytes, and to so many times its size
+SLACK, FACTOR = 1 << 20, 2  # a store is written anew when it has grown by so many bytes, and to so many times its size,
+MOST = 1 << 26  # or by so many bytes; so many may wait for that at once
 
 
 class Special(NamedTuple):
@@ -188,4 +189,9 @@ def _revived(found: Dict[str, Any], special: Any) -> Any:
 
 def grown(size: int, base: int) -> bool:
     """True where a store of this size is written anew; `base`: its size when it was."""
-    return size > base + SLACK and size > FACTOR * base
+    return size > base + SLACK and size > min(FACTOR * base, base + MOST)
+
+
+def behind(size: int, base: int, waiting: int) -> bool:
+    """True where whoever changes something has to wait until the store is written anew: else it, or what waits, gets too large."""
+    return size > base + 3 * MOST or waiting > MOST

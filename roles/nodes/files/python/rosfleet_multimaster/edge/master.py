@@ -240,6 +240,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self.left: Callable[[str, str], None] = lambda _name, _uri: None
         self.handed_on: Callable[[List[Record]], None] = lambda _records: None
         self.refused: Callable[[Beyond], None] = lambda _problem: None
+        self.wait: Callable[[], None] = lambda: None  # before a change; raises Beyond where there is no room for it now
         self.not_ended: Callable[[str, str], None] = lambda _name, _uri: None
         self.more: Dict[str, Callable[..., Any]] = {
             "system.listMethods": self._methods,
@@ -269,6 +270,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def answer(self, name: str, arguments: Tuple[Any, ...]) -> Any:
         """Each call of others comes here, also those of a multicall. What is beyond a bound has an answer that says so."""
         try:
+            if name in CHANGES or name == TOGETHER:
+                self.wait()
             return self._dispatch(name, arguments)
         except Beyond as problem:
             self.refused(problem)
@@ -315,7 +318,10 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 try:
                     if name not in CHANGES:
                         raise ValueError(f"{name} changes nothing")
-                    results.append(self.answer(name, tuple(arguments)))
+                    results.append(self._dispatch(name, tuple(arguments)))
+                except Beyond as refusal:
+                    self.refused(refusal)
+                    results.append((-1, str(refusal), 0))
                 except Exception as problem:  # as in a multicall: one that fails does not end the others
                     results.append(f"{type(problem).__name__}: {problem}")
         return results

@@ -27,13 +27,15 @@ from typing import (
 )
 
 from ..core import remembered
+from ..core.bounds import weight
 from ..core.plain_text import plain
 from ..core.registry import Record, Registry
-from .clock import sleep
+from .clock import monotonic, sleep
 
 _log = logging.getLogger("rosfleet.store")
 
 SYNC = 0.05  # seconds from a change to its sync
+PATIENCE = 10.0  # seconds that a change waits where much was changed in a short time
 AGAIN = 10.0  # seconds until a file that cannot be written is tried again
 STARTS = 5  # starts that come to nothing, after which the store is put aside
 LARGEST = 1 << 30  # bytes of a store that is read; that of a roscore within its bounds has a fourth of it
@@ -158,6 +160,7 @@ class Store:
         self._file: Optional[int] = None
         self._guard: Optional[int] = None  # the folder, locked: one roscore has it
         self._number = self._size = self._base = 0
+        self._waiting = 0  # what the changes count that came while a new file is written
         self._meanwhile: Optional[List[Sequence[Record]]] = None  # what changes while a new file is written
         self._old = False  # the file is one of an earlier life
         self._dirty = threading.Event()
@@ -174,6 +177,7 @@ class Store:
         """Add the changes of one call."""
         if self._meanwhile is not None:
             self._meanwhile.append(records)
+            self._waiting += sum(weight(record[2]) for record in records if record[0] == "set")
         if self._file is None:
             return
         try:
@@ -181,6 +185,16 @@ class Store:
         except Exception as problem:
             self._failed(problem)
         self._dirty.set()
+
+    def wait(self) -> bool:
+        """Wait where much was changed in a short time; False where that does not help. Before a change, without the lock."""
+        until = monotonic() + PATIENCE
+        while remembered.behind(self._size if self._file is not None else 0, self._base, self._waiting):
+            self._dirty.set()
+            if monotonic() > until:
+                return False
+            sleep(SYNC)
+        return True
 
     def sync(self) -> None:
         """Bring what was written to the disk."""
@@ -275,7 +289,7 @@ class Store:
                 self._warned = ""
         except Exception as problem:
             with self._lock:
-                self._meanwhile = None
+                self._meanwhile, self._waiting = None, 0
                 self._failed(problem)
             if new is not None:
                 os.close(new)
@@ -285,7 +299,7 @@ class Store:
     def _start_over(self) -> List[Sequence[Record]]:
         """Note what changes from now on; what changed since this was called before."""
         with self._lock:
-            meanwhile, self._meanwhile = self._meanwhile or [], []
+            meanwhile, self._meanwhile, self._waiting = self._meanwhile or [], [], 0
         return meanwhile
 
     def _write(self, file: int, rest: bool) -> int:
@@ -311,6 +325,7 @@ class Store:
         os.replace(self._path + ".new", self._path)
         old, self._file = self._file, new
         self._number, self._size, self._meanwhile = number, os.fstat(new).st_size, None
+        self._waiting = 0
         self._dirty.set()
         return old
 
