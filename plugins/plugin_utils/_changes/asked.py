@@ -52,11 +52,13 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
         try:
             with bounded(LONGEST, MEMORY):
                 said: Result = super()._low_level_execute_command(*args, **options)
+                return said
         except AnsibleConnectionFailure as problem:
             raise type(problem)(plain(problem, LINE)) from None
         except MemoryError:
-            raise AnsibleActionFail(self._strange(f"more than {MEMORY >> 20} MiB")) from None
-        return said
+            pass
+        # Raised here, Ansible does not show where the memory ended.
+        raise AnsibleActionFail(self._strange(f"more than {MEMORY >> 20} MiB"))
 
     def _parse_returned_data(self, res: Mapping[str, Any], *profile: Any) -> Any:
         """Let Ansible read the output of a module, of which no more is left than its answer; see ActionBase."""

@@ -114,6 +114,8 @@ def unseen(computer: str, failed: Mapping[str, Any], version: str) -> str:
     """
     said = str(failed.get("module_stderr") or failed.get("msg") or "no reason is known")
     why = plain((said.strip().splitlines() or [""])[-1].strip(), LINE)
+    if why.startswith(f"{computer}: "):  # the answer was none, which says enough
+        return why
     return (
         f"{computer}: the machine could not be looked at ({why}); expected a user who may become root (--ask-become-pass where "
         f"sudo takes a password), and Python 3.6 or later that ansible-core {version} can manage: compare the table of "
