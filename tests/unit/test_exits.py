@@ -56,7 +56,7 @@ DOORS = {
         "warning": set(),
     },
     NODES: {
-        "print": {"end_connections.py", "publish_metrics.py", "wait_for_master.py"},
+        "print": set(),
         "write to a standard stream": set(),
         "StreamHandler": {"edge/journal.py"},
         "FileHandler": set(),
@@ -97,6 +97,22 @@ def test_a_way_out_is_used_by_its_door_alone(tree, way):
     if way == "warn":  # ends.warn is the door itself; its callers name it
         used = {name for name in used if calls_a_module(ROOT / tree / name)}
     assert used == DOORS[tree][way]
+
+
+@pytest.mark.parametrize("tree", DOORS)
+def test_no_program_is_given_the_standard_streams(tree):
+    """What it prints may be anybody's text, so it goes to who reads it, or nowhere."""
+    given = {}
+    for path in (ROOT / tree).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call):
+                continue
+            called = ast.unparse(node.func)
+            if called.startswith("subprocess.") or called in ("Popen", "os.system", "os.popen", "os.posix_spawn"):
+                names = {keyword.arg for keyword in node.keywords}
+                whole = "capture_output" in names or called == "subprocess.check_output" and "stderr" in names
+                given[owner(path, tree), node.lineno] = whole or {"stdout", "stderr"} <= names
+    assert given and all(given.values()), given
 
 
 def calls_a_module(path):

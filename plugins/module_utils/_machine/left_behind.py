@@ -14,6 +14,8 @@ import socket
 import syslog
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, plain
+
 FOLDER = "/run/rosfleet-multimaster"
 LONGEST_LINE = 1 << 24  # bytes of a request or reply; the files of the nodes are half a megabyte
 
@@ -36,7 +38,7 @@ def leave(serve: typing.Callable[[], None], kept: typing.Iterable[socket.socket]
         _let_go(item.fileno() for item in kept)
         serve()
     except Exception as error:  # nobody else is left to tell
-        syslog.syslog(syslog.LOG_ERR, f"{who} ended: {error!r}")
+        syslog.syslog(syslog.LOG_ERR, plain(f"{who} ended: {error!r}", LINE))
     finally:
         os._exit(0)
 

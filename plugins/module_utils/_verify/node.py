@@ -336,9 +336,17 @@ def _registered(roscore: typing.Any, name: str, topic: str, uri: str) -> bool:
     except (OSError, xmlrpc.client.Error):
         return False
     if code != 1:
-        raise SystemExit(f"the roscore refuses the talker: {said}")
+        raise SystemExit(f"the roscore refuses the talker: {ascii(said)[:200]}")
     return True
 
 
+def _program() -> None:
+    """Run it, and end with one line of the journal where it cannot go on: a traceback would have the text of others in it."""
+    try:
+        main(*sys.argv[1:])
+    except Exception as problem:
+        raise SystemExit(f"the talker cannot go on: {ascii(problem)[:200]}") from None
+
+
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    _program()

@@ -70,6 +70,7 @@ def start(ros: Ros, label: str, computer: str, lifetime: int) -> str:
         "RuntimeMaxSec": str(lifetime),
         "KillSignal": "SIGINT",  # so that its node unregisters
         "TimeoutStopSec": str(FAREWELL),
+        "SyslogLevelPrefix": "no",  # no line of it begins with a priority
         "StandardInput": "data",
         "StandardInputData": base64.b64encode(inspect.getsource(node).encode()).decode(),
     }

@@ -23,6 +23,7 @@ CONFIGURATION = "/etc/rosfleet-multimaster"
 # The nodes of upstream run under the Python of their ROS. Our helper runs under the system's, which Ansible needs too.
 SYSTEM_PYTHON = "/usr/bin/python3"
 WAIT = f"{SYSTEM_PYTHON} -m rosfleet_multimaster.wait_for_master"
+RUN_PLAIN = f"{SYSTEM_PYTHON} -m rosfleet_multimaster.run_plain"
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,8 @@ TasksMax=2048
 # The roscore of ROS itself.
 _PLAIN_ROSCORE = """\
 # More workers than three, and a timeout: unreachable subscribers of other robots must not block the robot's own nodes.
-ExecStart={command} -p {port} -w 16 -t 3
+# What rosmaster and rosout print may be a stranger's text: each line of it is plain, and begins with a word of ours.
+ExecStart={run_plain} {command} -p {port} -w 16 -t 3
 # Started means that it answers, so what is ordered after it finds it.
 ExecStartPost={wait} --timeout 60"""
 _NODE = (
@@ -275,7 +277,9 @@ def _roscore_lines(roscore: Roscore, programs: Mapping[str, UnitLines]) -> str:
     """The program of the roscore: the one of the provider, or the roscore of ROS."""
     if "roscore" in programs:
         return programs["roscore"].service
-    return _PLAIN_ROSCORE.format(command=quoting.program(roscore.command), port=roscore.port, wait=WAIT)
+    return _PLAIN_ROSCORE.format(
+        command=quoting.program(roscore.command), port=roscore.port, wait=WAIT, run_plain=RUN_PLAIN
+    )
 
 
 # The end of connections with lost robots

@@ -14,7 +14,7 @@ DEAF = [sys.executable, "-c", "import signal, time; signal.signal(15, signal.SIG
 
 
 def test_a_program_runs_until_it_is_ended_and_can_be_started_again():
-    child = module.Child()
+    child = module.Child(print)
     assert not child.runs()
     child.end(1.0)  # nothing to end
     for _life in range(2):
@@ -25,7 +25,7 @@ def test_a_program_runs_until_it_is_ended_and_can_be_started_again():
 
 
 def test_a_program_that_ends_by_itself_runs_no_more():
-    child = module.Child()
+    child = module.Child(print)
     child.start([sys.executable, "-c", ""])
     until = time.monotonic() + 10
     while child.runs() and time.monotonic() < until:
@@ -34,7 +34,7 @@ def test_a_program_that_ends_by_itself_runs_no_more():
 
 
 def test_a_program_that_does_not_want_to_end_is_killed():
-    child = module.Child()
+    child = module.Child(print)
     child.start(DEAF)
     time.sleep(0.5)
     child.end(0.2)
@@ -44,9 +44,34 @@ def test_a_program_that_does_not_want_to_end_is_killed():
     assert not child.runs()
 
 
+FORGES = r"""
+import os, sys
+os.write(1, b"shut down: \x1b[31mgone\x1b[0m\n<0>rosfleet: all is well\n" + b"x" * 100000 + b"\n\n\xff\n")
+os.write(2, "last \u202e word".encode())
+sys.exit(3)
+"""
+
+
+def test_what_a_program_writes_is_handed_on_line_by_line_and_nothing_of_it_goes_to_the_own_streams(capfd):
+    lines = []
+    child = module.Child(lines.append)
+    child.start([sys.executable, "-c", FORGES])
+    assert child.wait() == 3
+    assert lines == ["shut down: gone", "<0>rosfleet: all is well", "x" * 8192, "\ufffd", "last \u202e word"]
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_program_that_leaves_another_one_behind_is_not_waited_for_for_ever():
+    child = module.Child(print)
+    child.start(["/bin/sh", "-c", "sleep 5 & echo here"])
+    began = time.monotonic()
+    assert child.wait() == 0
+    assert time.monotonic() - began < 4
+
+
 def test_a_program_that_is_not_there_is_an_error():
     with pytest.raises(OSError):
-        module.Child().start(["/nowhere/program"])
+        module.Child(print).start(["/nowhere/program"])
 
 
 @pytest.mark.parametrize(

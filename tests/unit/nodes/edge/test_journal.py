@@ -7,6 +7,8 @@ import logging
 import logging.config
 import pathlib
 import sys
+import threading
+import traceback
 
 import pytest
 from hypothesis import given
@@ -67,7 +69,61 @@ def test_pieces_of_a_line_stay_together():
     stream = journal.PlainStream(behind)
     stream.writelines(["one ", "line\n"])
     stream.flush()
-    assert behind.getvalue() == "one line\n"
+    print("another", "one", file=stream)
+    stream.write("half")
+    assert behind.getvalue() == "printed: one line\nprinted: another one\n"
+    stream.flush()
+    assert behind.getvalue().endswith("\nprinted: half\n")
+
+
+@pytest.mark.parametrize("journal_stream", ["1:2", ""])
+@given(st.lists(st.one_of(st.text(st.characters(), max_size=50), st.just(FORGED), st.just("<0>forged\n")), max_size=6))
+def test_each_line_begins_with_words_of_ours_however_it_is_printed(journal_stream, pieces):
+    behind = io.StringIO(newline="")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("JOURNAL_STREAM", journal_stream)
+        if not journal_stream:
+            patched.delenv("JOURNAL_STREAM")
+        stream = journal.PlainStream(behind, logging.WARNING)
+        for piece in pieces:
+            stream.write(piece)
+        print(*pieces, file=stream)
+        print(*pieces, sep="\n", end="", file=stream)
+        stream.flush()
+    start = "<4>printed: " if journal_stream else "printed: "
+    assert all(line.startswith(start) and is_plain(line) for line in behind.getvalue().split("\n")[:-1])
+
+
+def test_pieces_of_two_threads_are_two_lines():
+    behind = io.StringIO()
+    stream = journal.PlainStream(behind)
+    stream.write("one ")
+    other = threading.Thread(target=print, args=("other",), kwargs={"file": stream})
+    other.start()
+    other.join()
+    stream.write("line\n")
+    assert behind.getvalue() == "printed: other\nprinted: one line\n"
+
+
+def test_the_traceback_of_a_thread_begins_with_words_of_ours(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    monkeypatch.setenv("JOURNAL_STREAM", "1:2")
+    journal.plain_streams()
+    behind = sys.stderr.behind
+    traceback.print_exception(*failure(FORGED))
+    sys.__excepthook__(*failure(FORGED))
+    lines = behind.getvalue().split("\n")[:-1]
+    assert len(lines) >= 6 and all(line.startswith("<4>printed: ") and is_plain(line) for line in lines)
+
+
+def test_the_sentence_of_a_small_program_is_one_line(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    monkeypatch.setenv("JOURNAL_STREAM", "1:2")
+    journal.plain_streams()
+    journal.say(f"it says {FORGED}")
+    journal.say("good", logging.INFO)
+    lines = sys.stderr.getvalue().split("\n")
+    assert lines[0].startswith("<4>it says gone <0>rosfleet") and is_plain(lines[0]) and lines[1:] == ["<6>good", ""]
 
 
 def test_streams_are_made_plain_once(monkeypatch):
@@ -82,12 +138,18 @@ def test_streams_are_made_plain_once(monkeypatch):
 
 
 def test_the_lines_of_rospy_are_plain_too(monkeypatch):
-    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, io.StringIO())
     root, before = logging.getLogger(), (logging.getLogger().handlers[:], logging.getLogger().level)
     try:
         logging.config.fileConfig(str(CONFIG), disable_existing_loggers=False)
         logging.getLogger("rospy.internal").warning("shut down: %s", FORGED)
+        print(f"shutdown request: {FORGED}")
     finally:
         root.handlers[:], root.level = before
+    assert (
+        sys.stdout.getvalue().startswith("printed: shutdown request: gone <0>")
+        and sys.stdout.getvalue().count("\n") == 1
+    )
     assert sys.stderr.getvalue().count("\n") == 1
     assert "rospy.internal: shut down: gone" in sys.stderr.getvalue()

@@ -61,8 +61,8 @@ def test_versions_are_set_where_they_are_known_and_not_again(monkeypatch):
 class Child:
     """A program that is started, and ends when the test says so."""
 
-    def __init__(self):
-        self.starts, self.there, self.missing = 0, False, ""
+    def __init__(self, told):
+        self.starts, self.there, self.missing, self.told = 0, False, "", told
 
     def runs(self):
         return self.there
@@ -129,3 +129,10 @@ def test_tools_see_the_processes_of_a_roscore(rosout):
     assert methods["get_pid"]() == [1, "", os.getpid()] and methods["get_node_names"]()[2] == ["/rosout"]
     rosout.end()
     assert not rosout._child.runs()
+
+
+def test_what_rosout_prints_is_one_record_of_the_log_whatever_is_in_it(rosout, caplog):
+    with caplog.at_level("INFO", "rosfleet.roscore"):
+        rosout._child.told("<0>shut down\r\x1b[2J")
+    (record,) = caplog.records
+    assert (record.levelname, record.getMessage()) == ("INFO", "rosout says: <0>shut down\r\x1b[2J")

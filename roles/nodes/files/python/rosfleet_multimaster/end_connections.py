@@ -8,15 +8,15 @@ root alone, and without ROS.
 """
 
 import json
-import sys
+import logging
 from typing import Any, List
 
 from .core.members import Members
 from .core.permission import Permission
-from .core.plain_text import plain
 from .edge import connections, ending
 from .edge.addresses import network
 from .edge.clock import sleep
+from .edge.journal import plain_streams, say
 from .edge.systemd import notify, watchdog
 
 PER_SECOND = 256  # connections that are ended in a second; a request counts as one at least
@@ -42,7 +42,10 @@ class Ender:
         except OSError as problem:
             return ending.Answer([], str(problem))
         for found in ended:
-            _say(f"the connection from port {found.local[1]} to {found.remote[0]}:{found.remote[1]} is ended")
+            say(
+                f"the connection from port {found.local[1]} to {found.remote[0]}:{found.remote[1]} is ended",
+                logging.INFO,
+            )
         return ending.Answer(
             [(found.local, found.remote) for found in ended], "; ".join(sorted(set(refused.values()) - {""}))
         )
@@ -50,6 +53,7 @@ class Ender:
 
 def main(parameters: str, path: str) -> None:
     """Answer for ever. `parameters`: the file of master_sync's, `path`: the socket."""
+    plain_streams()
     with open(parameters, encoding="utf-8") as file:
         given: Any = json.load(file)
     problem = _problem()
@@ -68,10 +72,6 @@ def _problem() -> str:
         connections.check()
     except OSError as problem:
         text = f"connections cannot be ended here (CAP_NET_ADMIN, CONFIG_INET_DIAG_DESTROY): {problem}"
-        _say(text)
+        say(text)
         return text
     return ""
-
-
-def _say(text: str) -> None:
-    print(plain(text), file=sys.stderr, flush=True)

@@ -12,9 +12,9 @@ import signal
 import sys
 from typing import Dict, Mapping
 
-from .core.plain_text import plain
 from .edge import textfile
 from .edge.clock import sleep
+from .edge.journal import plain_streams, say
 from .edge.systemd import notify, watchdog
 
 LOOK = 5.0  # seconds between two looks at the files of the nodes
@@ -51,18 +51,19 @@ class Publisher:
 
 def main(folder: str) -> None:
     """Copy for ever, until SIGTERM."""
+    plain_streams()
     publisher = Publisher(folder)
     signal.signal(signal.SIGTERM, lambda *_about: sys.exit(0))
     every = min(LOOK, (watchdog() or LOOK) / 2)
     try:
         publisher.look()
-        notify("READY=1", f"STATUS=the metrics are in {plain(folder)}")
+        notify("READY=1", f"STATUS=the metrics are in {folder}")
         while True:
             sleep(every)
             publisher.look()
             notify("WATCHDOG=1")
     except OSError as problem:
-        print(plain(f"the metrics cannot be written to {folder}: {problem}"), file=sys.stderr, flush=True)
+        say(f"the metrics cannot be written to {folder}: {problem}")
         sys.exit(1)
     finally:
         publisher.end()

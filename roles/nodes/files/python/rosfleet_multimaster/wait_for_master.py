@@ -14,7 +14,7 @@ import time
 import xmlrpc.client
 from typing import Any, Callable
 
-from .core.plain_text import LINE, plain
+from .edge.journal import plain_streams, say
 
 CALLER = "/rosfleet_multimaster"
 PAUSE = 0.2  # seconds between two looks
@@ -57,6 +57,7 @@ def until(end: float, look: Callable[..., Any], *arguments: Any) -> Any:
 
 def main() -> int:
     """Wait, and return the exit status."""
+    plain_streams()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--timeout", type=float, default=60.0, metavar="SECONDS")
     parser.add_argument(
@@ -74,7 +75,7 @@ def main() -> int:
         if options.service:
             until(end, ask, uri, "lookupService", options.service)
     except NotYet as problem:
-        print(plain(f"{problem} (after {options.timeout:g} s)", LINE), file=sys.stderr)
+        say(f"{problem} (after {options.timeout:g} s)")
         return 1
     return 0
 

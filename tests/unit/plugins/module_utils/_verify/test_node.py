@@ -60,7 +60,7 @@ def test_a_talker_waits_for_its_roscore_and_says_when_it_refuses():
     roscore.refused = "no more topics"
     with served(roscore) as uri, talking(uri, "/talker", TOPIC, "x") as process:
         assert process.wait(10) == 1
-        assert process.stdout.read().strip() == "the roscore refuses the talker: no more topics"
+        assert process.stdout.read().strip() == "the roscore refuses the talker: 'no more topics'"
 
 
 def test_a_talker_that_has_no_answer_takes_its_registration_back_too():

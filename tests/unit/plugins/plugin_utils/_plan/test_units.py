@@ -113,7 +113,10 @@ def test_the_bundled_roscore_remembers_and_with_upstream_it_is_that_of_ros():
     assert "\nStateDirectory=%N\n" in text and "ExecStartPost" not in text and "/usr/bin/roscore" not in text
     upstream = units.programs("fkie_apt", "/opt/python3", dict.fromkeys(units.NODES, "/opt/node"), 11411)
     text = units.services(["roscore"], "tibi", ADDRESS, ROSCORE, upstream, units.Inputs("", ""))[0].content
-    assert "\nExecStart=/usr/bin/roscore -p 11311 -w 16 -t 3\n" in text and "StateDirectory" not in text
+    assert (
+        "\nExecStart=/usr/bin/python3 -m rosfleet_multimaster.run_plain /usr/bin/roscore -p 11311 -w 16 -t 3\n" in text
+        and "StateDirectory" not in text
+    )
 
 
 #: unit -> the worst rating of `systemd-analyze security` that it may have; tests/systems has the same of running ones

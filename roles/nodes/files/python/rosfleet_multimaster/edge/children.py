@@ -1,17 +1,29 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Other programs of this computer: one that runs beside this one, and short ones whose output is wanted."""
+"""Other programs of this computer: one that runs beside this one, and short ones whose output is wanted.
+
+What they print may be anybody's text: rosout prints the reason of a `shutdown`. So no program is given the standard streams of
+this one. What it writes to its own is handed on line by line, or goes nowhere.
+"""
 
 import os
+import re
 import subprocess
-from typing import List, Optional, Sequence
+import threading
+from typing import IO, Callable, Iterator, List, Optional, Sequence
+
+_PIECE = 8192  # bytes of a line; what is more of it is left out
+_DRAINED = 1.0  # seconds for the last lines of a program that has ended
+_COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
 
 
 class Child:
     """A program that is started again when it has ended."""
 
-    def __init__(self) -> None:
+    def __init__(self, told: Callable[[str], None]) -> None:
+        """`told(line)`: it has written this; called in a thread, the line is still as it was written."""
         self._process: Optional[subprocess.Popen[bytes]] = None
+        self._told, self._reader = told, threading.Thread()
 
     def runs(self) -> bool:
         """True where it is there."""
@@ -19,7 +31,26 @@ class Child:
 
     def start(self, command: Sequence[str]) -> None:
         """Start it. Raises OSError."""
-        self._process = subprocess.Popen(list(command), stdin=subprocess.DEVNULL, cwd="/")
+        self._process = subprocess.Popen(
+            list(command),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            cwd="/",
+        )
+        self._reader = threading.Thread(target=self._hand_on, args=(self._process.stdout,), daemon=True)
+        self._reader.start()
+
+    def wait(self) -> int:
+        """Wait for its end, and for its last lines; the exit status, that of a signal is negative."""
+        status = self._process.wait() if self._process is not None else 0
+        self._reader.join(_DRAINED)  # a process that it has left behind may hold the pipe
+        return status
+
+    def _hand_on(self, stream: IO[bytes]) -> None:
+        with stream:
+            for line in _lines(stream):
+                self._told(line)
 
     def end(self, seconds: float) -> None:
         """End it, and wait."""
@@ -29,6 +60,19 @@ class Child:
                 self._process.wait(seconds)
             except subprocess.TimeoutExpired:
                 self._process.kill()
+
+
+def _lines(stream: IO[bytes]) -> Iterator[str]:
+    """The lines that are not empty, each without what is too long of it, and without colours."""
+    begun = True
+    while True:
+        piece = stream.readline(_PIECE)
+        if not piece:
+            return
+        text = _COLOUR.sub(b"", piece).decode("utf-8", "replace").strip()
+        if begun and text:
+            yield text
+        begun = piece.endswith(b"\n")
 
 
 def output(command: Sequence[str], seconds: float) -> str:

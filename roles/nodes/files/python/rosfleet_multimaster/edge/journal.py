@@ -2,13 +2,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the program writes: lines for the journal, or for a terminal, that nobody else's text can break or colour.
 
-There are two ways out, and both are here: the log (ours and that of rospy, by logging.conf), and the standard streams, to
-which rospy prints what others say, such as the reason of a `shutdown`.
+There are three ways out, and all are here: the log (ours and that of rospy, by logging.conf), the sentences of our small
+programs, and the standard streams, to which rospy prints what others say, such as the reason of a `shutdown`. Each line begins
+with a priority and a word of ours, so journald takes no `<0>` of others for one. What other programs print comes by
+children.py to the first two.
 """
 
 import logging
 import os
 import sys
+import threading
 import traceback
 from typing import Any, List, Optional, TextIO
 
@@ -29,9 +32,14 @@ class Format(logging.Formatter):
             message = f"{record.msg} ({problem})"
         name = "" if record.name.split(".")[0] == "rosfleet" else f"{record.name}: "
         lines = [plain(name + message, LINE), *_traceback(record.exc_info)]
-        if "JOURNAL_STREAM" not in os.environ:
-            return "\n".join([f"{record.levelname}: {lines[0]}", *lines[1:]])
-        return "\n".join(f"<{_PRIORITIES.get(record.levelno, 6)}>{line}" for line in lines)
+        return "\n".join([_line(record.levelno, lines[0]), *(_line(record.levelno, line, "") for line in lines[1:])])
+
+
+def _line(level: int, text: str, name: Optional[str] = None) -> str:
+    """A line with what comes before it: its priority for the journal, the `name` of its level for a terminal."""
+    if "JOURNAL_STREAM" in os.environ:
+        return f"<{_PRIORITIES.get(level, 6)}>{text}"
+    return (f"{logging.getLevelName(level)}: " if name is None else name) + text
 
 
 def _traceback(info: Any) -> List[str]:
@@ -44,6 +52,9 @@ def _traceback(info: Any) -> List[str]:
 
 class Handler(logging.StreamHandler):  # type: ignore[type-arg]  # a class of Python 3.8 takes no argument
     """Writes the lines of a record one by one: to the stream, several in one piece are one line."""
+
+    def __init__(self, stream: Any = None) -> None:
+        super().__init__(_behind(stream or sys.stderr))
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a record."""
@@ -63,16 +74,36 @@ def quiet(*names: str) -> None:
         logger.propagate = False
 
 
-class PlainStream:
-    """A text stream to which each piece is written on one line. Its other methods are those of the stream behind it."""
+class RospyHandler(Handler):
+    """The same in a node that is not a bundled one (logging.conf): what its rospy prints is plain, too."""
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+    def __init__(self, stream: Any = None) -> None:
+        super().__init__(stream)
+        plain_streams()
+
+
+def say(text: str, level: int = logging.WARNING) -> None:
+    """Write a sentence of a program that has no log."""
+    stream = _behind(sys.stderr)
+    stream.write(_line(level, plain(text, LINE), "") + "\n")
+    stream.flush()
+
+
+class PlainStream:
+    """A text stream to which each piece is written on one line. Its other methods are those of the stream behind it.
+
+    Pieces of a line wait for its end, for each thread on its own, so that each line begins with words of ours.
+    """
+
+    def __init__(self, stream: TextIO, level: int = logging.INFO) -> None:
+        self.behind, self._level = stream, level
+        self._begun = threading.local()
 
     def write(self, text: str) -> int:
         """Write a piece: a line break counts at its end only."""
-        body, end = (text[:-1], "\n") if text.endswith("\n") else (text, "")
-        self._stream.write(plain_lines(body.replace("\n", " ")) + end)
+        self._begun.text = getattr(self._begun, "text", "") + text[: 2 * LINE]
+        if text.endswith("\n") or len(self._begun.text) > LINE:
+            self._end_line()
         return len(text)
 
     def writelines(self, lines: Any) -> None:
@@ -80,13 +111,27 @@ class PlainStream:
         for line in lines:
             self.write(line)
 
+    def flush(self) -> None:
+        """Write what waits."""
+        self._end_line()
+        self.behind.flush()
+
+    def _end_line(self) -> None:
+        text, self._begun.text = getattr(self._begun, "text", ""), ""
+        if text.strip():
+            self.behind.write(_line(self._level, plain(f"printed: {text}", LINE), "") + "\n")
+
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
+        return getattr(self.behind, name)
+
+
+def _behind(stream: Any) -> Any:
+    return stream.behind if isinstance(stream, PlainStream) else stream
 
 
 def plain_streams() -> None:
     """From now on, what anybody prints is plain."""
-    for name in ("stdout", "stderr"):
+    for name, level in (("stdout", logging.INFO), ("stderr", logging.WARNING)):
         stream: Optional[Any] = getattr(sys, name)
         if stream is not None and not isinstance(stream, PlainStream):
-            setattr(sys, name, PlainStream(stream))
+            setattr(sys, name, PlainStream(stream, level))

@@ -48,7 +48,7 @@ class Rosout:
 
     def __init__(self, lookup: Callable[[str], str]) -> None:
         """`lookup(name)`: the URI of a node, "" where there is none."""
-        self._lookup, self._child = lookup, Child()
+        self._lookup, self._child = lookup, Child(lambda line: _log.info("rosout says: %s", line))
         self._due, self._pause, self._started = 0.0, PAUSE, 0
         self._missing = False
 
