@@ -21,19 +21,62 @@ _INVISIBLE = re.compile(
 )
 
 
+# What stands in a sentence without quotes: a name, an address, a URI or a time, of which nothing looks like a word of ours.
+_NAME = re.compile(
+    r"""
+    [A-Za-z0-9_~/] (?: [A-Za-z0-9_./@%+=-]* [A-Za-z0-9_/] )?
+    | [0-9A-Fa-f:.]* [0-9A-Fa-f] (?: / [0-9]{1,3} )?
+    | (?: [a-z]+:// )? [A-Za-z0-9_.-]+ : [0-9]{1,5} /?
+    | [a-z]+:// [A-Za-z0-9_.-]+ /?
+    | (?: [A-Z][a-z]{2}[ ] )? [0-9]{4}-[0-9]{2}-[0-9]{2} [ ] [0-9:.]{5,15} (?: [ ] [A-Z+-][A-Z0-9]{1,5} )?
+    """,
+    re.VERBOSE,
+)
+_NAME_LENGTH = 120
+
+
 def plain(value: typing.Any, most: int = LONGEST) -> str:
     """The text of a value on one line, of printable characters only, and of at most `most` of them.
 
-    A line break or another space becomes a blank; any other character that is not printable, such as one of an escape
-    sequence or one that turns the direction of writing, is shown as Python writes it (`\\x1b`). Plain text stays as it is.
+    Line breaks and other spaces become a blank, and many of them are one; any other character that is not printable, such
+    as one of an escape sequence or one that turns the direction of writing, is shown as Python writes it (`\\x1b`). Plain
+    text stays as it is.
     """
     text = str(value)
-    if is_plain(text, most) and text == text.strip():
+    if is_plain(text, most) and "  " not in text and text == text.strip():
         return text
-    head = text[: 2 * most + 2].strip()[: most + 1]
-    more = len(head) > most or bool(text[2 * most + 2 :].strip())
-    shown = "".join(map(_shown, head))
-    return shown[: max(most - len(CUT), 0)] + CUT if more or len(shown) > most else shown
+    joined = " ".join(text[: 4 * most + 2].split())
+    head = joined[: most + 1]
+    more = len(joined) > most or bool(text[4 * most + 2 :].strip())
+    shown = "".join(map(_escaped, head))
+    return _cut(shown, most) if more or len(shown) > most else shown
+
+
+def _cut(text: str, most: int) -> str:
+    """The beginning of a text. A quotation that is open there is closed, so what follows is not read as a part of it."""
+    head = text[: max(most - len(CUT), 0)]
+    if head.count('"') % 2 == 0:
+        return head + CUT
+    head = head[:-1]
+    return head + CUT + '"' * (head.count('"') % 2)
+
+
+def quoted(value: typing.Any, most: int = LONGEST) -> str:
+    """A name or a text of others as it stands in a sentence of ours, so that nothing in it is taken for one.
+
+    A name is itself, where it has the form of one. Everything else stands in quotes, and has none in it: a name with blanks,
+    a reason, a message. What is quoted already stays as it is.
+    """
+    text = str(value)
+    if not text or is_name(text):
+        return text
+    inner = text[1:-1] if len(text) > 1 and text[0] == text[-1] == '"' else text
+    return '"' + plain(inner, most).replace('"', "'") + '"'
+
+
+def is_name(text: str) -> bool:
+    """True where a text has the form of a name, an address, a URI or a time."""
+    return len(text) <= _NAME_LENGTH and _NAME.fullmatch(text) is not None
 
 
 def plain_lines(value: typing.Any, most: int = LINE) -> str:
@@ -62,10 +105,6 @@ def _plain_line(line: str, most: int) -> str:
         return line
     shown = "".join(character if character == "\t" else _escaped(character) for character in line[: most + 1])
     return shown[: most - len(CUT)] + CUT if len(shown) > most or len(line) > most else shown
-
-
-def _shown(character: str) -> str:
-    return " " if character.isspace() else _escaped(character)
 
 
 def _escaped(character: str) -> str:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.units import CONFIGURATION, LIBRARY
 
 # Lists of folders: ours come first, what a person has stays.
@@ -124,13 +125,13 @@ def notes(info: Mapping[str, Any], environment: Environment) -> list[str]:
         return []
     if not sshd["includes_drop_ins"]:
         return [
-            f"Commands by ssh do not get the environment of ROS on {info['hostname']}: its sshd reads no drop-ins "
+            f"Commands by ssh do not get the environment of ROS on {quoted(info['hostname'])}: its sshd reads no drop-ins "
             f"(no Include of {SSHD.rpartition('/')[0]}/*.conf outside a Match in /etc/ssh/sshd_config)."
         ]
     against = _global_setenv(sshd)
     found = [
-        f"Commands by ssh do not get the environment of ROS on {info['hostname']}: "
-        f"{other['file']} line {other['line']} has a SetEnv already, and sshd uses only the first; "
+        f"Commands by ssh do not get the environment of ROS on {quoted(info['hostname'])}: "
+        f"{quoted(other['file'])} line {other['line']} has a SetEnv already, and sshd uses only the first; "
         "move its variables elsewhere, or add ours to it."
         for other in against
     ]
@@ -138,12 +139,12 @@ def notes(info: Mapping[str, Any], environment: Environment) -> list[str]:
         return found
     if not sshd.get("match_setenv", True):
         found.append(
-            f"Commands by ssh do not get the variables of the set-up file of ROS on {info['hostname']}: its OpenSSH knows no SetEnv "
+            f"Commands by ssh do not get the variables of the set-up file of ROS on {quoted(info['hostname'])}: its OpenSSH knows no SetEnv "
             "below a Match; login shells get them (bash -lc COMMAND)."
         )
     else:
         found += [
-            f"Commands by ssh do not get the variables of the set-up file of ROS on {info['hostname']}: {other['file']} line "
+            f"Commands by ssh do not get the variables of the set-up file of ROS on {quoted(info['hostname'])}: {quoted(other['file'])} line "
             f"{other['line']} has a SetEnv below a Match, and sshd uses only the first of those; move its variables elsewhere."
             for other in _match_setenv(sshd)
         ]
@@ -185,8 +186,8 @@ def differences(
 
 def _difference(what: str, path: str, name: str, found: str | None, expected: str | None) -> str:
     return (
-        f"{name} is {'not set' if found is None else found} in {CALLED[what]}, expected "
-        f"{'it not to be set' if expected is None else expected}: something is read after {path}."
+        f"{name} is {'not set' if found is None else quoted(found)} in {CALLED[what]}, expected "
+        f"{'it not to be set' if expected is None else quoted(expected)}: something is read after {path}."
     )
 
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import (
     environment,
     providers,
@@ -113,9 +114,10 @@ def unseen(computer: str, failed: Mapping[str, Any], version: str) -> str:
     The cause is in the last line of a module that could not start.
     """
     said = str(failed.get("module_stderr") or failed.get("msg") or "no reason is known")
-    why = plain((said.strip().splitlines() or [""])[-1].strip(), LINE)
-    if why.startswith(f"{computer}: "):  # the answer was none, which says enough
-        return why
+    last = (said.strip().splitlines() or [""])[-1].strip()
+    if last.startswith(f"{computer}: "):  # the answer was none of the module, which our own action has said
+        return plain(last, LINE)
+    why = quoted(last, LINE)
     return (
         f"{computer}: the machine could not be looked at ({why}); expected a user who may become root (--ask-become-pass where "
         f"sudo takes a password), and Python 3.6 or later that ansible-core {version} can manage: compare the table of "
@@ -170,7 +172,7 @@ def _interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -
                 return interface["name"], _interface_problems(plan, wanted, interface, entry["prefix"])
         if not interface["loopback"]:
             found += [
-                f"{entry['address']} on {interface['name']}"
+                f"{quoted(entry['address'])} on {quoted(interface['name'])}"
                 for entry in interface["addresses"]
                 if ":" not in entry["address"]
             ]
@@ -181,16 +183,18 @@ def _interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -
 
 
 def _interface_problems(plan: ComputerPlan, wanted: Interface, interface: Mapping[str, Any], prefix: int) -> list[str]:
-    host, variable, name = plan.computer, _variable(plan, wanted), interface["name"]
+    host, variable, name = plan.computer, _variable(plan, wanted), quoted(interface["name"])
+    up = advice.command(" (ip link set {} up)", ("device", interface["name"]))
+    multicast = advice.command(" (ip link set {} multicast on)", ("device", interface["name"]))
     if not interface["up"]:
         return [
             f"{host}: the interface {name} with {variable} {wanted.address} is down; expected it to be up: "
-            f"bring it up (ip link set {name} up) and find out why it was not."
+            f"bring it up{up} and find out why it was not."
         ]
     if plan.is_master and _multicast_on(plan) == str(wanted.address) and not interface["multicast"]:
         return [
             f"{host}: the interface {name} with {variable} {wanted.address} does not do multicast; expected "
-            f"the flag MULTICAST: set it (ip link set {name} multicast on), or set multimaster_transport to "
+            f"the flag MULTICAST: set it{multicast}, or set multimaster_transport to "
             "unicast."
         ]
     if prefix != wanted.network.prefixlen:
@@ -220,7 +224,7 @@ def _ways(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
         by, gateways = way["gateway"], [str(gateway) for gateway in route.gateways]
         if by in gateways:
             continue
-        seen = way["error"] or (f"one by {by}" if by else "a way without a gateway")
+        seen = quoted(way["error"]) or (f"one by {quoted(by)}" if by else "a way without a gateway")
         problems.append(
             f"{plan.computer}: multimaster_routes is 'existing', but towards {route.destination} there is no route by "
             f"{' or '.join(gateways)} (found: {seen}); expected one, since without a route back nothing is answered: add it, "
@@ -235,7 +239,7 @@ def _multicast_routing(plan: ComputerPlan, info: Mapping[str, Any], interfaces: 
     inner, common = (interfaces[address] for address in plan.multicast_routing.addresses)
     if inner and inner == common:
         return [
-            f"{plan.computer}: multimaster_multicast_routing is 'smcroute', but both its addresses are on {inner}; expected an interface "
+            f"{plan.computer}: multimaster_multicast_routing is 'smcroute', but both its addresses are on {quoted(inner)}; expected an interface "
             "for each network, since multicast is passed on between interfaces: give the common network its own, or set "
             "multimaster_multicast_routing to 'none'."
         ]
@@ -247,7 +251,7 @@ def _multicast_routing(plan: ComputerPlan, info: Mapping[str, Any], interfaces: 
         ]
     if routing["others"]:
         return [
-            f"{plan.computer}: {', '.join(routing['others'])} passes multicast on already, and the kernel takes one program for that; "
+            f"{plan.computer}: {', '.join(map(quoted, routing['others']))} passes multicast on already, and the kernel takes one program for that; "
             "expected none beside the collection's: stop it for good (systemctl disable --now smcroute.service smcroute-helper.service, "
             "where it is Debian's smcroute), or set multimaster_multicast_routing to 'none'."
         ]
@@ -290,7 +294,7 @@ def _services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, .
     for name, without in WITH_PYTHON.items() if python < NODES_PYTHON else ():
         if name in plan.services and name not in warnings:
             warnings[name] = (
-                f"{plan.computer}: its Python is {info['python']}; expected 3.8 or later for multimaster-{name}.service, which is "
+                f"{plan.computer}: its Python is {quoted(info['python'])}; expected 3.8 or later for multimaster-{name}.service, which is "
                 f"left out: {without}; use such a system."
             )
     return tuple(name for name in plan.services if name not in warnings), list(warnings.values())
@@ -306,11 +310,11 @@ def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
             f"{host}: multimaster_ros_setup is '{plan.ros_setup}', but no ROS was found on the machine; expected ROS 1 below "
             "/opt/ros, as Debian's packages, or in a workspace: install it, or name its set-up file in multimaster_ros_setup."
         ]
-    where = chosen["setup"] or "Debian's packages"
+    where = quoted(chosen["setup"]) or "Debian's packages"
     if chosen["missing"]:
         return [
-            f"{host}: the ROS of {where} lacks the Python modules {', '.join(chosen['missing'])}; expected them for the "
-            f"nodes: install them ({_packages(chosen)})."
+            f"{host}: the ROS of {where} lacks the Python modules {', '.join(map(quoted, chosen['missing']))}; expected them for the "
+            f"nodes: install them{_packages(chosen)}."
         ]
     if plan.is_master and plan.roscore == "managed" and not chosen["commands"].get("roscore"):
         return [
@@ -325,7 +329,7 @@ def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     version = tuple(int(part) for part in chosen["python_version"].split(".")[:2])
     if version < NODES_PYTHON and plan.provider == "bundled":
         return [
-            f"{host}: the ROS of {where} has Python {chosen['python_version']}; expected 3.8 or later for the bundled nodes (Ubuntu 20.04, Debian 11 "
+            f"{host}: the ROS of {where} has Python {quoted(chosen['python_version'])}; expected 3.8 or later for the bundled nodes (Ubuntu 20.04, Debian 11 "
             "or later): use such a system, or set multimaster_provider to 'fkie_apt' or 'fkie_existing'."
         ]
     return []
@@ -333,8 +337,9 @@ def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
 
 def _packages(chosen: Mapping[str, Any]) -> str:
     names = [module.replace("_", "-") for module in chosen["missing"]]
-    prefix = "python3-" if chosen["kind"] == "debian" else f"ros-{chosen['distro'] or '<distro>'}-"
-    return "apt-get install " + " ".join(prefix + name for name in names)
+    prefix = "python3-" if chosen["kind"] == "debian" else f"ros-{chosen['distro'] or 'DISTRO'}-"
+    words = " ".join(["apt-get install", *("{}" for _name in names)])
+    return advice.command(f" ({words})", *(("what", prefix + name) for name in names))
 
 
 @dataclass(frozen=True)
@@ -382,8 +387,8 @@ def _holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
             continue
         for holder in info["ports"]:
             if (holder["protocol"], holder["port"]) == (port.protocol, port.port) and holder["unit"] not in OWN_UNITS:
-                unit = f", {holder['unit']}" if holder["unit"] else ""
-                who = f"{holder['command'] or 'a process'} (pid {holder['pid']}, user {holder['user']}{unit})"
+                unit = f", {quoted(holder['unit'])}" if holder["unit"] else ""
+                who = f"{quoted(holder['command']) or 'a process'} (pid {holder['pid']}, user {quoted(holder['user'])}{unit})"
                 found.append(Holder(port, use, who))
     return list(dict.fromkeys(found))
 
@@ -402,14 +407,14 @@ def _own_name(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     if info["hostname"].split(".")[0].lower() == plan.computer.split(".")[0].lower():
         return []
     return [
-        f"{plan.computer}: the machine calls itself '{info['hostname']}'; expected its name in the inventory: nodes that are "
+        f"{plan.computer}: the machine calls itself {quoted(info['hostname'])}; expected its name in the inventory: nodes that are "
         "started without the environment of the collection advertise that other name; rename one of the two."
     ]
 
 
 def _exports(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     return [
-        f"{plan.computer}: {export['file']}, line {export['line']} sets {export['variable']} ({export['text']}); expected that "
+        f"{plan.computer}: {quoted(export['file'])}, line {export['line']} sets {quoted(export['variable'])} ({quoted(export['text'])}); expected that "
         "only the collection sets it: shells that read this file differ from the services; remove the line."
         for export in info["exports"]
         if plan.environment.get(export["variable"], None) != export["value"].rstrip("/")
@@ -430,7 +435,7 @@ def _sshd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
         if other["match"]:
             continue  # below a Match it adds to ours
         warnings.append(
-            f"{plan.computer}: {other['file']}, line {other['line']} has its own SetEnv ({other['text']}), and sshd takes only one; "
+            f"{plan.computer}: {quoted(other['file'])}, line {other['line']} has its own SetEnv ({quoted(other['text'])}), and sshd takes only one; "
             "expected none: commands by ssh get no ROS environment from the collection; move it into the users' ~/.ssh/environment, "
             "or use login shells."
         )

@@ -3,33 +3,23 @@
 
 """The command that mends a part, where it needs more than the part's name: pure, parts and what was read there in, words out.
 
-The words are pasted by people as root, so what a machine told is in them only if it has the form of a device, of a number, or of
-a file below /etc or of systemd.
+What a machine told is in them only where it has the form of its place: advice.py makes each command.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from ipaddress import IPv4Address
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.case import (
     Everything,
     Participant,
     own_networks,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
-    DefaultRoute,
-    ForwardingInterface,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import ForwardingInterface
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import SITE, Part
 
-DEVICE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.@-]{0,14}")
-
-FILE = re.compile(r"/etc/(?!.*\.\.)[A-Za-z0-9_./-]+")
-DROP_IN = re.compile(r"/(etc|run)/systemd/system/(?!.*\.\.)[A-Za-z0-9_./@-]+\.conf")
-SETTING = re.compile(r"[a-z0-9_]+(\.[a-z0-9_]+)+")
 ROS = ("roscore", "discovery", "sync")  # services
 
 
@@ -42,9 +32,9 @@ class Place:
 
     @property
     def interfaces(self) -> Sequence[ForwardingInterface]:
-        """Those of the computer, by names that can be pasted."""
+        """Those of the computer."""
         probe = self.computer.seen.probe
-        return [entry for entry in probe.forwarding.interfaces if DEVICE.fullmatch(entry.interface)] if probe else []
+        return probe.forwarding.interfaces if probe else ()
 
     def on(self, network: str) -> ForwardingInterface | None:
         """Return the interface on a network."""
@@ -58,14 +48,14 @@ Commands = Iterator[str]
 def _up(place: Place, parts: Sequence[Part]) -> Commands:
     for part in parts:
         if interface := place.on(part.what):
-            yield f"ip link set dev {interface.interface} up"
+            yield advice.command("ip link set dev {} up", ("device", interface.interface))
 
 
 def _size(place: Place, parts: Sequence[Part]) -> Commands:
     for part in parts:
         interface, usual = place.on(part.what), place.everything.usual.get(part.what)
         if interface and usual and interface.mtu != usual:
-            yield f"ip link set dev {interface.interface} mtu {usual}"
+            yield advice.command("ip link set dev {} mtu {}", ("device", interface.interface), ("number", usual))
 
 
 def _prefix(place: Place, _parts: Sequence[Part]) -> Commands:
@@ -73,8 +63,9 @@ def _prefix(place: Place, _parts: Sequence[Part]) -> Commands:
     for entry in place.interfaces:
         for address, found in zip(entry.addresses, entry.prefixes, strict=False):
             if planned.get(address, found) != found:
-                yield f"ip address add {address}/{planned[address]} dev {entry.interface}"
-                yield f"ip address del {address}/{found} dev {entry.interface}"
+                at, device = ("address", address), ("device", entry.interface)
+                yield advice.command("ip address add {}/{} dev {}", at, ("number", planned[address]), device)
+                yield advice.command("ip address del {}/{} dev {}", at, ("number", found), device)
 
 
 def _defaults(place: Place, _parts: Sequence[Part]) -> Commands:
@@ -83,57 +74,54 @@ def _defaults(place: Place, _parts: Sequence[Part]) -> Commands:
     routes = probe.default_routes if probe else ()
     planned = {str(route.gateway) for route in place.computer.plan.routes if not route.destination.prefixlen}
     others = [route for route in routes if route.gateway not in planned]
-    if len(others) < len(routes):
-        yield from filter(None, map(_deleted, others))
-
-
-def _deleted(route: DefaultRoute) -> str:
-    gateway, device, metric = route.gateway or "", route.device or "", route.metric or "0"
-    if not (_is_address(gateway) and DEVICE.fullmatch(device) and metric.isdecimal()):
-        return ""
-    return f"ip route del default via {gateway} dev {device} metric {metric}"
-
-
-def _is_address(text: str) -> bool:
-    try:
-        return bool(IPv4Address(text))
-    except ValueError:
-        return False
+    for route in others if len(others) < len(routes) else ():
+        yield advice.command(
+            "ip route del default via {} dev {} metric {}",
+            ("address", route.gateway),
+            ("device", route.device),
+            ("number", route.metric or "0"),
+        )
 
 
 def _closed(_place: Place, parts: Sequence[Part]) -> Commands:
-    return (f"ip route del {part.what}" for part in parts)
+    return (advice.command("ip route del {}", ("route", part.what)) for part in parts)
 
 
 def _rules(_place: Place, parts: Sequence[Part]) -> Commands:
-    return (f"ip rule del {part.what}" for part in parts)
+    return (advice.command("ip rule del {}", ("rule", part.what)) for part in parts)
 
 
 def _other_lines(_place: Place, parts: Sequence[Part]) -> Commands:
     """Lines with one of the names that are not the collection's become comments."""
-    names = "|".join(part.what.replace(".", r"\.") for part in parts)
-    yield rf"sed -i -E '/rosfleet.multimaster/! s/^[^#].*[[:space:]]({names})([[:space:]]|$)/# &/' /etc/hosts"
+    names = "|".join("{}" for _part in parts)
+    line = f"s/^[^#].*[[:space:]]({names})([[:space:]]|$)/# &/"
+    yield advice.command(
+        f"sed -i -E '/rosfleet.multimaster/! {line}' /etc/hosts", *(("name", part.what) for part in parts)
+    )
 
 
 def _other_settings(place: Place, parts: Sequence[Part]) -> Commands:
     """The line that decides at the next boot becomes a comment; nothing of a package is changed."""
     probe = place.computer.seen.probe
     for entry in probe.next_boot if probe else ():
-        asked = entry.kind == "sysctl" and entry.name in {part.what for part in parts}
-        file = entry.file.partition(" line ")[0]
-        if asked and FILE.fullmatch(file) and SETTING.fullmatch(entry.name):
-            name = entry.name.replace(".", "[./]")
-            yield rf"sed -i -E 's,^[[:space:]]*-?{name}[[:space:]]*=,# &,' {file}"
+        if entry.kind == "sysctl" and entry.name in {part.what for part in parts}:
+            file = entry.file.partition(" line ")[0]
+            words = "sed -i -E 's,^[[:space:]]*-?{}[[:space:]]*=,# &,' {}"
+            yield advice.command(words, ("setting", entry.name), ("file", file))
 
 
 def _drop_ins(place: Place, _parts: Sequence[Part]) -> Commands:
     """Drop-in files that set variables are set aside; nodes are registered at the roscore, so all of them start again."""
     services = place.computer.seen.probe.services if place.computer.seen.probe else ()
-    files = [path for entry in services for path in entry.drop_ins if DROP_IN.fullmatch(path)]
-    if files:
-        yield from (f"mv {path} {path}.off" for path in files)
-        yield "systemctl daemon-reload"
-        yield f"systemctl restart {' '.join(entry.unit for entry in services if entry.name in ROS)}"
+    moves = [
+        advice.command("mv {} {}.off", ("drop-in", path), ("drop-in", path))
+        for entry in services
+        for path in entry.drop_ins
+    ]
+    units = [("unit", entry.unit) for entry in services if entry.name in ROS]
+    restart = advice.command(" ".join(["systemctl restart", *("{}" for _unit in units)]), *units)
+    if any(moves) and restart:
+        yield from [*moves, "systemctl daemon-reload", restart]
 
 
 # (kind, mode) -> the commands, from what was read.
@@ -162,6 +150,6 @@ def command(parts: Sequence[Part], computer: Participant | None, everything: Eve
     found = COMMANDS.get(fault)
     if found is None or computer is None:
         return ""
-    words = "; ".join(dict.fromkeys(found(Place(computer, everything), parts)))
+    words = "; ".join(filter(None, dict.fromkeys(found(Place(computer, everything), parts))))
     after = f"; then {SITE}, which {THEN[fault]}" if fault in THEN else ""
     return f"on {parts[0].place}: {words}{after}" if words else ""

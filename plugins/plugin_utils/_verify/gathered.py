@@ -1,14 +1,20 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Reads what the tasks of a run have registered on each computer, as observations. Pure: Ansible's variables in."""
+"""Reads what the tasks of a run have registered on each computer, as observations. Pure: Ansible's variables in.
+
+This is the door for the texts of a robot, which may be anybody's: behind it each text has the form of a name, an address or
+the like, or it stands in quotes. So no check has to think of it, and no sentence holds words of others as its own.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any, TypeVar
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, LONGEST, quoted
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
@@ -21,6 +27,17 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 )
 
 T = TypeVar("T")
+MOST = 500  # characters of one text of a robot
+
+#: what may stand without quotes beside names, by the key of a result: lines of `ip` for policy.py, and words of our modules
+FORMS = {
+    "rules": re.compile(r"[0-9]+: [a-z0-9][A-Za-z0-9 _./:-]*"),
+    "closed": re.compile(r"(blackhole|unreachable|prohibit) [A-Za-z0-9 _./:-]*"),
+    "table": re.compile(r"[a-z0-9]+ [A-Za-z0-9_.-]+"),
+    "file": re.compile(r"/[A-Za-z0-9_./@-]+ line [0-9]+"),
+    "what": re.compile(r"the computer"),
+    "how": re.compile(r"was (changed|started)"),
+}
 
 
 def observation(
@@ -36,7 +53,7 @@ def observation(
     """Read the registered results of one computer; the message of the first one that failed is its problem."""
     results = [registered(variables, name) for name in (*earlier, multicast, probe)]
     bad = [entry for entry in results if entry.get("unreachable") or entry.get("failed")]
-    problem = plain(" ".join(str(bad[0].get("msg", "")).split()), LINE) if bad else ""
+    problem = quoted(bad[0].get("msg", ""), LINE) if bad else ""
     unreachable = any(entry.get("unreachable") for entry in bad)
     try:
         return Observation(
@@ -52,14 +69,31 @@ def observation(
         )
     except Mismatch as found:  # what one computer was told by strangers must not cost the others their report
         return Observation(
-            unreachable=unreachable, problem=problem or plain(f"its results cannot be read: {found}", LINE)
+            unreachable=unreachable, problem=problem or f"its results cannot be read: {quoted(found, LINE)}"
         )
 
 
 def complete(kind: type[T], variables: Mapping[str, Any], name: str, part: str) -> T | None:
     """Read a registered result; None where the task gave none, or not this part. Raises Mismatch."""
     result = registered(variables, name)
-    return from_plain(kind, plain_data(result)) if part in result else None
+    return from_plain(kind, told(result)) if part in result else None
+
+
+def told(value: Any, key: str = "") -> Any:
+    """The same value with each of its texts as it may stand in a sentence."""
+    if isinstance(value, str):
+        return _text(value, key)
+    if isinstance(value, Mapping):
+        return {_text(str(name), ""): told(part, name) for name, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [told(part, key) for part in value]
+    return value
+
+
+@lru_cache(1 << 16)  # a fleet says the same again and again
+def _text(text: str, key: str) -> str:
+    form = FORMS.get(key)
+    return text if form and len(text) <= LONGEST and form.fullmatch(text) else quoted(text, MOST)
 
 
 def registered(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -73,10 +107,10 @@ def registered(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 def services(variables: Mapping[str, Any], name: str) -> tuple[str, ...] | None:
     """Read which services can run there, as preflight found; None where it did not look."""
     found = registered(variables, name).get("services")
-    return tuple(map(str, found)) if isinstance(found, (list, tuple)) else None
+    return tuple(quoted(name) for name in found) if isinstance(found, (list, tuple)) else None
 
 
 def as_found(variables: Mapping[str, Any], name: str) -> AsFound | None:
     """Read what preflight found, out of the variable with the computer's plan; None where there is none. Raises Mismatch."""
     plan = registered(variables, name)
-    return from_plain(AsFound, plain_data(plan["found"])) if "found" in plan else None
+    return from_plain(AsFound, told(plan["found"])) if "found" in plan else None

@@ -12,6 +12,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quoted
+
 
 class Fault(NamedTuple):
     """How a part of a kind may be broken: in a sentence, what to do, and the command that shows it.
@@ -32,6 +35,11 @@ class Fault(NamedTuple):
     unseen: bool = True  # but for places where nobody could look: there it may be
     what: str = ""  # stands for a part's `what` where it has none
 
+    @property
+    def example(self) -> str:
+        """What stands in a command for it."""
+        return f"<{self.what}>" if " " in self.what else self.what
+
 
 class Part(NamedTuple):
     """A part that may be broken in one way."""
@@ -48,18 +56,21 @@ class Part(NamedTuple):
 
     def sentence(self) -> str:
         """Say what is wrong."""
-        return self._filled(self.fault.sentence)
+        return self.fault.sentence.format(place=self.place, what=self.what or self.fault.what)
 
     def remedy(self) -> str:
         """Say what to do, with the command to paste."""
-        return self._filled(self.fault.remedy)
+        return self._advice(self.fault.remedy)
 
     def decide(self) -> str:
         """Return the command that shows whether it is this."""
-        return self._filled(self.fault.decide or self.fault.remedy)
+        return self._advice(self.fault.decide or self.fault.remedy)
 
-    def _filled(self, text: str) -> str:
-        return text.format(place=self.place, what=self.what or self.fault.what)
+    def _advice(self, words: str) -> str:
+        """Our words with the names of the part; without a command where `what` may be anything."""
+        if self.what and "{what}" in words and not advice.fitting("what", self.what):
+            return f"look at it there: {quoted(self.what)} fits into no command"
+        return words.format(place=self.place, what=self.what or self.fault.example)
 
 
 def both(one: str, other: str) -> str:
@@ -326,7 +337,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("route", "circle"): Fault(
         "{place} sends packets for {what} back to where they came from",
-        f"{SITE} on it; see there: ip route get {{what}}",
+        f"{SITE} on it; see there: ip route",
         what="the others",
         read=True,
     ),

@@ -15,10 +15,12 @@ from ipaddress import IPv4Address, IPv4Network
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Policy
 
 RULE = re.compile(
-    r"(?P<priority>\d+): from (?P<source>all|[0-9./]+)(?: to (?P<to>[0-9./]+))?(?: iif \S+)?(?: lookup (?P<table>[\w.-]+)| (?P<kind>\w+))(?: proto \w+)?"
+    r"(?P<priority>\d+): from (?P<source>all|[0-9./]+)(?: to (?P<to>[0-9./]+))?(?: iif \S+)?(?: lookup (?P<table>[\w.-]+)| (?P<kind>\w+))(?: proto \w+)?",
+    re.ASCII,
 )
 CLOSED = re.compile(
-    r"(?P<kind>blackhole|unreachable|prohibit) (?P<to>default|[0-9./]+)(?: table (?P<table>[\w.-]+))?(?: [\w .:/-]*)?"
+    r"(?P<kind>blackhole|unreachable|prohibit) (?P<to>default|[0-9./]+)(?: table (?P<table>[\w.-]+))?(?: [\w .:/-]*)?",
+    re.ASCII,
 )
 KINDS = ("blackhole", "unreachable", "prohibit")
 

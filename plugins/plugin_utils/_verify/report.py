@@ -230,18 +230,16 @@ def _unexplained(rows: Sequence[Row], width: int) -> list[str]:
 
 
 def _filled(rows: Iterable[tuple[str, str]], width: int) -> list[str]:
-    return [
-        textwrap.fill(
-            text,
-            width,
-            initial_indent=label,
-            subsequent_indent=" " * len(label),
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-        for label, text in rows
-        if text
-    ]
+    return [filled(label, text, width) for label, text in rows if text]
+
+
+def filled(label: str, text: str, width: int) -> str:
+    """A text behind its label, as wide as this. Where a line begins within a quotation, a quote says so."""
+    lines, within = [], False
+    for line in textwrap.wrap(text, max(width - len(label), 20), break_long_words=False, break_on_hyphens=False):
+        lines.append(f'"{line}' if within else line)
+        within ^= line.count('"') % 2 == 1
+    return label + f"\n{' ' * len(label)}".join(lines)
 
 
 def whom(row: Row) -> str:

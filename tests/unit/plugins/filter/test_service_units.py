@@ -28,7 +28,7 @@ def made(names):
 def test_units():
     units = made(["roscore", "sync"])
     assert [unit["name"] for unit in units] == ["multimaster-roscore.service", "multimaster-sync.service"]
-    assert "ExecStart=/usr/bin/roscore -p 11411 " in units[0]["content"]
+    assert "run_plain /usr/bin/roscore -p 11411 " in units[0]["content"]
     assert "\n# sync\n\n[Service]\n" in units[1]["content"] and "\nExecStart=/sync\n" in units[1]["content"]
 
 

@@ -209,7 +209,7 @@ def test_an_older_export_is_named_with_file_and_line():
     }
     found = compare(lambda info: info["exports"].append(export))
     assert found.problems == ()
-    assert "/home/a/.bashrc, line 7 sets ROS_IP (export ROS_IP=10.0.0.5)" in found.warnings[0]
+    assert '/home/a/.bashrc, line 7 sets ROS_IP ("export ROS_IP=10.0.0.5")' in found.warnings[0]
 
 
 def test_an_export_of_the_planned_value_is_no_matter():
@@ -219,7 +219,7 @@ def test_an_export_of_the_planned_value_is_no_matter():
 
 
 def test_another_name_of_the_machine_is_named():
-    assert "calls itself 'debian'" in compare(lambda info: info.update(hostname="debian")).warnings[0]
+    assert "calls itself debian" in compare(lambda info: info.update(hostname="debian")).warnings[0]
 
 
 GATEWAY = {
@@ -302,7 +302,7 @@ def test_multicast_routing_needs_two_interfaces():
         ({"gateway": "192.168.11.101", "error": ""}, ""),
         ({"gateway": "192.168.11.7", "error": ""}, "found: one by 192.168.11.7"),
         ({"gateway": None, "error": ""}, "found: a way without a gateway"),
-        ({"gateway": None, "error": "Network is unreachable"}, "found: Network is unreachable"),
+        ({"gateway": None, "error": "Network is unreachable"}, 'found: "Network is unreachable"'),
     ],
 )
 def test_a_missing_route_back_is_named(way, problem):
@@ -359,7 +359,7 @@ def test_a_python_that_is_too_old_is_one_sentence(tmp_path):
     )
     assert done.returncode == 2
     assert (
-        "kobuki-pc: the machine could not be looked at (ImportError: No module named typing); expected" in done.stdout
+        'kobuki-pc: the machine could not be looked at ("ImportError: No module named typing"); expected' in done.stdout
     )
     assert "set ansible_python_interpreter, or use a later release of the system." in done.stdout
 
@@ -483,7 +483,7 @@ def test_an_installation_of_either_name(there, package):
         ({**NO_OLD, "fkie_master_sync": GONE}, "/setup.bash fkie_master_sync/master_sync is not there; expected both"),
         (
             {"fkie_master_sync": {"problem": "x.msg cannot be imported: ImportError: no"}, **NO_OLD},
-            r"fkie_master_sync/master_sync does not run \(x.msg cannot be imported: ImportError: no\); expected both",
+            r'fkie_master_sync/master_sync does not run \("x.msg cannot be imported: ImportError: no"\); expected both',
         ),
     ],
 )

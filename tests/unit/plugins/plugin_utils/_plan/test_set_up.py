@@ -23,7 +23,7 @@ def test_what_is_roots_needs_no_words():
 
 def test_a_persons_workspace():
     (text,) = said(for_root={}, person="robot", doubt="/home/robot belongs to robot")
-    assert f"root gets no variables of the set-up file {SETUP}, since /home/robot belongs to robot; expected" in text
+    assert f'root gets no variables of the set-up file {SETUP}, since "/home/robot belongs to robot"; expected' in text
     assert "the services and the user robot get them" in text
     assert "root and other users get the collection's own only" in text
     below = "/opt/ros/noetic/setup.bash"
@@ -36,7 +36,8 @@ def test_a_persons_workspace():
 def test_no_hook():
     (text,) = said(hooks_doubt="below /home/robot/ws/devel, since /home/robot belongs to robot")
     assert (
-        "no hook of catkin is written below /home/robot/ws/devel, since /home/robot belongs to robot; expected" in text
+        'no hook of catkin is written "below /home/robot/ws/devel, since /home/robot belongs to robot"; expected'
+        in text
     )
 
 
@@ -44,4 +45,4 @@ def test_names():
     (text,) = said(for_root={"PATH": "/opt/bin"})
     assert "sets MODEL, which root does not get" in text
     (text,) = said(left_out=["LD_PRELOAD", "PATH (./bin)"])
-    assert "sets LD_PRELOAD, PATH (./bin), which nobody gets" in text
+    assert 'sets LD_PRELOAD, "PATH (./bin)", which nobody gets' in text
