@@ -16,9 +16,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     plain,
     plain_data,
     plain_lines,
+    quoted,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import watched
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import gathered, watched
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.watched import Event, Lost, Watched
 
 OPTIONS = ("watched", "duration", "known")
@@ -63,12 +64,12 @@ class ActionModule(ActionBase):
 
 def told_by(variables: Mapping[str, Any], name: str) -> Watched:
     """Read what a computer has told; one that has told nothing is lost itself."""
-    told = plain_data(variables[name])
+    told = gathered.told(variables[name])
     try:
         if "events" in told:
             return from_plain(Watched, told)
-        why = plain(" ".join(str(told.get("msg", "no result")).split()), LINE)
+        why = str(told.get("msg", "no result"))
     except Mismatch as problem:
-        why = plain(f"its results cannot be read: {problem}", LINE)
+        why = f"its results cannot be read: {quoted(problem, LINE)}"
     gone = Event("computer", "", False, "an answer", why, time.time(), 0.0)
     return Watched(watched=0, events=(gone,), lost=(Lost("computer", ""),))

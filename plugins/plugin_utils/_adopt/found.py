@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected
 
 Info = Mapping[str, Any]
@@ -107,7 +107,7 @@ def read(name: str, info: Info) -> Machine:
     try:
         return _machine(name, info)
     except (LookupError, TypeError, ValueError, AttributeError) as problem:
-        raise Strange(f"what it answered cannot be understood ({plain(problem)})") from None
+        raise Strange(f"what it answered cannot be understood ({quoted(problem)})") from None
 
 
 def _machine(name: str, info: Info) -> Machine:
@@ -121,7 +121,7 @@ def _machine(name: str, info: Info) -> Machine:
         forwards=info["forwarding"]["ip_forward"] == 1,
         roscores=tuple(_roscore(entry) for entry in info["masters"][:MOST] if not entry["error"]),
         masters=tuple(_named_masters(info)),
-        ours=any(plain(record).startswith("services-") for record in info.get("owned") or ()),
+        ours=any(str(record).startswith("services-") for record in info.get("owned") or ()),
     )
 
 
@@ -131,7 +131,7 @@ def _addresses(interfaces: Sequence[Info]) -> tuple[list[Address], list[str]]:
         for address in entry["addresses"][:MOST]:
             if address["family"] != "inet" or entry["loopback"]:
                 continue
-            found = Address(IPv4Interface(f"{address['address']}/{address['prefix']}"), plain(entry["name"], 32))
+            found = Address(IPv4Interface(f"{address['address']}/{address['prefix']}"), quoted(entry["name"], 32))
             why = _not_usable(found, entry["up"])
             if why:
                 aside.append(f"{found.interface} of {found.device}, {why}")
@@ -162,16 +162,16 @@ def _roscore(entry: Info) -> Roscore:
     return Roscore(
         port=_port(entry["port"]),
         uri=uri(entry["uri"]),
-        runs=plain(process["unit"] or process["command"], 100),
+        runs=quoted(process["unit"] or process["command"], 100),
         discovery=tuple(_discovery(node) for node in entry["discovery"][:MOST]),
-        syncs=tuple(plain(node["implementation"], 32) for node in entry["sync"][:MOST]),
+        syncs=tuple(quoted(node["implementation"], 32) for node in entry["sync"][:MOST]),
     )
 
 
 def _discovery(entry: Info) -> Discovery:
     return Discovery(
-        node=plain(entry["node"], 100),
-        implementation=plain(entry.get("implementation", ""), 32),
+        node=quoted(entry["node"], 100),
+        implementation=quoted(entry.get("implementation", ""), 32),
         uri=uri(entry.get("uri", "")),
         group=_group(entry.get("group", "")),
         group_port=_port(entry.get("group_port", 0)),
@@ -193,12 +193,12 @@ def _port(number: Any) -> int:
 def _named_masters(info: Info) -> Iterable[Uri]:
     """Find the values of ROS_MASTER_URI: what arrives in shells first, then what files say."""
     for kind, variables in sorted((info.get("environment") or {}).items(), key=lambda item: item[0] != "login"):
-        found = uri((variables or {}).get("ROS_MASTER_URI", ""), f"its shells ({plain(kind, 16)})")
+        found = uri((variables or {}).get("ROS_MASTER_URI", ""), f"its shells ({quoted(kind, 16)})")
         if found:
             yield found
     for entry in (info.get("exports") or ())[:MOST]:
         if entry["variable"] == "ROS_MASTER_URI":
-            found = uri(entry["value"], f"{plain(entry['file'], 100)} line {int(entry['line'])}")
+            found = uri(entry["value"], f"{quoted(entry['file'], 100)} line {int(entry['line'])}")
             if found:
                 yield found
 

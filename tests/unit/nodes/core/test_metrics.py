@@ -4,6 +4,7 @@
 
 import json
 import pathlib
+import random
 import re
 import shutil
 import subprocess
@@ -84,10 +85,35 @@ def _promtool():
 
 
 @pytest.mark.skipif(_promtool() is None, reason="there is no promtool: tools/setup.sh brings it")
-def test_promtool_takes_it_without_a_word():
+@pytest.mark.parametrize("seed", range(5))
+def test_promtool_takes_it_without_a_word(seed):
+    """Also with names of strangers who try to end a label or a line."""
+    draw, samples = random.Random(seed), everything()
+    parts = (
+        '"',
+        "\\",
+        "\n",
+        "\r",
+        '"} 1\nmultimaster_roscore_up 0\n',
+        "# HELP x",
+        "{a=",
+        ",",
+        "\x00",
+        "\udc80",
+        "\u2028",
+        "   ",
+        "EVIL",
+    )
+    names = {"".join(draw.choices(parts, k=draw.randint(1, 8))) for _name in range(60)}
+    harmless = len(metrics.text(everything()).splitlines())
+    for family in ("multimaster_link_up", "multimaster_link_lost_total"):
+        samples[family].update({(name,): 1.0 for name in names})
+    lines = metrics.text(samples).splitlines()
+    assert all(LINE.fullmatch(line) for line in lines if line[0] != "#") and len(lines) > harmless
+    assert [line for line in lines if line.startswith("multimaster_roscore_up")] == ["multimaster_roscore_up 3"]
     done = subprocess.run(
         [_promtool(), "check", "metrics"],
-        input=metrics.text(everything()),
+        input=metrics.text(samples),
         capture_output=True,
         text=True,
         check=False,

@@ -143,7 +143,7 @@ class Contact(NamedTuple):
         if not 0.0 <= stamp < 2**31:
             raise ValueError(f"its stamp is {answer[0][:40]}")
         for text in (uri, name, discoverer):
-            if not is_plain(text, MAX_NAME):
+            if not is_plain(text, MAX_NAME) or " " in text or '"' in text:
                 raise ValueError(f"a name that is none: {ascii(text[:40])}")
         if not uri.startswith("http://") or not urlsplit(uri).hostname:
             raise ValueError(f"it calls its master {uri}")

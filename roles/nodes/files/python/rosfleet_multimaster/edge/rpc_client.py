@@ -14,7 +14,7 @@ import urllib.parse
 import xmlrpc.client
 from typing import Any, Callable, List, Optional, Sequence, Tuple
 
-from ..core.plain_text import plain
+from ..core.plain_text import plain, quoted
 from .clock import monotonic
 from .counting import Count
 from .xml_rpc import ANSWER, TooLarge, loads
@@ -161,7 +161,7 @@ class Rpc:
         connection.request("POST", self._path, body, headers)
         answer = connection.getresponse()
         if answer.status != 200:
-            raise OSError(f"{self.uri} answers {answer.status} {plain(answer.reason)}")
+            raise OSError(f"{self.uri} answers {answer.status} {quoted(answer.reason)}")
         content = self._read(answer, deadline)
         answer.close()  # read1 does not say that it is at the end; else the connection could not be used again
         if answer.will_close:
