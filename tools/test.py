@@ -169,6 +169,7 @@ SECONDS = {
     "clock": 100,
     "firewall": 110,
     "exchanges": 80,
+    "hostile_robot": 120,
 }
 
 #: Files of tests/systems that have a lab in common, by its name. All others have one each: "systems-NAME".

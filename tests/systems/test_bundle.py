@@ -21,7 +21,8 @@ def plant(lab, host):
 
 def bundled(lab, path, **more):
     status, output = lab.play(
-        "playbooks/verify.yml", variables={"verify_bundle": str(path), "verify_report": "", "lock": {"of": [DOOR]}, **more}
+        "playbooks/verify.yml",
+        variables={"verify_bundle": str(path), "verify_report": "", "lock": {"of": [DOOR]}, **more},
     )
     assert status == 0 and f"Bundle: {path}" in output and SECRET not in output, output
     assert stat.S_IMODE(path.stat().st_mode) == 0o600 and path.stat().st_size < 200_000

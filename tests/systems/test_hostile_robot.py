@@ -6,6 +6,8 @@
 The oldest ansible-core of the collection, and the newest one that there is for a Python of this machine, are fetched by pip.
 """
 
+import functools
+import itertools
 import json
 import os
 import random
@@ -23,7 +25,8 @@ INVENTORY = ROOT / "inventory" / "single_computer"
 HONEST, HOSTILE = "kobuki1computer", "kobuki2computer"
 FOLDER = "/usr/local/lib/hostile"
 OLDEST = "2.16.0"
-SEEDS = int(os.environ.get("HOSTILE_SEEDS", "1"))  # runs of each playbook and version
+VERSIONS = ("oldest", "newest")
+SEEDS = int(os.environ.get("HOSTILE_SEEDS", "4"))  # runs of each playbook and version
 WITHIN = 45  # seconds for one answer
 
 #: name -> playbook, its variables; <folder> is one of the test
@@ -166,26 +169,36 @@ def judged(run, honest, name):
 
 @pytest.fixture(scope="module")
 def honest(fleet, cores):
-    """What Ansible knows of the honest robot when nobody lies, by playbook; no answer is more than its module documents."""
-    found = {}
-    for name in PLAYBOOKS:
+    """A function: what Ansible knows of the honest robot where nobody lies. No answer is more than its module documents."""
+
+    @functools.cache
+    def known(name):
         run = Ended(fleet, cores["newest"], name, {"seed": 0, "after": 10**6, "attack": ""})
         assert run.status == 0, run.output
         assert "does not document" not in run.text, run.output
         assert run.seen["variables"]
-        found[name] = run.seen
-    return found
+        return run.seen
+
+    return known
 
 
-@pytest.mark.parametrize("name", PLAYBOOKS)
-@pytest.mark.parametrize("version", ["oldest", "newest"])
-@pytest.mark.parametrize("seed", range(SEEDS))
+def cases():
+    """Each playbook with one version in each run of the tests, and with both, some times, in the long ones."""
+    for number, name in enumerate(PLAYBOOKS):
+        for other, version in enumerate(VERSIONS):
+            for seed in range(SEEDS):
+                marks = [] if seed == 0 and (number + other) % 2 == 0 else [pytest.mark.costly]
+                yield pytest.param(name, version, seed, marks=marks)
+
+
+@pytest.mark.parametrize(("name", "version", "seed"), list(cases()))
 def test_nothing_of_a_hostile_robot_acts(fleet, cores, honest, name, version, seed):
     drawn = random.Random(f"{name} {version} {seed}")
+    before = honest(name)
     whole(fleet)
     if name == "report":  # of the bundle that the last hostile verification has written
         bundle = Ended(fleet, cores[version], "verify", settings_of(drawn, ["texts", "less", "more"]))
-        judged(bundle, honest["verify"], "verify")
+        judged(bundle, honest("verify"), "verify")
         if not (fleet.folder / "bundle.zip").exists():
             return
     if name == "site" and drawn.random() < 0.7:  # something is due
@@ -193,7 +206,7 @@ def test_nothing_of_a_hostile_robot_acts(fleet, cores, honest, name, version, se
             HOSTILE, "rm -f /etc/profile.d/rosfleet-multimaster.sh; sysctl -q net.ipv4.icmp_echo_ignore_broadcasts=1"
         )
     run = Ended(fleet, cores[version], name, settings_of(drawn))
-    judged(run, honest[name], name)
+    judged(run, before, name)
 
 
 def whole(fleet):
@@ -208,10 +221,20 @@ def settings_of(drawn, attacks=("",)):
     return {"seed": drawn.randrange(10**6), "after": drawn.choice([0, 0, 1, 2]), "attack": drawn.choice(attacks)}
 
 
-@pytest.mark.parametrize("attack", ["orders", "flood", "flood_of_lines"])
-@pytest.mark.parametrize("version", ["oldest", "newest"])
-def test_the_worst_answers_are_a_sentence_that_names_the_robot(fleet, cores, honest, version, attack):
+@pytest.mark.parametrize(
+    ("attack", "version"),
+    [
+        ("orders", "newest"),
+        *(
+            pytest.param(*case, marks=pytest.mark.costly)
+            for case in itertools.product(("flood", "flood_of_lines"), VERSIONS)
+        ),
+        pytest.param("orders", "oldest", marks=pytest.mark.costly),
+    ],
+)
+def test_the_worst_answers_are_a_sentence_that_names_the_robot(fleet, cores, honest, attack, version):
+    before = honest("verify")
     whole(fleet)
     run = Ended(fleet, cores[version], "verify", {"seed": 7, "after": 0, "attack": attack})
-    judged(run, honest["verify"], "verify")
+    judged(run, before, "verify")
     assert f"{HOSTILE}: the answer to rosfleet.multimaster.multimaster_verify is none of this module: found" in run.text

@@ -14,7 +14,7 @@ from ipaddress import IPv4Address
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import (
     environment,
     providers,
