@@ -353,15 +353,19 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             self._spare = False
         if code == 1:
             self.room.parameters += heavier
+            self._changed(name, arguments)
         elif code == 0 and heavier:  # rosmaster failed on its way, and nobody knows how far it came
             self.room.parameters = weight(self.param_server.parameters)
-        if code == 1 and not at and name.endswith("Param"):
-            self._parameter(name, arguments)
-        elif code == 1 and name in _REGISTERS:
-            self._registered_by(arguments[0])
-        if code == 1 and name.startswith("unregister") and self.has_ended(arguments[0]):
-            self.left(arguments[0], self.reg_manager.nodes[arguments[0]].api)
         return code, text, copied(value)
+
+    def _changed(self, name: str, arguments: Tuple[Any, ...]) -> None:
+        """Note what a call has changed."""
+        if not CHANGES[name] and name.endswith("Param"):
+            self._parameter(name, arguments)
+        elif name in _REGISTERS:
+            self._registered_by(arguments[0])
+        if name.startswith("unregister") and self.has_ended(arguments[0]):
+            self.left(arguments[0], self.reg_manager.nodes[arguments[0]].api)
 
     def _heavier(self, name: str, arguments: Tuple[Any, ...]) -> int:
         """How much heavier the parameters get by a call. Raises Beyond. Wrong arguments have their answer from rosmaster."""
