@@ -14,6 +14,7 @@ from pathlib import Path
 
 import containers
 from layout import hosts_of, read_inventory
+from links import until
 from podman import ROOT, podman
 
 NODES = Path(__file__).with_name("nodes")
@@ -58,6 +59,18 @@ class Lab:
             f"systemd-run --quiet --collect --unit {unit} -p StandardOutput=truncate:/run/{unit}.out {line}",
             stdin=text,
         )
+
+    def wait_until_ready(self, host, unit, seconds=60):
+        """Wait for the line "ready" of a program that `start` has started. One that has ended instead fails with what it said."""
+
+        def ready():
+            state, *said = self.run(host, f"systemctl is-active {unit}; cat /run/{unit}.out", check=False).splitlines()
+            if "ready" in said:  # as a line: "Address already in use" has the word in it, too
+                return True
+            assert state in ("active", "activating"), f"{host}: {unit} is {state}: {' '.join(said)}"
+            return False
+
+        until(ready, seconds, f"{unit} on {host} is ready")
 
     def stop(self, host, *units):
         """End programs that `start` has started."""

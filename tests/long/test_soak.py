@@ -25,7 +25,7 @@ from subject import NODES, three_robots  # noqa: E402
 
 MINUTES = float(os.environ.get("SOAK_MINUTES", "30"))
 WORK = ROOT / ".work" / "bench"
-PORT = 46000
+PORT = 26000  # below those that the kernel gives to any program
 ADDRESSES = {"ana-pc": "192.168.20.21", "bob-pc": "192.168.20.22"}
 LEAVER = "cid-pc"
 UNITS = {
@@ -67,7 +67,7 @@ class Churn:
         self.lab, self.host, self.there = lab, host, set()
         lab.run(host, "cat > /run/giver.py; mkfifo -m 600 /run/orders", stdin=(NODES / "giver.py").read_text())
         lab.start(host, "giver", f"python3 /run/giver.py {ADDRESSES[host]} {PORT}")
-        until(lambda: "ready" in lab.run(host, "cat /run/giver.out", check=False), 30, "the giver")
+        lab.wait_until_ready(host, "giver")
 
     def turn(self):
         """Some topics go, others come."""

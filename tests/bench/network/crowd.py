@@ -61,7 +61,7 @@ def meeting(lab: Lab, say: Callable[[str], None]) -> float:
         list(pool.map(lambda name: lab.run(name, "nft -f -", stdin=SILENT), NAMES))
         until(lambda: all(pool.map(lambda name: alone(lab, name), NAMES)), 120, "each robot is alone")
         list(pool.map(lambda name: lab.start(name, "all-there", f"python3 /run/all_there.py {ROBOTS} {TOPICS}"), NAMES))
-        until(lambda: all(pool.map(lambda name: "ready" in said(lab, name), NAMES)), 60, "the programs that look")
+        list(pool.map(lambda name: lab.wait_until_ready(name, "all-there"), NAMES))
         before = processors(lab, pool)
         at = time.monotonic() + AROUND
         order = f"python3 /run/at.py {at} nft delete table netdev lost"

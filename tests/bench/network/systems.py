@@ -19,7 +19,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 GIVER, TAKER = "ana-pc", "bob-pc"
 ADDRESSES = {GIVER: "192.168.30.11", TAKER: "192.168.30.12"}
-PORT = 46000
+PORT = 26000  # of the giver; the kernel gives those from 32768 on to any program, so one of them may be taken
 INTEROP = ROOT / "tests" / "interop" / "modules"
 
 
@@ -92,7 +92,7 @@ def start_giver(lab: Lab, host: str, address: str) -> None:
     """Start the program that registers on a computer as it is told."""
     lab.run(host, "cat > /run/giver.py", stdin=(NODES / "giver.py").read_text())
     lab.start(host, "giver", f"python3 /run/giver.py {address} {PORT}")
-    until(lambda: "ready" in lab.run(host, "cat /run/giver.out", check=False), 30, "the giver")
+    lab.wait_until_ready(host, "giver")
 
 
 def take(lab: Lab, *words: object) -> list[object]:
