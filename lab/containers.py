@@ -10,6 +10,7 @@ boot. All names begin with a few characters that stand for this checkout: labs o
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import io
@@ -21,11 +22,12 @@ import subprocess
 import sys
 import tarfile
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import image
+from deferred import deferred, ended_in_order
 from layout import Host
 from managers import masked
 from podman import ROOT, WORK, LabError, configuration, labelled, podman
@@ -120,9 +122,9 @@ def _digest(image_name: str, host: Host) -> str:
     return hashlib.sha256(inputs.encode()).hexdigest()[:16]
 
 
-def _shared(name: str) -> Path:
+def _shared(lab: str, host: str) -> Path:
     """The folder that a container shares with the lab; in it is the socket by which ssh enters."""
-    return SHARED / name
+    return SHARED / f"{CHECKOUT}-{lab}" / host
 
 
 def _owned(lab: str) -> tuple[str, str]:
@@ -143,7 +145,7 @@ def _create(lab: str, host: Host, image_name: str) -> None:
         *(f"--label={key}={value}" for key, value in labels.items()),
         *RIGHTS,
         *networks,
-        f"--volume={_shared(name)}:/mnt/lab",
+        f"--volume={_shared(lab, host.name)}:/mnt/lab",
         *(f"--volume={mount}:ro" for mount in host.mounts),
         image_name,
     )
@@ -166,19 +168,21 @@ def wait(name: str) -> None:
 
 def _each(work: Callable[[str], None], names: Iterable[str]) -> None:
     """Do the same to several containers at once."""
-    with ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1)) as pool:
+    pool = ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
+    try:
         list(pool.map(work, names))
+    finally:
+        with deferred():  # nothing is made any more when this has ended
+            pool.shutdown(cancel_futures=True)
 
 
 def _remove(containers: Sequence[str], networks: Sequence[str]) -> None:
     if containers:
         # With --restart=always a container may be on its way up again, and refuses once.
-        podman("rm", "--force", "--time=1", *containers, check=False)
-        podman("rm", "--force", "--time=1", "--ignore", *containers)
-        for name in containers:
-            shutil.rmtree(_shared(name), ignore_errors=True)
+        podman("rm", "--force", "--time=1", *containers, check=False, apart=True)
+        podman("rm", "--force", "--time=1", "--ignore", *containers, apart=True)
     if networks:
-        podman("network", "rm", *networks)
+        podman("network", "rm", *networks, apart=True)
 
 
 def _limit(systems: int) -> None:
@@ -213,8 +217,8 @@ def up(lab: str, hosts: Sequence[Host]) -> None:
         print(f"lab {lab}: removed {', '.join(superfluous)}", flush=True)
     if new:
         print(f"lab {lab}: starting {', '.join(by_name[name].name for name in new)} ...", flush=True)
-    for name in wanted:
-        _shared(name).mkdir(mode=0o700, parents=True, exist_ok=True)
+    for host in hosts:
+        _shared(lab, host.name).mkdir(mode=0o700, parents=True, exist_ok=True)
     _each(lambda name: podman("start", name), staying)
     _each(lambda name: _create(lab, by_name[name], images[by_name[name].suite]), new)
     _each(wait, by_name)
@@ -236,13 +240,31 @@ def restart(lab: str, host: str | None = None) -> None:
 
 
 def down(lab: str | None) -> None:
-    """Remove the containers and networks of a lab, or of all labs of this checkout."""
+    """Remove the containers and networks of a lab, or of all labs of this checkout. A signal counts when that is done."""
     wanted = label(lab) if lab else f"{OWNER}={CHECKOUT}"
-    containers = [entry["Names"][0] for entry in labelled("container", wanted)]
-    networks = [entry["name"] for entry in labelled("network", wanted)]
-    _remove(containers, networks)
+    with deferred():
+        containers = [entry["Names"][0] for entry in labelled("container", wanted)]
+        networks = [entry["name"] for entry in labelled("network", wanted)]
+        _remove(containers, networks)
+        for folder in SHARED.glob(f"{CHECKOUT}-{lab or '*'}"):
+            shutil.rmtree(folder, ignore_errors=True)
     if containers or networks:
         print(f"lab {lab or '(all)'}: removed {len(containers)} containers, {len(networks)} networks", flush=True)
+
+
+@contextlib.contextmanager
+def removed_at_the_end(lab: str) -> Iterator[None]:
+    """Remove a lab before the block and after it, also where a signal ends this program: whoever makes one does it within."""
+    with ended_in_order():
+        try:
+            try:
+                down(lab)
+                yield
+            finally:
+                down(lab)
+        except BaseException:
+            down(lab)  # a signal may have come in the moment before the removal began
+            raise
 
 
 def _connection(lab: str, host: str) -> dict[str, object]:
@@ -251,7 +273,9 @@ def _connection(lab: str, host: str) -> dict[str, object]:
     By 'podman exec' each new connection takes 75 ms more of the processors, and playbooks are measured here.
     """
     name = container(lab, host)
-    enter = shlex.join([sys.executable, "-IS", str(Path(__file__).with_name("enter.py")), str(_shared(name) / "ssh")])
+    enter = shlex.join(
+        [sys.executable, "-IS", str(Path(__file__).with_name("enter.py")), str(_shared(lab, host) / "ssh")]
+    )
     options = [
         shlex.quote(f"ProxyCommand={enter}"),
         "ProxyUseFdpass=yes",

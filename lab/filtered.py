@@ -206,8 +206,5 @@ class Filtered(Lab):
 @contextlib.contextmanager
 def filtered_lab(name, inventory, filters, mounts=()):
     """The lab with the owners' own packet filters, until the end of the block."""
-    containers.down(name)
-    try:
+    with containers.removed_at_the_end(name):
         yield Filtered(name, inventory, filters, mounts)
-    finally:
-        containers.down(name)

@@ -9,6 +9,7 @@ the lab finds out and writes a configuration for podman, unless CONTAINERS_CONF 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import resource
@@ -17,6 +18,8 @@ import subprocess
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from deferred import deferred
 
 ROOT = Path(__file__).resolve().parents[1]
 WORK = ROOT / ".work" / "lab"
@@ -57,14 +60,28 @@ def environment() -> dict[str, str]:
     return {**os.environ, "CONTAINERS_CONF": str(path)}
 
 
-def podman(*words: str, stdin: bytes | None = None, check: bool = True, timeout: float = 300) -> str:
-    """Run one podman command and return what it printed; raise LabError when it fails, unless check is off."""
+def podman(
+    *words: str, stdin: bytes | None = None, check: bool = True, timeout: float = 300, apart: bool = False
+) -> str:
+    """Run one podman command and return what it printed; raise LabError when it fails, unless check is off.
+
+    `apart`: a signal to the whole group of processes, as of Ctrl+C, does not reach it.
+    """
     if not shutil.which("podman"):
         raise LabError("podman is not installed: run 'make setup'.")
+    # A command that is killed leaves what the next one stumbles over: half a container, a network without its file.
+    whole = contextlib.nullcontext() if words[0] == "exec" else deferred()
     try:
-        done = subprocess.run(
-            ["podman", *words], env=environment(), input=stdin, capture_output=True, timeout=timeout, check=False
-        )
+        with whole:
+            done = subprocess.run(
+                ["podman", *words],
+                env=environment(),
+                input=stdin,
+                capture_output=True,
+                timeout=timeout,
+                check=False,
+                start_new_session=apart,
+            )
     except subprocess.TimeoutExpired:
         raise LabError(f"'podman {' '.join(words)}' did not end within {timeout:.0f} s.") from None
     if check and done.returncode:

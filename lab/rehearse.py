@@ -9,6 +9,7 @@ python lab/rehearse.py --inventory ~/fleet
 from __future__ import annotations
 
 import argparse
+import contextlib
 import fcntl
 import json
 import os
@@ -26,11 +27,11 @@ from typing import Any
 import containers
 import image
 import rehearsal
+from deferred import ended_in_order
 from injected import Fault, cast_of, injected, judged
 from layout import Extra, Host, hosts_of, read_inventory, with_suites
 from podman import ROOT, LabError, podman
 from reading import environment, read
-from subject import ended_in_order
 
 WORK = ROOT / ".work" / "rehearse"
 LIMIT = 1800.0  # seconds for a playbook
@@ -272,12 +273,10 @@ def rehearse(options: argparse.Namespace) -> bool:
         except OSError:
             raise LabError(f"the rehearsal {name} is running already: wait for its end.") from None
         run = Rehearsal(name, prepare(options, work), work)
-        try:
-            containers.down(run.lab)
-            run.whole()
-        finally:
-            if not options.keep:
+        with contextlib.nullcontext() if options.keep else containers.removed_at_the_end(run.lab):
+            if options.keep:
                 containers.down(run.lab)
+            run.whole()
         if options.keep:
             print(
                 f"  look around: .work/venv/bin/python lab/lab.py shell --name {run.lab} HOST; remove them: make lab-down"

@@ -6,10 +6,8 @@
 import contextlib
 import json
 import os
-import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import containers
@@ -133,26 +131,9 @@ class Lab:
 
 @contextlib.contextmanager
 def lab_of(name, inventory, extras=None):
-    """The computers of an inventory, and what is extra, until the end of the block, or of this program by SIGTERM."""
-    containers.down(name)
-    with ended_in_order():
-        try:
-            yield Lab(name, inventory, extras)
-        finally:
-            containers.down(name)
-
-
-@contextlib.contextmanager
-def ended_in_order():
-    """SIGTERM ends the program as an exception does, unless somebody handles it already."""
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, lambda *_about: sys.exit(128 + signal.SIGTERM))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    """The computers of an inventory, and what is extra, until the end of the block, or of this program by a signal."""
+    with containers.removed_at_the_end(name):
+        yield Lab(name, inventory, extras)
 
 
 @contextlib.contextmanager

@@ -170,6 +170,7 @@ SECONDS = {
     "firewall": 110,
     "exchanges": 80,
     "hostile_robot": 120,
+    "removal": 60,
 }
 
 #: Files of tests/systems that have a lab in common, by its name. All others have one each: "systems-NAME".
@@ -348,6 +349,8 @@ class Runner:
                         self._end(future)
             except BaseException:
                 self._stopped = True
+                for number in (signal.SIGTERM, signal.SIGINT):
+                    signal.signal(number, lambda *_about: None)  # it ends already, and what it made is removed first
                 for process in list(self._processes):
                     _kill(process)
                 raise
@@ -451,7 +454,10 @@ def take_down(labs: Iterable[str]) -> list[str]:
     for lab in labs:
         command = (sys.executable, "lab/lab.py", "down", "--name", lab)
         try:
-            subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL, timeout=REMOVAL)
+            # In a session of its own: what ends this program by Ctrl+C does not break the removal off.
+            subprocess.run(
+                command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL, timeout=REMOVAL, start_new_session=True
+            )
         except (OSError, subprocess.SubprocessError):
             stayed.append(lab)
     return stayed

@@ -34,8 +34,7 @@ def lab():
     """The robots, as the collection makes them, and then with upstream's nodes where they are to run."""
     inventory, mounts = HERE / "inventory", tuple(f"{source}:{target}" for target, source in MOUNTS.items())
     hosts = [dataclasses.replace(host, mounts=mounts) for host in hosts_of(read_inventory(inventory))]
-    containers.down(fleet.LAB)
-    try:
+    with containers.removed_at_the_end(fleet.LAB):
         containers.up(fleet.LAB, hosts)
         connection = containers.write_inventory(fleet.LAB, hosts)
         done = subprocess.run(
@@ -52,8 +51,6 @@ def lab():
             list(pool.map(fleet.Robot.begin, fleet.ROBOTS.values()))
         fleet.settled()
         yield
-    finally:
-        containers.down(fleet.LAB)
 
 
 @pytest.fixture(autouse=True)

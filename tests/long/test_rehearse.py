@@ -46,9 +46,8 @@ def fleet(tmp_path):
     """A user's folder, with a file that only he can read."""
     folder = shutil.copytree(ROOT / "tests" / "long" / "rehearsed", tmp_path / "My fleet")
     (folder / "group_vars" / "all.yml").write_text(SECRET)
-    containers.down(LAB)
-    yield folder
-    containers.down(LAB)
+    with containers.removed_at_the_end(LAB):
+        yield folder
 
 
 def test_an_inventory_as_a_user_has_it(fleet):

@@ -120,9 +120,8 @@ def recap(output, host):
 def fleet():
     """After a first good run from outside, without which nobody reaches the inner computers."""
     hosts = hosts_of(read_inventory(INVENTORY), EXTRAS)
-    containers.down(LAB)
-    containers.up(LAB, hosts)
-    try:
+    with containers.removed_at_the_end(LAB):
+        containers.up(LAB, hosts)
         fleet = Fleet()
         connection = containers.write_inventory(LAB, hosts)
         words = [Path(sys.executable).with_name("ansible-playbook"), "-i", INVENTORY, "-i", connection, PLAYBOOK]
@@ -132,8 +131,6 @@ def fleet():
         for host in (INNER, OTHER, GATEWAY):
             fleet.run(host, "echo 'operator ALL=(ALL) NOPASSWD: ALL' >/etc/sudoers.d/operator")
         yield fleet
-    finally:
-        containers.down(LAB)
 
 
 ONE_BY_ONE = pytest.param(False, id="one_by_one", marks=pytest.mark.costly)

@@ -53,7 +53,6 @@ class Comparison:
 
     def __init__(self) -> None:
         (host, *_others) = hosts_of(read_inventory(ROOT / "inventory" / "single_computer"), {})
-        containers.down(LAB)
         containers.up(LAB, [host])
         self.container = containers.container(LAB, host.name)
         self.inventory = containers.write_inventory(LAB, [host])
@@ -124,14 +123,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repetitions", type=int, default=20, help="turns (default: %(default)s)")
     options = parser.parse_args()
-    try:
+    with containers.removed_at_the_end(LAB):
         comparison = Comparison()
         comparison.turn(list(TASKS))  # the first login takes longer
         runs = []
         for number in range(options.repetitions):
             runs += comparison.turn(list(TASKS)[:: 1 if number % 2 else -1])
-    finally:
-        containers.down(LAB)
     (WORK / "hosts.json").write_text(json.dumps({"machine": machine(), "runs": runs}, indent=1) + "\n")
     print(table(runs))
 

@@ -16,6 +16,7 @@ afterwards neither playbook finds anything to change. Then both run by turns, ov
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import shutil
@@ -480,20 +481,19 @@ def main() -> int:
     parser.add_argument("--stages", type=int, default=0, metavar="N", help="N runs of site.yml and verify.yml alone")
     parser.add_argument("--keep", action="store_true", help="leave the lab up")
     options = parser.parse_args()
+    removed = contextlib.nullcontext() if options.keep else containers.removed_at_the_end(options.name)
     try:
-        on_lab = lab_of(options.layout, options.name)
-        if not options.stages:
-            return int(not bench(on_lab, options.repetitions))
-        text = stages(on_lab, options.stages)
-        print(f"\n{text}", flush=True)
-        (WORK / "stages.txt").write_text(text)
-        return 0
+        with removed:
+            on_lab = lab_of(options.layout, options.name)
+            if not options.stages:
+                return int(not bench(on_lab, options.repetitions))
+            text = stages(on_lab, options.stages)
+            print(f"\n{text}", flush=True)
+            (WORK / "stages.txt").write_text(text)
+            return 0
     except (BenchError, LabError) as error:
         print(f"bench: {error}", file=sys.stderr)
         return 1
-    finally:
-        if not options.keep:
-            containers.down(options.name)
 
 
 if __name__ == "__main__":
