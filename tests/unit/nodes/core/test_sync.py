@@ -4,7 +4,18 @@ import pytest
 from rosfleet_multimaster.core.filters import Filters
 from rosfleet_multimaster.core.graph import Node, Provider, State
 from rosfleet_multimaster.core.members import Members
-from rosfleet_multimaster.core.sync import Announced, Refusal, Registration, Sync, View, Wanted, calls, plan, select
+from rosfleet_multimaster.core.sync import (
+    PATIENCE,
+    Announced,
+    Refusal,
+    Registration,
+    Sync,
+    View,
+    Wanted,
+    calls,
+    plan,
+    select,
+)
 
 OWN = "http://robot1:11311/"
 R2, R3 = "http://robot2:11311/", "http://robot3:11311/"
@@ -271,6 +282,19 @@ def test_stamps_that_never_match_do_not_make_a_loop():
     sync.fetched(fetch(sync, 0.1), state(7.0), "", 0.2)
     sync.announced(announced(5.0), 0.3)
     assert sync.next_due() is None
+
+
+def test_a_stamp_that_the_next_heartbeat_corrects_ends_no_connection_of_who_is_followed():
+    """Who was silent is asked over TCP. The answer has one stamp, of own nodes and of others', until the next heartbeat."""
+    sync = core()
+    sync.announced(announced(1.0), 0.0)
+    sync.fetched(fetch(sync, 0.1), state(1.0), "", 0.2, following=True)
+    sync.announced(announced(5.0), 1.0)
+    assert sync.next_due() == pytest.approx(1.0 + PATIENCE)
+    sync.announced(announced(1.0), 1.4)
+    assert sync.next_due() is None
+    sync.announced(announced(5.0), 2.0)
+    assert fetch(sync, 2.0 + PATIENCE), "one that stays is fetched"
 
 
 def test_a_failed_fetch_keeps_the_old_state_and_is_tried_again_less_and_less_often():

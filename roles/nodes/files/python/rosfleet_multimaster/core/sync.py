@@ -378,7 +378,10 @@ class Sync:
         if self._gone(remote, now):
             remote.state, remote.quick = None, True
         remote.offline_since = None
-        if self._outdated(remote) and not remote.fetching:
+        if not self._outdated(remote):
+            if remote.following:
+                remote.due = None  # an earlier announcement was wrong: who answers over TCP does not say whether its own nodes changed
+        elif not remote.fetching:
             self._fetch_soon(remote, master != before, now)
 
     def _fetch_soon(self, remote: Remote, news: bool, now: float) -> None:
