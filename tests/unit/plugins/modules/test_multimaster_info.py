@@ -155,7 +155,9 @@ def test_unit_of_a_process(cgroups, unit):
 )
 def test_assignments_in_a_line(line, found):
     assert [(entry["variable"], entry["value"]) for entry in shells.assignments("\n" + line)] == found
-    assert all((entry["line"], entry["text"]) == (2, " ".join(line.split())) for entry in shells.assignments("\n" + line))
+    assert all(
+        (entry["line"], entry["text"]) == (2, " ".join(line.split())) for entry in shells.assignments("\n" + line)
+    )
 
 
 def opened(folder):
