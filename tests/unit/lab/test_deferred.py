@@ -20,7 +20,9 @@ from deferred import ENDING, deferred  # noqa: E402
 
 # Says when it is within the block, and what was done there in spite of the signals.
 PROGRAM = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts what runs in the background without it
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 sys.path.insert(0, sys.argv[1])
 from deferred import deferred, ended_in_order
 with ended_in_order():
