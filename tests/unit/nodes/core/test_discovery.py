@@ -768,6 +768,8 @@ def test_the_answer_of_another_discovery_node():
         (1, "ftp://kobuki2computer:21/"),
         (1, ""),
         (2, "x" * 2000),
+        (2, "two words"),
+        (2, 'a "quote"'),
         (3, None),
     ],
 )

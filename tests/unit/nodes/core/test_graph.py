@@ -63,6 +63,18 @@ def test_the_document_comes_back():
     assert parse(document(sent)) == sent
 
 
+@pytest.mark.parametrize(
+    "name", ["/chatter \x1b[2J", "/two words", "/caf\u00e9", "/x\u202e", "chatter", "/" + "x" * 255]
+)
+def test_a_name_of_other_characters_than_visible_ones_is_left_out(name):
+    value = document(stamped(state(), None, 1700000000.25))
+    for at, entry in ((4, [name, ["/talker"]]), (5, [name, ["/listener"]]), (7, [name, "x/Y"])):
+        value[at] = [*value[at], entry]
+    value[8] = [*value[8], [name, "http://kobuki1computer:40009/", URI, None, "local"]]
+    value[9] = [*value[9], [name, "rosrpc://kobuki1computer:5009", URI, "", "local"]]
+    assert parse(value) == stamped(state(), None, 1700000000.25)
+
+
 def test_filters_leave_out_and_nodes_follow():
     value = document(state(), [Filters({}).rules("x"), Rules()])
     assert [topic for topic, _nodes in value[4]] == ["/chatter"]

@@ -95,7 +95,7 @@ def test_whether_systemd_may_give_net_admin(status, can):
 
 
 def test_ports_of_a_real_process():
-    script = "import socket,sys,time\ns=[socket.socket(f,t) for f,t in ((2,1),(10,1),(2,2))]\n"
+    script = "#\x1b[1m\nimport socket,sys,time\ns=[socket.socket(f,t) for f,t in ((2,1),(10,1),(2,2))]\n"
     script += "[x.bind(('127.0.0.1' if x.family==2 else '::1',0)) for x in s]\n[x.listen(1) for x in s[:2]]\n"
     script += "print(*[x.getsockname()[1] for x in s],flush=True)\ntime.sleep(30)\n"
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as process:
@@ -108,7 +108,7 @@ def test_ports_of_a_real_process():
     assert [found[key]["address"] for key in zip(("tcp", "tcp", "udp"), ports)] == ["127.0.0.1", "::1", "127.0.0.1"]
     for entry in found.values():
         assert (entry["pid"], entry["user"]) == (process.pid, pwd.getpwuid(os.getuid()).pw_name)
-        assert entry["command"].startswith(f"{sys.executable} -c ") and entry["command"].endswith("...")
+        assert entry["command"].startswith(f"{sys.executable} -c #\\x1b[1m import") and entry["command"].endswith("...")
 
 
 def test_a_connection_is_no_holder():
@@ -178,7 +178,7 @@ def test_a_link_in_a_home_folder_gives_nothing_away(tmp_path):
     (tmp_path / "secret").chmod(0o600)
     (home / ".bashrc").symlink_to(tmp_path / "secret")
     os.mkfifo(home / ".profile")
-    (home / ".zshrc").write_text("ROS_IP=\x1b[1mred\n" + "x" * 3_000_000)
+    (home / ".zshrc").write_text("ROS_IP=\x1b[1mred\n" + "x" * 3_000_000 + "\nROS_IP=beyond\n")
     (entry,) = shells.exports(str(tmp_path))
     assert (entry["file"], entry["text"]) == ("/home/robot/.zshrc", "ROS_IP=\\x1b[1mred")
 

@@ -329,6 +329,16 @@ def test_where_all_get_the_same_the_files_are_plain():
     assert environment_module.GENERATOR not in files and "/usr/bin/id" not in files[environment_module.PROFILE]
 
 
+def test_a_sshd_that_knows_no_setenv_below_a_match_gives_a_person_none():
+    """OpenSSH 8.4 and older. Login shells have them."""
+    info = {**INFO, "sshd": {**INFO["sshd"], "match_setenv": False}}
+    made = environment_files(OURS, info, ros=WORKSPACE, for_root={}, person="robot")
+    content = {file["path"]: file["content"] for file in made["files"]}
+    assert "Match" not in content[environment_module.SSHD] and "/home/robot" not in content[environment_module.SSHD]
+    assert "/home/robot/ws/python" in content[environment_module.PROFILE]
+    assert made["notes"]
+
+
 def test_a_setenv_below_somebody_elses_match_stays_the_first():
     other = {"file": "/etc/ssh/sshd_config", "line": 7, "text": "SetEnv A=1", "match": True}
     info = {**INFO, "sshd": {**INFO["sshd"], "other_setenv": [other]}}

@@ -180,3 +180,52 @@ def test_systemd_has_nothing_to_say_about_a_unit(files):
         if said is None:
             pytest.skip("needs systemd-analyze")
         assert [line for line in said.splitlines() if path.name in line] == []
+
+
+def directives(text):
+    """name -> all values of a directive."""
+    found = {}
+    for line in text.splitlines():
+        name, equals, value = line.partition("=")
+        if equals and name.isalnum():
+            found.setdefault(name, []).append(value)
+    return found
+
+
+#: directive -> the units that have it alone, where the page says which
+SOME = {
+    "IPAddressDeny": {"connections"},
+    "MemoryDenyWriteExecute": {"connections", "metrics", "address", "multicast-routing"},
+    "PrivateUsers": set(),
+    "ProcSubset": set(),
+}
+
+
+def test_the_page_has_the_sandbox_of_each_unit(files):
+    page = (pathlib.Path(__file__).parents[5] / "docs/security.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("| `")]
+    told = {row[0].split("`")[1]: row for row in rows if len(row) == 6}
+    assert set(told) == set(RATED)
+    sandbox = directives(units._SANDBOX)
+    for path in files:
+        name, has = path.stem.replace("multimaster-", ""), directives(path.read_text(encoding="utf-8"))
+        assert all(set(values) <= set(has[key]) for key, values in sandbox.items()), name
+        name = name.replace("-upstream", "")
+        assert {key for key in SOME if key in has} == {key for key, those in SOME.items() if name in those}
+        _name, user, capabilities, _more, memory, rating = told[name]
+        assert user.startswith("dynamic") is ("DynamicUser" in has), name
+        assert " ".join(re.findall(r"CAP_\w+", capabilities)) == has["CapabilityBoundingSet"][0], name
+        limits = [
+            has[key][0].replace("G", " GB").replace("M", " MB") for key in ("MemoryMax", "TasksMax") if key in has
+        ]
+        assert memory == ", ".join(limits), name
+        said = analyzed("security", "--offline=true", "--no-pager", str(path))
+        if said is not None and "-upstream" not in path.stem:
+            measured = float(re.search(r"Overall exposure level for .*: ([0-9.]+)", said)[1])
+            assert abs(float(rating.split()[0]) - measured) < 0.15, (
+                name,
+                measured,
+            )  # a systemd may know one thing more
+    text = {path.stem: directives(path.read_text(encoding="utf-8")) for path in files}
+    assert all(text[f"multimaster-{name}"]["WatchdogSec"] == ["30"] for name in ("roscore", "discovery", "sync"))
+    assert "ROSOUT_DISABLE_FILE_LOGGING=1" in text["multimaster-roscore"]["Environment"]
