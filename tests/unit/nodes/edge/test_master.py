@@ -395,13 +395,17 @@ def test_a_caller_of_this_computer(address):
 def test_it_serves_on_a_socket_that_was_held(roscore):
     held = socket.create_server(("0.0.0.0", 0))
     port = held.getsockname()[1]
-    callers = []
-    uri, used = module.serve(
-        roscore.master, port, [held], {"whoAmI": lambda: callers.append(roscore.master.caller()) or 7}
-    )
+    callers, gone = [], []
+
+    def who():
+        callers.append(roscore.master.caller())
+        gone.append(callers[0].gone())
+        return 7
+
+    uri, used = module.serve(roscore.master, port, [held], {"whoAmI": who})
     assert used is held and uri.endswith(f":{port}/")
     client = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{port}/")
-    assert client.whoAmI() == 7 and callers[0].own and not callers[0].gone()
+    assert client.whoAmI() == 7 and callers[0].own and gone == [False]
     client.registerPublisher("/a", "/chatter", "x/Y", A)
     assert client.getSystemState("/test")[2][0] == [["/chatter", ["/a"]]]
     batch = xmlrpc.client.MultiCall(client)
