@@ -126,8 +126,8 @@ def anything(drawn, depth=0):
         return drawn.choice([None, True, False, [], {}])
     many = drawn.randrange(4)
     if drawn.random() < 0.5:
-        return [anything(drawn, depth + 1) for _ in range(many)]
-    return {drawn.choice(TEXTS): anything(drawn, depth + 1) for _ in range(many)}
+        return [anything(drawn, depth + 1) for _number in range(many)]
+    return {drawn.choice(TEXTS): anything(drawn, depth + 1) for _number in range(many)}
 
 
 def places(value, path=()):
@@ -173,7 +173,7 @@ def numbers(drawn, true):
 
 def types(drawn, true):
     """Values of other types."""
-    for _ in range(drawn.choice([1, 2, 5])):
+    for _number in range(drawn.choice([1, 2, 5])):
         path = drawn.choice(list(places(true)) or [("msg",)])
         if path == ("msg",):
             true["msg"] = anything(drawn)
@@ -184,7 +184,7 @@ def types(drawn, true):
 
 def less(drawn, true):
     """Keys that are not there, empty lists."""
-    for _ in range(drawn.choice([1, 3, 10])):
+    for _number in range(drawn.choice([1, 3, 10])):
         found = list(places(true))
         if found:
             path = drawn.choice(found)
@@ -200,7 +200,7 @@ def less(drawn, true):
 
 def more(drawn, true):
     """Keys that nobody documents, and lists that repeat what is there."""
-    for _ in range(drawn.choice([1, 3, 10])):
+    for _number in range(drawn.choice([1, 3, 10])):
         target = true
         path = drawn.choice(list(places(true)) or [()])
         for key in path:

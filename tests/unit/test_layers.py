@@ -159,7 +159,8 @@ OUTSIDE = {
     "select": "",
     "selectors": "loop",
     "http": "door rpc_client rpc_server",
-    "threading": "children counting door journal loop master notifier patience rpc_client rpc_server store parts/changes parts/refusals parts/served parts/told",
+    "threading": "children counting door journal loop master notifier patience rpc_client rpc_server store "
+    "parts/changes parts/refusals parts/served parts/told",
     "queue": "loop",
     "time": "clock wait_for_master",
     "signal": "parts/program publish_metrics run_plain",

@@ -52,7 +52,8 @@ For the person who must answer for the robots.
 A ✓ beside a promise leads to the test that shows it.
 What has none only explains.
 Three things to know first:
-**ROS 1 has no authentication**: who reaches the roscore (TCP 11311) or a node (a port from 1024 up) can read every topic, send commands and end nodes.
+**ROS 1 has no authentication**: who reaches the roscore (TCP 11311) or a node (a port from 1024 up) can read every topic, send commands and end
+  nodes.
 No software beside ROS can change that.
 A robot may be in foreign hands, and its Python with it.
 So what it answers is data, and no order to Ansible ([architecture](architecture.md#an-answer)).
@@ -61,7 +62,8 @@ For guests there are two variables, both for the whole fleet:
 Whoever answers a question may answer anything.
 So each answer has bounds, and all of them together have bounds too:
 It listens at all addresses, since the planned one may come late.
-Not made plain by us: what Ansible's own search for a Python shows of a robot, where Python says that it hangs (`faulthandler`: names of our files and functions), and what other services of a robot write to its journal.
+Not made plain by us: what Ansible's own search for a Python shows of a robot, where Python says that it hangs (`faulthandler`: names of our files
+  and functions), and what other services of a robot write to its journal.
 The rating is that of `systemd-analyze security`, from 10 (no sandbox) to 0.
 A roscore that something else starts (`multimaster_roscore: existing`) has none of it.
 What is not there, and why:
@@ -72,21 +74,27 @@ Kernels and containers without user namespaces would not start them.
 `ProcSubset=`: psutil and roslaunch read `/proc`.
 A watchdog of the roscore of upstream's nodes: it does not know `sd_notify`, and a second process that asked it would be judged, not the roscore.
 ROS listens there: the roscore, discovery, and every node on a port of its own.
-Without ufw and firewalld, a computer needs `nft`, a kernel with nftables, and the right to make a network namespace (`unshare --net`), in which the rules are tried first.
+Without ufw and firewalld, a computer needs `nft`, a kernel with nftables, and the right to make a network namespace (`unshare --net`), in which the
+  rules are tried first.
 What it does not do:
 A host on the same network can send a datagram with the address of another robot.
 See [hostile networks](hostile_networks.md).
-Beside ufw and firewalld, the kernel alone drops a packet from a wire with the computer's own address of IPv4: where `net.ipv4.conf.*.accept_local` is 1, which is not the default, such a packet passes as one of a member does.
+Beside ufw and firewalld, the kernel alone drops a packet from a wire with the computer's own address of IPv4: where `net.ipv4.conf.*.accept_local`
+  is 1, which is not the default, such a packet passes as one of a member does.
 It does not filter what a computer sends, and no ports below 1024.
-A stranger who talks to a port when the filter comes goes on until the connection ends; by UDP, until half a minute (after a longer exchange, two minutes) has passed in silence.
+A stranger who talks to a port when the filter comes goes on until the connection ends; by UDP, until half a minute (after a longer exchange, two
+  minutes) has passed in silence.
 Ports that containers publish are passed on to the container, not to the computer: they stay as docker opens them.
-Containers with a network of their own (docker's bridge) come with their own address, which is no member's: their nodes do not reach the roscore of their own computer.
+Containers with a network of their own (docker's bridge) come with their own address, which is no member's: their nodes do not reach the roscore of
+  their own computer.
 Where you have rules of your own in nftables or iptables, without ufw and firewalld, a packet must pass both.
 What they drop stays dropped, for members too.
 `nft flush ruleset`, or nftables.service that somebody starts for the first time, removes the table.
 Names by mDNS (`robot.local`, UDP 5353) are answered to members only.
 Reach the robots by address or by a name of your own.
-""".strip().splitlines()
+""".strip()
+    .replace("\n  ", " ")
+    .splitlines()
 )
 
 KIB, MIB = 1 << 10, 1 << 20

@@ -45,7 +45,8 @@ _MORE = r"(?:s|\d{1,4}|[_-](?:id|value|text|hash|base64|enc|raw|plain|old|new))?
 _WORDS = rf"(?:{_PHRASES}|{_SINGLE}){_MORE}"
 _QUOTED = (
     r"(?:[bBuUrRfF]{0,2}(?:\"\"\"[\s\S]{0,4000}?(?:\"\"\"|\Z)|'''[\s\S]{0,4000}?(?:'''|\Z)"
-    r"|(?:\\{1,3}\"){3}[^\n]{0,4000}?(?:\\{1,3}\"){3}|\\{1,3}\"[^\n]{0,4000}?\\{1,3}\"|\\{1,3}'[^\n]{0,4000}?\\{1,3}'|\"(?:[^\"\\\n]|\\[^\n])*\"|'(?:[^'\\\n]|\\[^\n])*'))"
+    r"|(?:\\{1,3}\"){3}[^\n]{0,4000}?(?:\\{1,3}\"){3}"
+    r"|\\{1,3}\"[^\n]{0,4000}?\\{1,3}\"|\\{1,3}'[^\n]{0,4000}?\\{1,3}'|\"(?:[^\"\\\n]|\\[^\n])*\"|'(?:[^'\\\n]|\\[^\n])*'))"
 )
 _VALUE = rf"(?:{_QUOTED}|[\"'][^\n]+|[^\s,;&'\")\]}}]+)"
 # What a bundle has of an environment: the names of ROS and of lists of folders. Of others it has the names alone.
@@ -118,7 +119,8 @@ _ABOUT = (
     r"|expired?|expires|expiry|changed?|changes|ok|failed|failure|failures|mismatch|missing|incorrect|wrong|invalid|check|checked|checks|hash|hashes"
     r"|manager|policy|store|stores|database|age|length|field|entry|entries|protected|set|reset|needed|given|found|never|will|must|can|cannot"
     r"|does|did|may|should|as|than|that|which|still|already|too|bucket|ring|based|count|type|types|limit|less|refresh|refreshed|request|requests"
-    r"|agent|server|service|lookup|query|update|updated|cache|cached|attempt|attempts|strength|empty|unknown|unset|removed|line|lines|enabled|disabled|off|allowed|available|shown|stored|visible)\b"
+    r"|agent|server|service|lookup|query|update|updated|cache|cached|attempt|attempts|strength|empty|unknown|unset"
+    r"|removed|line|lines|enabled|disabled|off|allowed|available|shown|stored|visible)\b"
 )
 
 # No pattern looks at a text more than a few hundred times: logs may be anybody's.
@@ -140,7 +142,8 @@ FORMS = (
     ),
     _form(
         "a hook of a chat at its own host",
-        r"((?<![\w.-])(?:https?://)?(?:[\w-]{1,63}\.){0,6}(?:hooks?\.\w+|webhook\w*\.\w+|outlook\.office|maker\.ifttt|chat\.googleapis|discord(?:app)?|api\.telegram"
+        r"((?<![\w.-])(?:https?://)?(?:[\w-]{1,63}\.){0,6}(?:hooks?\.\w+|webhook\w*\.\w+"
+        r"|outlook\.office|maker\.ifttt|chat\.googleapis|discord(?:app)?|api\.telegram"
         r"|ntfy|logic\.azure|hc-ping|api\.pushover|pipedream)[\w.-]*(?::\d+)?/)[^\s'\"<>]+",
         _BEHIND,
         re.IGNORECASE,
@@ -205,7 +208,8 @@ FORMS = (
     ),
     _form(
         "a password as a word",
-        r"(\b(?:htpasswd\s+-\w*b\w*\s+\S+\s+\S+|add_user\s+\S+|change_password\s+\S+|useradd\s[^\n]{0,100}?-p|requirepass|iwconfig\s+\S+\s+key|-passin\s+pass:|-passout\s+pass:|pass:)\s*)[^\s'\"]+",
+        r"(\b(?:htpasswd\s+-\w*b\w*\s+\S+\s+\S+|add_user\s+\S+|change_password\s+\S+|useradd\s[^\n]{0,100}?-p"
+        r"|requirepass|iwconfig\s+\S+\s+key|-passin\s+pass:|-passout\s+pass:|pass:)\s*)[^\s'\"]+",
         _BEHIND,
     ),
     _form(
@@ -317,7 +321,8 @@ _RANDOM = re.compile(
 _UUID = re.compile(r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}", re.IGNORECASE)  # names of runs, boots and disks
 _HEX = re.compile(r"[0-9a-f]+|[0-9A-F]+")
 _SUM = re.compile(
-    r"(?:md5|sha\d*|sum|digest|commit|revision|rev|hash|checksum|boot|invocation|build|version|image|type)\W{0,3}(?:id|is|of)?\W{0,3}(?:[0-9a-f]{32,64}\W{1,3}(?:and|or|not|!=)\W{1,3})?$",
+    r"(?:md5|sha\d*|sum|digest|commit|revision|rev|hash|checksum|boot|invocation|build|version|image|type)"
+    r"\W{0,3}(?:id|is|of)?\W{0,3}(?:[0-9a-f]{32,64}\W{1,3}(?:and|or|not|!=)\W{1,3})?$",
     re.IGNORECASE,
 )
 _CHANGE = re.compile(r"(?<=[a-z])[A-Z0-9]|(?<=[A-Z])[a-z0-9]|(?<=[0-9])[A-Za-z]")

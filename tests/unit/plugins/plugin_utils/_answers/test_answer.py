@@ -42,7 +42,7 @@ def drawn_value(drawn, kind):
     if kind.type in ("bool", "int", "float"):
         return {"bool": True, "int": drawn.randrange(70000), "float": drawn.random()}[kind.type]
     if kind.type == "list":
-        return [drawn_value(drawn, kind.each) for _ in range(drawn.randrange(3))]
+        return [drawn_value(drawn, kind.each) for _number in range(drawn.randrange(3))]
     if kind.type == "dict" and kind.parts is not None:
         return {name: drawn_value(drawn, part) for name, part in kind.parts.items()}
     if kind.type == "dict":
@@ -94,7 +94,7 @@ def test_a_drawn_answer_is_plain_data_of_documented_keys_or_refused(kinds, modul
     assert 0 < refused < CASES
 
 
-@pytest.mark.parametrize("order", hostile_answers.ORDERS, ids=lambda order: "+".join(order))
+@pytest.mark.parametrize("order", hostile_answers.ORDERS, ids="+".join)
 def test_an_order_to_ansible_is_refused_or_left_out(kinds, order):
     said = {"changed": False, "due": [], "msg": "Nothing is due.", **order}
     try:

@@ -115,7 +115,7 @@ def test_what_ssh_says_of_a_robot_is_plain(action, monkeypatch, kind):
 
     with pytest.raises(kind) as problem:
         low_level(action, monkeypatch, work)
-    assert type(problem.value) is kind
+    assert problem.type is kind
     assert "\x1b" not in str(problem.value) and "\n" not in str(problem.value)
 
 

@@ -23,7 +23,8 @@ class Child:
     def __init__(self, told: Callable[[str], None]) -> None:
         """`told(line)`: it has written this; called in a thread, the line is still as it was written."""
         self._process: Optional[subprocess.Popen[bytes]] = None
-        self._told, self._reader = told, threading.Thread()
+        self._told = told
+        self._reader: Optional[threading.Thread] = None
 
     def runs(self) -> bool:
         """True where it is there."""
@@ -44,7 +45,8 @@ class Child:
     def wait(self) -> int:
         """Wait for its end, and for its last lines; the exit status, that of a signal is negative."""
         status = self._process.wait() if self._process is not None else 0
-        self._reader.join(_DRAINED)  # a process that it has left behind may hold the pipe
+        if self._reader is not None:
+            self._reader.join(_DRAINED)  # a process that it has left behind may hold the pipe
         return status
 
     def _hand_on(self, stream: IO[bytes]) -> None:
