@@ -25,7 +25,7 @@ from ansible.release import __version__ as ansible_version
 from ansible.utils.display import Display
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import LARGEST, Unreadable, unpacked
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import JUDGED, Bundle, read
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import JUDGED, Bundle, heard, read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.gather import verdict
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     LINE,
@@ -173,7 +173,7 @@ def opened(path: str) -> Bundle:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 raise Unreadable("is no file")
             data = stream.read(LARGEST + 1)
-        return read(unpacked(data, JUDGED))
+        return heard(read(unpacked(data, JUDGED)))
     except OSError as problem:
         said = f"cannot be read: {problem.strerror}"
     except Unreadable as problem:

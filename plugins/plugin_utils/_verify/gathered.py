@@ -14,7 +14,12 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, TypeVar
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, LONGEST, quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
+    LINE,
+    LONGEST,
+    plain_data,
+    quoted,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import (
@@ -113,4 +118,9 @@ def services(variables: Mapping[str, Any], name: str) -> tuple[str, ...] | None:
 def as_found(variables: Mapping[str, Any], name: str) -> AsFound | None:
     """Read what preflight found, out of the variable with the computer's plan; None where there is none. Raises Mismatch."""
     plan = registered(variables, name)
-    return from_plain(AsFound, told(plan["found"])) if "found" in plan else None
+    if "found" not in plan:
+        return None
+    found = plan["found"]
+    # These are sentences of fleet_check, in which what a robot has said is quoted.
+    ours = {part: plain_data(found[part], LINE) for part in ("runs", "noted") if part in found}
+    return from_plain(AsFound, {**told(found), **ours})
