@@ -225,17 +225,30 @@ def up(lab: str, hosts: Sequence[Host]) -> None:
     print(f"lab {lab}: {len(hosts)} computers are up ({time.monotonic() - started:.1f} s)", flush=True)
 
 
+def halt(name: str) -> None:
+    """Stop a container."""
+    # One that ends by itself in the moment before it is killed makes 'podman stop' fail, once.
+    podman("stop", "--time=5", name, check=False)
+    podman("stop", "--time=5", name)
+
+
+def reboot(name: str) -> None:
+    """Stop a container and start it again, without waiting for its boot."""
+    halt(name)
+    podman("start", name)
+
+
 def restart(lab: str, host: str | None = None) -> None:
     """Reboot a computer, or all: processes, addresses, routes and kernel settings go; files stay."""
     names = [entry["Names"][0] for entry in labelled("container", label(lab)) if host in (None, entry["Labels"][HOST])]
     if not names:
         raise LabError(f"The lab {lab} has no container{f' of {host}' if host else ''}.")
 
-    def reboot(name: str) -> None:
-        podman("restart", "--time=5", name)
+    def whole(name: str) -> None:
+        reboot(name)
         wait(name)
 
-    _each(reboot, names)
+    _each(whole, names)
     print(f"lab {lab}: restarted {', '.join(sorted(names))}", flush=True)
 
 

@@ -103,7 +103,7 @@ class Filtered(Lab):
     def cold_boot(self, *hosts):
         """Boot computers; they come back with other hardware addresses, which everybody learns at once."""
         for host in hosts:
-            self.podman("restart", "--time=2", host)
+            self.reboot(host)
         for host in hosts:
             self.wait_until_up(host)
             self.echo(host)

@@ -54,7 +54,7 @@ def booted_alone(name, **variables):
         assert status == 0, output
         _prepare(lab)
         with ThreadPoolExecutor(len(ROBOTS)) as pool:
-            list(pool.map(lambda robot: lab.podman("restart", "--time=5", f"{robot}-pc"), ROBOTS))
+            list(pool.map(lambda robot: lab.reboot(f"{robot}-pc"), ROBOTS))
         yield lab
 
 

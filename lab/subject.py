@@ -84,6 +84,14 @@ class Lab:
         *words, host = arguments
         podman(*words, containers.container(self.name, host))
 
+    def halt(self, host):
+        """Switch a computer off."""
+        containers.halt(containers.container(self.name, host))
+
+    def reboot(self, host):
+        """Let a computer reboot, without waiting for it."""
+        containers.reboot(containers.container(self.name, host))
+
     def wait_until_up(self, host):
         containers.wait(containers.container(self.name, host))
 

@@ -32,7 +32,7 @@ def boot(lab):
         lab.run(HOST, f"mkdir -p {SEED}; cat > {SEED}/user-data", stdin=f"#cloud-config\n{user_data}\n")
         lab.run(HOST, f"printf 'instance-id: {instance}\\nlocal-hostname: {HOST}\\n' > {SEED}/meta-data")
         lab.run(HOST, ": > /var/log/cloud-init.log")
-        lab.podman("restart", "--time", "2", HOST)
+        lab.reboot(HOST)
         lab.wait_until_up(HOST)
         status = lab.run(HOST, "timeout 150 cloud-init status --wait", check=False)
         log = lab.run(HOST, "cat /var/log/cloud-init.log", check=False)

@@ -99,7 +99,7 @@ def test_robots_that_were_set_up_by_hand_are_adopted_and_verified_and_told_as_su
 
 
 def test_a_computer_that_is_down_is_named_and_spoils_nothing(untouched):
-    untouched.podman("stop", "--time=2", SECOND)
+    untouched.halt(SECOND)
     status, output = untouched.play("site.yml")
     untouched.podman("start", SECOND)
     untouched.wait_until_up(SECOND)

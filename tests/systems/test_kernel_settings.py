@@ -28,7 +28,7 @@ def test_a_default_of_all_interfaces_but_one_also_after_a_boot(lab):
     status, output = settings(lab, *RP_FILTER)
     assert status == 0 and "SUCCESS" in output, output
 
-    lab.podman("restart", "--time=5", HOST)
+    lab.reboot(HOST)
     lab.wait_until_up(HOST)
     assert values(lab, *names)[:2] == ["2", "0"]
     assert settings(lab)[0] == 0

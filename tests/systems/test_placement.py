@@ -171,7 +171,7 @@ def test_discovery_is_pinned_to_the_common_interface(lab):
 
 
 def test_the_computer_of_an_inner_master_is_found_again_after_a_restart(lab):
-    lab.podman("restart", "--time=5", "bob-nav")
+    lab.reboot("bob-nav")
     lab.wait_until_up("bob-nav")
     expect_online(lab)
     for host in COMPUTERS["bob"]:  # their roscore is another one, and ROS's nodes do not register again
@@ -202,7 +202,7 @@ def test_the_multicast_router_is_in_its_sandbox(lab):
 
 
 def test_a_restarted_gateway_passes_the_group_on_again(lab):
-    lab.podman("stop", "--time=5", "bob-gate")
+    lab.halt("bob-gate")
     ok, seen = wait_for(lambda: " ".join(online(lab)["ana"]), lambda text: text == "ana-gate", 60)
     assert ok, seen
     lab.podman("start", "bob-gate")

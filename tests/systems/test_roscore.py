@@ -380,7 +380,7 @@ def test_after_a_boot_a_node_of_another_computer_is_back_and_dead_ones_are_not(l
     uri = lab.run(FIRST, "rosnode info /far | grep -m 1 -o 'http://[^ ]*'").strip()
     lab.run(FIRST, f"systemctl stop {UNIT}")
     lab.run(FIRST, "PYTHONPATH=/usr/local/lib/rosfleet-multimaster/python python3 -", stdin=EARLIER)
-    lab.podman("restart", "-t", "2", FIRST)
+    lab.reboot(FIRST)
     began = time.monotonic()
     lab.wait_until_up(FIRST)
     wait(lab, "/far/serve")
