@@ -173,7 +173,8 @@ def honest(fleet, cores):
 
     @functools.cache
     def known(name):
-        run = Ended(fleet, cores["newest"], name, {"seed": 0, "after": 10**6, "attack": ""})
+        for wanted in ["verify"] * (name == "report") + [name]:  # a report needs the bundle of a verification
+            run = Ended(fleet, cores["newest"], wanted, {"seed": 0, "after": 10**6, "attack": ""})
         assert run.status == 0, run.output
         assert "does not document" not in run.text, run.output
         assert run.seen["variables"]
@@ -194,8 +195,8 @@ def cases():
 @pytest.mark.parametrize(("name", "version", "seed"), list(cases()))
 def test_nothing_of_a_hostile_robot_acts(fleet, cores, honest, name, version, seed):
     drawn = random.Random(f"{name} {version} {seed}")
-    before = honest(name)
     whole(fleet)
+    before = honest(name)
     if name == "report":  # of the bundle that the last hostile verification has written
         bundle = Ended(fleet, cores[version], "verify", settings_of(drawn, ["texts", "less", "more"]))
         judged(bundle, honest("verify"), "verify")
@@ -233,8 +234,8 @@ def settings_of(drawn, attacks=("",)):
     ],
 )
 def test_the_worst_answers_are_a_sentence_that_names_the_robot(fleet, cores, honest, attack, version):
-    before = honest("verify")
     whole(fleet)
+    before = honest("verify")
     run = Ended(fleet, cores[version], "verify", {"seed": 7, "after": 0, "attack": attack})
     judged(run, before, "verify")
     assert f"{HOSTILE}: the answer to rosfleet.multimaster.multimaster_verify is none of this module: found" in run.text

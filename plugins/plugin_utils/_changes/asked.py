@@ -17,11 +17,16 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from ansible.errors import AnsibleActionFail, AnsibleConnectionFailure
+from ansible.errors import AnsibleConnectionFailure, AnsibleError
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers.documented import Answer, documented
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_lines
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
+    LINE,
+    plain,
+    plain_lines,
+    quoted,
+)
 
 MODULES = Path(__file__).resolve().parents[2] / "modules"
 LONGEST = 1800.0  # seconds for one answer; `timeout` of a task, or ANSIBLE_TASK_TIMEOUT, ends it earlier
@@ -57,22 +62,25 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
             raise type(problem)(plain(problem, LINE)) from None
         except MemoryError:
             pass
-        # Raised here, Ansible does not show where the memory ended.
-        raise AnsibleActionFail(self._strange(f"more than {MEMORY >> 20} MiB"))
+        # Raised here and as this, Ansible does not show where the memory ended.
+        raise AnsibleError(self._strange(f"more than {MEMORY >> 20} MiB"))
 
     def _parse_returned_data(self, res: Mapping[str, Any], *profile: Any) -> Any:
         """Let Ansible read the output of a module, of which no more is left than its answer; see ActionBase."""
         return super()._parse_returned_data({**res, **self._taken(res)}, *profile)
 
     def _taken(self, res: Mapping[str, Any]) -> Result:
-        """Return what Ansible may read of an output: an answer, or the last words of a module that could not run."""
+        """Return what Ansible may read of an output: an answer, or a sentence that says why there is none."""
+        return {"stdout": json.dumps(self._result(res)), "stderr": ""}
+
+    def _result(self, res: Mapping[str, Any]) -> Result:
         text = answer.found_in(str(res.get("stdout") or ""))
         if not text:
-            return {name: plain_lines(str(res.get(name) or "")[-LAST_WORDS:]) for name in ("stdout", "stderr")}
+            return self._silent(res)
         try:
             taken = answer.taken(text, answer_of(self._task.action.rpartition(".")[2]))
         except answer.Strange as strange:
-            return {"stdout": json.dumps({"failed": True, "msg": self._strange(str(strange))}), "stderr": ""}
+            return {"failed": True, "msg": self._strange(str(strange))}
         result = dict(taken.result)
         if taken.left_out:
             names = ", ".join(sorted(taken.left_out)[:3])
@@ -80,7 +88,24 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
             result["warnings"] = [*result.get("warnings", []), note]
         if taken.trace:
             result["exception"] = taken.trace[-LAST_WORDS:]
-        return {"stdout": json.dumps(result), "stderr": ""}
+        return result
+
+    def _silent(self, res: Mapping[str, Any]) -> Result:
+        """Return the result of a module that has not answered: it could not run, or was killed."""
+        words = [plain_lines(str(res.get(name) or "")[-LAST_WORDS:]) for name in ("stdout", "stderr")]
+        last = next((line for text in reversed(words) for line in reversed(text.splitlines()) if line.strip()), "")
+        said = f"; it said last: {quoted(last, LINE)}" if last else ""
+        message = (
+            f"{self._robot}: {self._task.action} has not answered (exit status {res.get('rc')}){said}. Expected that "
+            "ansible_python_interpreter is a Python 3.6 or later there, and that nothing ends it."
+        )
+        return {
+            "failed": True,
+            "msg": message,
+            "module_stdout": words[0],
+            "module_stderr": words[1],
+            "rc": res.get("rc"),
+        }
 
     def _strange(self, found: str) -> str:
         return (

@@ -3,6 +3,7 @@
 
 """The door for answers of robots: bounds while they come, a sentence for what is none."""
 
+import json
 import os
 import signal
 import subprocess
@@ -12,7 +13,7 @@ import time
 import types
 
 import pytest
-from ansible.errors import AnsibleActionFail, AnsibleAuthenticationFailure, AnsibleConnectionFailure
+from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure, AnsibleError
 from ansible.playbook.task import Task
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import asked
@@ -53,14 +54,31 @@ def test_what_is_not_documented_is_left_out_with_a_warning(action):
 
 
 @pytest.mark.parametrize("profile", [[], ["legacy"]])
-def test_without_an_answer_ansible_says_why_in_plain_text(action, profile, monkeypatch):
+def test_ansible_reads_it_in_the_way_of_its_version(action, profile, monkeypatch):
     given = []
-    monkeypatch.setattr(ActionBase, "_parse_returned_data", lambda self, *told: given.append(told) or {"failed": True})
-    words = "\x1b[2J" + "x" * 30000
-    assert action._parse_returned_data({"stdout": words, "stderr": words, "rc": 127}, *profile) == {"failed": True}
+    monkeypatch.setattr(ActionBase, "_parse_returned_data", lambda self, *told: given.append(told) or {})
+    action._parse_returned_data({"stdout": DUE, "stderr": "", "rc": 0}, *profile)
     ((said, *more),) = given
-    assert more == profile and said["rc"] == 127
-    assert len(said["stdout"]) <= asked.LAST_WORDS and "\x1b" not in said["stderr"]
+    assert more == profile and json.loads(said["stdout"])["due"] == []
+
+
+def test_no_answer_is_a_sentence_with_the_last_words(action):
+    words = "/bin/sh: 1: python9: not found PASSED\n\n"
+    found = action._parse_returned_data({"stdout": "", "stderr": words, "rc": 127}, "legacy")
+    assert found["msg"] == (
+        "kobuki: rosfleet.multimaster.multimaster_due has not answered (exit status 127); it said last: "
+        '"/bin/sh: 1: python9: not found PASSED". Expected that ansible_python_interpreter is a Python 3.6 or later there, '
+        "and that nothing ends it."
+    )
+    assert (found["failed"], found["rc"], found["module_stderr"]) == (True, 127, words)
+
+
+def test_the_last_words_are_plain_and_not_many(action):
+    words = "\x1b[2J" + "x" * 30000
+    found = action._parse_returned_data({"stdout": words, "stderr": words, "rc": 1}, "legacy")
+    assert len(found["module_stdout"]) <= asked.LAST_WORDS and "\x1b" not in str(found)
+    found = action._parse_returned_data({"stdout": "", "stderr": "", "rc": -9}, "legacy")
+    assert "(exit status -9). Expected" in found["msg"]
 
 
 def low_level(action, monkeypatch, work):
@@ -78,7 +96,7 @@ def test_an_endless_answer_ends_and_so_does_what_brings_it(action, monkeypatch):
         while True:
             found += started[0].stdout.read(1 << 20)
 
-    with pytest.raises(AnsibleActionFail, match="kobuki: the answer .* found more than 32 MiB"):
+    with pytest.raises(AnsibleError, match="kobuki: the answer .* found more than 32 MiB"):
         low_level(action, monkeypatch, work)
     assert started[0].wait(5) == -signal.SIGKILL
     assert len(bytes(64 << 20)) == 64 << 20, "the bound ends with the answer"
