@@ -22,7 +22,7 @@ lab: setup ## build the images of the lab's computers
 demo: lab ## robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer or multi_computer)
 	@$(PYTHON) lab/demo.py --layout $(LAYOUT)
 
-rehearse: lab ## your own inventory on real systems (INVENTORY=<folder>; FAULTS=no_forwarding,...; see docs/rehearse.md)
+rehearse: lab ## your own inventory on real systems (INVENTORY=<folder>; FAULTS=no_forwarding,...; see docs/start/rehearse.md)
 	@$(PYTHON) lab/rehearse.py --inventory "$(INVENTORY)" --faults "$(FAULTS)" --suites "$(SUITES)" $(if $(OVERLAP),--overlap) $(if $(KEEP),--keep)
 
 lab-down: setup ## remove everything that the lab made: containers, networks, the image; also of a rehearsal
@@ -52,7 +52,7 @@ systems: lab ## injected faults and the commands of the README, on real systems
 test-long: bench-site ## what takes too long for 'make test': losses of minutes, Debian 11, and the bench
 	@$(PYTHON) tools/test.py long
 
-test-faults: lab ## the catalogue of faults on real systems, and its table in docs/verification.md (an hour)
+test-faults: lab ## the catalogue of faults on real systems, and its table in docs/operate/verification.md (an hour)
 	@$(PYTHON) tools/test.py faults
 
 test-interop: checkout lab ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout)

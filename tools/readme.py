@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Write the generated tables into the documents: variables into README.md, checks into docs/verification.md.
+"""Write the generated tables into the documents: variables into README.md, checks into docs/operate/verification.md.
 
 With `--check` nothing is written; a table that is not the generated one is an error.
 """
@@ -40,7 +40,7 @@ class Table(NamedTuple):
 
 TABLES = (
     Table("README.md", "variables", "plugins/plugin_utils/_fleet/variables.py", variables.markdown_table),
-    Table("docs/verification.md", "checks", "plugins/plugin_utils/_verify/checks", checks.markdown_table),
+    Table("docs/operate/verification.md", "checks", "plugins/plugin_utils/_verify/checks", checks.markdown_table),
 )
 
 

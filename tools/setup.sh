@@ -11,7 +11,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 packages=(
   git rsync shellcheck openssh-client nftables            # tests
   podman netavark iptables runc conmon mmdebstrap zstd    # lab
-  wireguard-tools wireguard-go                            # the tunnel of docs/hostile_networks.md, with any kernel
+  wireguard-tools wireguard-go                            # the tunnel of docs/operate/hostile_networks.md, with any kernel
   chromium-headless-shell                                 # the page of the report
   python3-venv                                            # where python3 is Debian's
 )

@@ -28,7 +28,7 @@ options:
   dialects:
     description:
       - The languages to write, for example V([openwrt]). All of them, if it is not set.
-      - The table in C(docs/router.md) lists them.
+      - The table in C(docs/start/router.md) lists them.
     type: list
     elements: str
   interfaces:

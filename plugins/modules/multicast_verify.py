@@ -128,7 +128,7 @@ author:
 seealso:
   - name: Guide
     description: What the measurement proves, and how to read it.
-    link: https://github.com/rosfleet/multimaster/tree/main/docs/multicast_verify.md
+    link: https://github.com/rosfleet/multimaster/tree/main/docs/operate/multicast_verify.md
 """
 
 EXAMPLES = r"""

@@ -88,7 +88,7 @@ seealso:
   - module: rosfleet.multimaster.multimaster_verify
   - name: Verification
     description: The role that uses it, with C(verify_watch).
-    link: https://github.com/rosfleet/multimaster/tree/main/docs/verification.md
+    link: https://github.com/rosfleet/multimaster/tree/main/docs/operate/verification.md
 """
 
 EXAMPLES = r"""

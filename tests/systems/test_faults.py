@@ -58,7 +58,7 @@ def test_a_stranger_on_the_port_of_the_roscore_is_named(untouched):
 
 
 def test_robots_that_were_set_up_by_hand_are_adopted_and_verified_and_told_as_such(untouched, tmp_path):
-    """A roscore and the bundled nodes that a person has started, as docs/nodes.md says; nothing of the collection is there."""
+    """A roscore and the bundled nodes that a person has started, as docs/understand/nodes.md says; nothing of the collection is there."""
     addresses = {FIRST: "192.168.1.229", SECOND: "192.168.1.239"}
     with by_hand.robots(untouched, addresses, by_hand.BUNDLED):
         folder = tmp_path / "adopted"
@@ -170,7 +170,7 @@ def test_a_node_with_the_name_of_a_local_one_is_refused_and_reported(lab):
     """Without the guard, the import would end the local node (section 11 of the interface facts).
 
     Both are there before the robots exchange anything: a node that starts under a name that is imported already is
-    beyond the guard, which docs/nodes.md says.
+    beyond the guard, which docs/understand/nodes.md says.
     """
     for host in (FIRST, SECOND):
         lab.run(host, "systemctl stop multimaster-sync")

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The guide docs/hostile_networks.md: its inventory plans what it says, and its tunnel works."""
+"""The guide docs/operate/hostile_networks.md: its inventory plans what it says, and its tunnel works."""
 
 import json
 import os
@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "hostile_networks.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "operate" / "hostile_networks.md").read_text(encoding="utf-8")
 PLAN = """
 - hosts: robots
   gather_facts: false

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The house: which folder may import which, in all three trees; where a file's test stands; where sockets and ROS are.
 
-ROOMS is the picture in docs/architecture.md, line by line.
+ROOMS is the picture in docs/develop/architecture.md, line by line.
 """
 
 import ast
@@ -119,7 +119,7 @@ def test_no_arrow_goes_up(tree):
 
 @pytest.mark.parametrize("tree", ROOMS)
 def test_the_picture_in_the_documentation_is_this_table(tree):
-    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/develop/architecture.md").read_text(encoding="utf-8")
     table = text.partition(f"\n`{tree}`, ")[2].partition("\n\n")[2].partition("\n\n")[0]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[2:]]
     shown = {name.strip("`"): {room.strip("` ") for room in rooms.split(",") if room} for name, _content, rooms in rows}

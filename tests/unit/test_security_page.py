@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""docs/security.md and the tests: what the page promises has a test beside it, and each test that a page names is there.
+"""docs/operate/security.md and the tests: what the page promises has a test beside it, and each test that a page names is there.
 
 On the page, `[✓][name]` stands beside a promise; `name` is defined at the end of the page, with a file and its tests. A sentence
 without a mark explains, and is in EXPLAINS. What stays open is in the sections OPEN, and the attacks have a table of their own.
@@ -25,16 +25,16 @@ from rosfleet_multimaster import end_connections  # noqa: E402
 from rosfleet_multimaster.core import limits  # noqa: E402
 from rosfleet_multimaster.edge import rpc_client, rpc_server  # noqa: E402
 
-PAGE = (ROOT / "docs/security.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs/operate/security.md").read_text(encoding="utf-8")
 PAGES = sorted(
-    page for page in [*ROOT.glob("docs/*.md"), ROOT / "README.md"] if page.name != "adding.md"
+    page for page in [*ROOT.glob("docs/**/*.md"), ROOT / "README.md"] if page.name != "adding.md"
 )  # it has examples
 NAMED = re.compile(r"tests/[\w/.]*test_\w+\.py")
 
 ATTACKS = "Attacks, and the test of each"
 OPEN = ("What is not defended", ATTACKS, "How to report a flaw")
 MARK = re.compile(r"\s*\[✓\]\[([\w-]+)\]")
-DEFINITION = re.compile(r'^\[([\w-]+)\]: \.\./(tests/\S+)(?: "([^"]+)")?$', re.MULTILINE)
+DEFINITION = re.compile(r'^\[([\w-]+)\]: \.\./\.\./(tests/\S+)(?: "([^"]+)")?$', re.MULTILINE)
 END = re.compile(r"(?<=[.?!])\s+(?=[A-Z`*])")  # of a sentence, where another one begins
 ITEM = re.compile(r"^(?:[*-]|\d\.) ", re.MULTILINE)
 
@@ -56,7 +56,7 @@ Three things to know first:
   nodes.
 No software beside ROS can change that.
 A robot may be in foreign hands, and its Python with it.
-So what it answers is data, and no order to Ansible ([architecture](architecture.md#an-answer)).
+So what it answers is data, and no order to Ansible ([architecture](../develop/architecture.md#an-answer)).
 **Heartbeats** can have any sender.
 For guests there are two variables, both for the whole fleet:
 Whoever answers a question may answer anything.

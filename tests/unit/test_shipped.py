@@ -26,10 +26,10 @@ DECOYS = """
 router_config/tibi.txt tests/output/x.json secret.yml id_rsa rosfleet-multimaster-0.0.9.tar.gz
 inventory/mine/hosts.yml inventory/mine/group_vars/vault.yml inventory/single_computer/.vault_pass
 plugins/.vault_pass plugins/modules/.x.py plugins/modules/__pycache__/x.cpython-311.pyc plugins/modules/x.py~
-plugins/modules/x.py.orig roles/hosts/files/key.pem roles/nodes/files/python/__pycache__/x.pyc docs/notes.txt docs/.x.md
+plugins/modules/x.py.orig roles/hosts/files/key.pem roles/nodes/files/python/__pycache__/x.pyc docs/start/notes.txt docs/start/.x.md
 docs/drafts/x.md playbooks/host_vars/x.yml playbooks/.x.yml changelogs/.plugin-cache.yaml meta/x.yml extensions/x.yml
 plugins/.venv/x.py roles/hosts/.mine/x.yml inventory/single_computer/.mine/x.yml
-inventory/single_computer/vault.yml inventory/single_computer/group_vars/all.yml playbooks/secret.yml docs/x.md
+inventory/single_computer/vault.yml inventory/single_computer/group_vars/all.yml playbooks/secret.yml docs/start/x.md
 """.split()
 # Names as secrets have them, and names as files of ours have them.
 STRAYS = """

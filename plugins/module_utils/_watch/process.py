@@ -58,7 +58,7 @@ class Beat(typing.NamedTuple):
 
 
 def heartbeat(data: bytes, port: int) -> typing.Optional[Beat]:
-    """Read a heartbeat of discovery (24 bytes, docs/protocol.md) out of an IPv4 packet; None for anything else."""
+    """Read a heartbeat of discovery (24 bytes, docs/understand/protocol.md) out of an IPv4 packet; None for anything else."""
     found = packet(data)
     if found is None or len(found.body) < UDP_HEADER + RECORD:
         return None

@@ -4,7 +4,7 @@
 """The controller's side of the dead-man's switch.
 
 The first run of a module changes something at run time. A second run confirms it over a new TCP connection. Without the
-second run the machine rolls the change back by itself, see docs/dead_mans_switch.md.
+second run the machine rolls the change back by itself, see docs/understand/dead_mans_switch.md.
 """
 
 from __future__ import annotations

@@ -156,7 +156,7 @@ class FleetVariables:
             kinds.choice("none", "fleet"),
             "none",
             "Whether a packet filter lets only the computers of the fleet, and `multimaster_allow`, reach the TCP and UDP ports from "
-            "1024 up (`fleet`). Ports of ssh and those below 1024 stay as they are. See docs/security.md.",
+            "1024 up (`fleet`). Ports of ssh and those below 1024 stay as they are. See docs/operate/security.md.",
             "fleet",
         )
     )
@@ -173,7 +173,7 @@ class FleetVariables:
             kinds.choice("ignore", "allow"),
             "ignore",
             "What becomes of masters that are not in the inventory: `ignore` reports them and registers nothing of them, `allow` "
-            "exchanges with them as with robots of the inventory. See docs/security.md.",
+            "exchanges with them as with robots of the inventory. See docs/operate/security.md.",
             "allow",
         )
     )
@@ -191,7 +191,7 @@ class FleetVariables:
             kinds.choice("local", "exchanged", "none"),
             "local",
             "Whether the nodes publish links, clocks and refusals on `/diagnostics`. With `local` that topic stays on each robot, "
-            "with `exchanged` it crosses as any other one. With `none` the nodes publish nothing there, and it crosses. See docs/metrics.md.",
+            "with `exchanged` it crosses as any other one. With `none` the nodes publish nothing there, and it crosses. See docs/operate/metrics.md.",
             "exchanged",
         )
     )
@@ -302,7 +302,7 @@ class RobotVariables:
             None,
             "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` "
             "stands for any text) and `to`, a list of robots (default: every other). Default: everything to everybody, as in the "
-            "report; `[]` is nothing. See docs/data_flow.md.",
+            "report; `[]` is nothing. See docs/operate/data_flow.md.",
             "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
         )
     )
@@ -312,7 +312,7 @@ class RobotVariables:
             "bundled",
             "Whose discovery and sync nodes run: the collection's own (`bundled`), multimaster_fkie from the package sources that the "
             "robot has (`fkie_apt`), or an installation of it that `multimaster_ros_setup` leads to (`fkie_existing`). See "
-            "docs/providers.md.",
+            "docs/operate/providers.md.",
             "fkie_existing",
         )
     )
@@ -320,7 +320,7 @@ class RobotVariables:
         metadata=row(
             kinds.choice("none", "textfile"),
             "none",
-            "Whether the nodes write metrics for the textfile collector of Prometheus' node_exporter. See docs/metrics.md.",
+            "Whether the nodes write metrics for the textfile collector of Prometheus' node_exporter. See docs/operate/metrics.md.",
             "textfile",
         )
     )

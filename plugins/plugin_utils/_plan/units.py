@@ -68,7 +68,7 @@ _INSTALL = """
 WantedBy=multi-user.target
 """
 
-# The sandbox of every unit. docs/security.md has the ratings, and what is not here and why.
+# The sandbox of every unit. docs/operate/security.md has the ratings, and what is not here and why.
 _SANDBOX = """\
 # It gains no rights, sees no processes of others, and sets nothing of the kernel's. The system is read-only for it.
 NoNewPrivileges=yes

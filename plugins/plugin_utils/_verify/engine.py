@@ -65,7 +65,7 @@ Passed = Counter[tuple[str, str, tuple[str, ...]]]
 
 
 class Documented(NamedTuple):
-    """A row of the table in docs/verification.md: the targets, what is expected, and where the report has it."""
+    """A row of the table in docs/operate/verification.md: the targets, what is expected, and where the report has it."""
 
     scope: str
     expected: str

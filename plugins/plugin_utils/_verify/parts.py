@@ -463,7 +463,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("sync", "configuration"): Fault(
         "the sync node of {place} takes other topics and services than planned: {what}",
-        f"{SITE} on it; docs/providers.md says what upstream's nodes cannot leave out",
+        f"{SITE} on it; docs/operate/providers.md says what upstream's nodes cannot leave out",
         "on {place}: rosparam get /master_sync; rosservice call /master_sync/get_sync_info",
         cost=3.2,
         what="other parameters",

@@ -123,7 +123,7 @@ def rules(fleet: FleetPlan, plan: ComputerPlan) -> tuple[Rule, ...]:
 
 
 def devices(fleet: FleetPlan) -> list[Machine]:
-    """List the gateways and the router that are no computers of the inventory, set up as docs/router.md says."""
+    """List the gateways and the router that are no computers of the inventory, set up as docs/start/router.md says."""
     found = [_gateway(fleet, entry) for entry in fleet.networks if entry.device]
     router = fleet.router
     if router is not None and not router.name:

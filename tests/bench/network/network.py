@@ -7,7 +7,7 @@ python tests/bench/network/network.py [--fkie CHECKOUT] [--quick] [SYSTEM]...
 
 Two robots in the lab, one system after the other. The programs that measure know nothing of the collection: they speak
 with the roscores. Prints a table, and writes samples, machine and versions to .work/bench/network.json, the table beside
-it, and a picture. `--keep` writes them to docs/performance as well. A system that is not measured this time keeps its
+it, and a picture. `--keep` writes them to docs/understand/performance as well. A system that is not measured this time keeps its
 figures there, with the machine and the commit that they are of.
 """
 
@@ -38,7 +38,7 @@ from subject import Lab  # noqa: E402
 from systems import System  # noqa: E402
 
 WORK = ROOT / ".work" / "bench"
-DOCS = ROOT / "docs" / "performance"
+DOCS = ROOT / "docs" / "understand" / "performance"
 #: what gets lost -> how nftables matches it
 LOST = {"udp": "meta l4proto udp", "all": ""}
 SYSTEMS = {system.name: system for system in (systems.MANAGED, systems.EXISTING, systems.UPSTREAM)}
@@ -127,7 +127,7 @@ def main() -> int:
     parser.add_argument("systems", nargs="*", choices=[*SYSTEMS, []], help="which ones (default: all that there are)")
     parser.add_argument("--fkie", type=Path, help="a checkout of multimaster_fkie 1.3.2, to be measured beside")
     parser.add_argument("--quick", action="store_true", help="a tenth of the samples, to try the programs")
-    parser.add_argument("--keep", action="store_true", help="write the figures to docs/performance")
+    parser.add_argument("--keep", action="store_true", help="write the figures to docs/understand/performance")
     options = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
     names = options.systems or [name for name in SYSTEMS if name != "upstream" or options.fkie]

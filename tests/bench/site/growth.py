@@ -8,7 +8,7 @@ python tests/bench/site/growth.py [--keep]
 The computers of the second run are not there: the connection `recorded` gives the answers of a real one that is as
 planned, at once. So one machine shows 100 computers, and all that is measured is the controller's work. Plan and
 judgement are the functions behind the actions, on observations of a fleet in which everything works. Writes
-.work/bench/growth.json and growth.svg, with --keep to docs/performance.
+.work/bench/growth.json and growth.svg, with --keep to docs/understand/performance.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def draw(report: dict[str, Any], path: Path) -> None:
 def main() -> None:
     """Measure, print and write; name what takes longer than is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--keep", action="store_true", help="write the figures to docs/performance")
+    parser.add_argument("--keep", action="store_true", help="write the figures to docs/understand/performance")
     options = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
     report: dict[str, Any] = {"machine": machine(), "site": [], "functions": []}
@@ -177,7 +177,7 @@ def main() -> None:
         report["site"].append(second_run(computers))
     text = table(report)
     print(text, flush=True)
-    for folder in [WORK] + [ROOT / "docs/performance"] * options.keep:
+    for folder in [WORK] + [ROOT / "docs/understand/performance"] * options.keep:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "growth.json").write_text(json.dumps(report, indent=1) + "\n")
         draw(report, folder / "growth.svg")

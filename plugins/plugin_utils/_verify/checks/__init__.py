@@ -35,7 +35,7 @@ TITLES = {check.id: check.title for check in CHECKS}
 
 
 def markdown_table() -> str:
-    """Return the table of checks for docs/verification.md."""
+    """Return the table of checks for docs/operate/verification.md."""
     lines = ["| check | for | expected | report |", "|---|---|---|---|"]
     for check in CHECKS:
         scope, expected, report = check.documented

@@ -14,7 +14,7 @@ from rosfleet_multimaster.core.bounds import BOUNDS, Beyond, Room, freed, weight
 from rosfleet_multimaster.core.registry import Registry
 from rosfleet_multimaster.edge import xml_rpc
 
-PAGE = pathlib.Path(__file__).parents[4] / "docs" / "roscore.md"
+PAGE = pathlib.Path(__file__).parents[4] / "docs" / "understand" / "roscore.md"
 
 
 def nested(levels, value=1):

@@ -135,7 +135,7 @@ def test_the_dashboard_asks_for_metrics_that_exist():
 
 
 def test_the_page_about_metrics_has_each_of_them():
-    page = (ROOT / "docs/metrics.md").read_text()
+    page = (ROOT / "docs/operate/metrics.md").read_text()
     for name, family in metrics.FAMILIES.items():
         labels = ", ".join(f"`{label}`" for label in family.labels)
         assert f"| `{name}` | {family.kind} | {labels} | {family.help} |" in page

@@ -6,7 +6,7 @@
     python3 -m rosfleet_multimaster.roscore --store ~/.ros/roscore --forget
 
 It tells local programs what changed (rosfleetChanges), keeps registrations, topic types and parameters in a store, comes
-back with them, and lets no node of another robot take a name from an own one. docs/roscore.md says more.
+back with them, and lets no node of another robot take a name from an own one. docs/understand/roscore.md says more.
 """
 
 import argparse

@@ -202,7 +202,7 @@ SOME = {
 
 
 def test_the_page_has_the_sandbox_of_each_unit(files):
-    page = (pathlib.Path(__file__).parents[5] / "docs/security.md").read_text(encoding="utf-8")
+    page = (pathlib.Path(__file__).parents[5] / "docs/operate/security.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("| `")]
     told = {row[0].split("`")[1]: row for row in rows if len(row) == 6}
     assert set(told) == set(RATED)

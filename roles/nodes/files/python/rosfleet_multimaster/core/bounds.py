@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a roscore takes at most, and what a value counts: the table BOUNDS, which docs/roscore.md has too.
+"""What a roscore takes at most, and what a value counts: the table BOUNDS, which docs/understand/roscore.md has too.
 
 Whoever reaches its port may call it. So whatever a caller sends, the process stays below the memory of its unit (MemoryMax),
 and so does the next one, which reads all of it again.
