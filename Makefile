@@ -75,7 +75,7 @@ format: setup ## format the Python files
 house: setup ## figures of the code: rooms, imports, long functions (REV=revision of git)
 	@$(PYTHON) tools/house.py $(if $(REV),--rev $(REV))
 
-readme: setup ## write the table of variables into README.md
+readme: setup ## write the generated tables: variables, checks
 	@PYTHONPATH=.work/collections $(PYTHON) tools/readme.py
 
 lock: ## write requirements-dev.txt, with the hashes of all packages, out of requirements-dev.in (UPGRADE=yes: newer versions)

@@ -1,14 +1,16 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Write the generated tables into the documents: variables into README.md, checks into docs/operate/verification.md.
+"""Write the generated tables into the pages: variables into docs/operate/variables.md, checks into docs/operate/verification.md.
 
 With `--check` nothing is written; a table that is not the generated one is an error.
 """
 
 from __future__ import annotations
 
+import os
 import pathlib
+import re
 import sys
 from collections.abc import Callable
 from typing import NamedTuple
@@ -17,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import checks
 
 ROOT = pathlib.Path(__file__).parent.parent
+_PAGE = re.compile(r"docs/(?:\w+/)*(\w+)\.md")
 
 
 class Table(NamedTuple):
@@ -35,11 +38,17 @@ class Table(NamedTuple):
         _old, end_mark, tail = rest.partition(end)
         if not mark or not end_mark:
             raise SystemExit(f"{self.document} has no pair of lines {begin.strip()} and {end.strip()}; restore them.")
-        return f"{head}{begin}\n{self.make()}\n{end}{tail}"
+        return f"{head}{begin}\n{_PAGE.sub(self._link, self.make())}\n{end}{tail}"
+
+    def _link(self, page: re.Match[str]) -> str:
+        """Return a link to a page that the table names, as it is written in this document."""
+        return f"[{page[1].replace('_', ' ')}]({os.path.relpath(page[0], os.path.dirname(self.document))})"
 
 
 TABLES = (
-    Table("README.md", "variables", "plugins/plugin_utils/_fleet/variables.py", variables.markdown_table),
+    Table(
+        "docs/operate/variables.md", "variables", "plugins/plugin_utils/_fleet/variables.py", variables.markdown_table
+    ),
     Table("docs/operate/verification.md", "checks", "plugins/plugin_utils/_verify/checks", checks.markdown_table),
 )
 

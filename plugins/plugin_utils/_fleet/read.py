@@ -158,7 +158,7 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> Valu
 def _unknown(host: str, given: Mapping[str, Any]) -> list[str]:
     return [
         f"{host}: the variable {name} is not known{nearest(name, variables.BY_NAME)}; expected one of the "
-        "variables in the README: correct its name or remove it."
+        "variables in docs/operate/variables.md: correct its name or remove it."
         for name in given
         if name not in variables.BY_NAME and name not in variables.RESERVED
     ]

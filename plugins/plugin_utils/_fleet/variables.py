@@ -4,7 +4,7 @@
 """The variables of the fleet: what may be set, where, how it is read, what it means.
 
 A variable is a field of one of three classes, which says where it is set. Its name is the field's after
-`multimaster_`. To add one, add a field: reading, the checks for agreement and the README's table follow.
+`multimaster_`. To add one, add a field: reading, the checks for agreement and the table in docs/operate/variables.md follow.
 """
 
 from __future__ import annotations
@@ -342,13 +342,13 @@ def rows(kind: type, scope: str) -> tuple[Variable, ...]:
 OF_COMPUTER = rows(ComputerVariables, "computer")
 OF_FLEET = rows(FleetVariables, "fleet")
 OF_ROBOT = rows(RobotVariables, "robot")
-# The order of the README, and of the sentences about a host.
+# The order of docs/operate/variables.md, and of the sentences about a host.
 VARIABLES = (*OF_COMPUTER[:2], *OF_FLEET, *OF_ROBOT, *OF_COMPUTER[2:])
 BY_NAME = {row.name: row for row in VARIABLES}
 
 
 def markdown_table() -> str:
-    """Return the variables as the table of the README (GitHub's Markdown)."""
+    """Return the table of docs/operate/variables.md (GitHub's Markdown)."""
     lines = ["| variable | set for | default | meaning | example |", "|---|---|---|---|---|"]
     for row in VARIABLES:
         default = "" if row.default is None else f"`{_yaml(row.default)}`"

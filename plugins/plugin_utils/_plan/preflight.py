@@ -120,8 +120,8 @@ def unseen(computer: str, failed: Mapping[str, Any], version: str) -> str:
     why = quoted(last, LINE)
     return (
         f"{computer}: the machine could not be looked at ({why}); expected a user who may become root (--ask-become-pass where "
-        f"sudo takes a password), and Python 3.6 or later that ansible-core {version} can manage: compare the table of "
-        "versions in the README, set ansible_python_interpreter, or use a later release of the system."
+        f"sudo takes a password), and Python 3.6 or later that ansible-core {version} can manage: compare the table in "
+        "docs/start/machines.md, set ansible_python_interpreter, or use a later release of the system."
     )
 
 
