@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The pages: each link leads somewhere, each page that a file names is there, and the index has them all."""
+
+import os
+import re
+import subprocess
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FILES = subprocess.run(
+    ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+    cwd=ROOT,
+    capture_output=True,
+    text=True,
+    check=True,
+).stdout.split("\0")
+THERE = {name for name in FILES if name and (ROOT / name).is_file()}
+FOLDERS = {str(folder) for name in THERE for folder in Path(name).parents}
+PAGES = sorted(name for name in THERE if name.endswith(".md"))
+
+FENCED = re.compile(r"^( *)```.*?^\1```$", re.DOTALL | re.MULTILINE)
+CODE = re.compile(r"`[^`\n]+`")
+INLINE = re.compile(r"\]\(([^()\s]+)\)")
+DEFINED = re.compile(r"^\[[^\]]+\]: (\S+)", re.MULTILINE)
+HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+MENTION = re.compile(r"(?<![\w./-])docs/[\w/-]+(?:\.\w+)*")
+
+#: These two lay down pages that are not there.
+OF_TESTS = {"tests/unit/test_documents.py", "tests/unit/test_shipped.py"}
+#: The unit of the roscore has the former name of its page: with another text, the roscores of all robots would start anew.
+OF_THE_UNIT = {"plugins/plugin_utils/_plan/units.py", "tests/unit/golden/providers/bundled.txt"}
+
+
+def text(name):
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def without_code(page):
+    return CODE.sub("", FENCED.sub("", page))
+
+
+def anchors(page):
+    """The names of the headings, as GitHub makes them."""
+    found, seen = set(), Counter()
+    for title in HEADING.findall(FENCED.sub("", page)):
+        title = re.sub(r"\[([^\]]+)\]\([^)]+\)", r"\1", title)
+        name = re.sub(r"[^\w\- ]", "", title.strip().lower()).replace(" ", "-")
+        found.add(f"{name}-{seen[name]}" if seen[name] else name)
+        seen[name] += 1
+    return found
+
+
+def leads(page, link):
+    """What is wrong with a relative link of a page; "" where it leads to a file, and to a heading in it."""
+    path, _hash, anchor = link.partition("#")
+    target = os.path.normpath(os.path.join(os.path.dirname(page), path)) if path else page
+    if target not in THERE and target not in FOLDERS:
+        return f"{page}: {link} leads to {target}, which is not there"
+    if anchor and anchor not in anchors(text(target)):
+        return f"{page}: {link} leads to a heading that {target} does not have"
+    return ""
+
+
+def links(page):
+    """The relative links of a page: inline ones, pictures, and those defined at its end."""
+    written = without_code(text(page))
+    found = [*INLINE.findall(written), *DEFINED.findall(written)]
+    return [link for link in found if not re.match(r"[a-z]+:", link)]
+
+
+def test_each_link_of_a_page_leads_to_a_file_and_a_heading():
+    found = [(page, link) for page in PAGES for link in links(page)]
+    assert len(found) > 200 and sum("#" in link for _page, link in found) > 20
+    assert list(filter(None, (leads(page, link) for page, link in found))) == []
+
+
+def test_a_link_that_leads_nowhere_is_told():
+    assert leads("README.md", "docs/nowhere.md").endswith("which is not there")
+    assert leads("README.md", "CONTRIBUTING.md#nothing").endswith("CONTRIBUTING.md does not have")
+    assert not leads("README.md", "CONTRIBUTING.md#words") and not leads("roles/hosts/README.md", "../../docs")
+    assert anchors("# Who? `a_b`, c\n```\n# no\n```\n## Two\n## Two\n") == {"who-a_b-c", "two", "two-1"}
+
+
+@pytest.mark.parametrize("ending", [".md", ".py", ".yml", "Makefile", ".sh", ".txt", ".toml", ".in"])
+def test_each_page_that_a_file_names_is_there(ending):
+    """In prose, in comments, in what users are told."""
+    lost = []
+    for name in sorted(name for name in THERE - OF_TESTS if name.endswith(ending)):
+        named = {mention.rstrip("/") for mention in MENTION.findall(text(name))}
+        former = {"docs/roscore.md"} if name in OF_THE_UNIT else set()
+        lost += [f"{name}: {mention}" for mention in sorted(named - THERE - FOLDERS - former)]
+    assert lost == []
+
+
+def test_the_index_has_each_page_once():
+    listed = Counter(os.path.normpath(f"docs/{link}") for link in links("docs/README.md"))
+    pages = {name for name in PAGES if re.fullmatch(r"docs/\w+/\w+\.md", name)}
+    assert len(pages) > 20 and {page: listed[page] for page in pages} == dict.fromkeys(pages, 1)
