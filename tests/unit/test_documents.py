@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The pages: each link leads somewhere, each page that a file names is there, and the index has them all."""
+"""The pages: each link leads somewhere, each page that a file names is there, the index has them all; the README's inventory works."""
 
 import os
 import re
@@ -10,6 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = subprocess.run(
@@ -101,3 +102,16 @@ def test_the_index_has_each_page_once():
     listed = Counter(os.path.normpath(f"docs/{link}") for link in links("docs/README.md"))
     pages = {name for name in PAGES if re.fullmatch(r"docs/\w+/\w+\.md", name)}
     assert len(pages) > 20 and {page: listed[page] for page in pages} == dict.fromkeys(pages, 1)
+
+
+def test_the_inventory_of_the_readme_is_the_shipped_one():
+    """`test_inventories.py` plans that one; tests/systems/test_readme.py sets up a fleet with it."""
+    blocks = re.findall(r"^```yaml\n# ([\w./]+\.yml)\b.*\n((?s:.*?))^```$", text("README.md"), re.MULTILINE)
+    folder = ROOT / "inventory/single_computer"
+    shipped = {str(path.relative_to(folder)): yaml.safe_load(path.read_text()) for path in folder.rglob("*.yml")}
+    assert len(blocks) == 4 == text("README.md").count("```yaml")
+    assert {name: yaml.safe_load(block) for name, block in blocks} == shipped
+
+
+def test_the_readme_is_short():
+    assert len(text("README.md").splitlines()) <= 120
