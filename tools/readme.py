@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Write the generated tables into the pages: variables into docs/operate/variables.md, checks into docs/operate/verification.md.
+"""Write the generated tables into the pages: variables, checks, and what was measured.
 
 With `--check` nothing is written; a table that is not the generated one is an error.
 """
@@ -12,13 +12,19 @@ import os
 import pathlib
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import variables
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import checks
 
-ROOT = pathlib.Path(__file__).parent.parent
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT / "tests/bench" / folder) for folder in ("", "network", "site")]
+
+import figures  # noqa: E402
+import growth  # noqa: E402
+import in_tree  # noqa: E402
+
 _PAGE = re.compile(r"docs/(?:\w+/)*(\w+)\.md")
 
 
@@ -45,11 +51,22 @@ class Table(NamedTuple):
         return f"[{page[1].replace('_', ' ')}]({os.path.relpath(page[0], os.path.dirname(self.document))})"
 
 
+def measured() -> Iterator[Table]:
+    """List the tables of the figures that are kept in the tree."""
+    page, network, grown = "docs/understand/performance.md", in_tree.read("network"), in_tree.read("growth")
+    sources = [str((in_tree.FOLDER / f"{name}.json").relative_to(ROOT)) for name in ("network", "growth")]
+    yield Table(page, "network", sources[0], lambda: figures.table(network["systems"], network["titles"]))
+    yield Table(page, "crowd", sources[0], lambda: figures.crowd_table(network["crowd"]))
+    yield Table(page, "site", sources[1], lambda: growth.site_table(grown))
+    yield Table(page, "functions", sources[1], lambda: growth.functions_table(grown))
+
+
 TABLES = (
     Table(
         "docs/operate/variables.md", "variables", "plugins/plugin_utils/_fleet/variables.py", variables.markdown_table
     ),
     Table("docs/operate/verification.md", "checks", "plugins/plugin_utils/_verify/checks", checks.markdown_table),
+    *measured(),
 )
 
 

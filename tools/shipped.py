@@ -29,7 +29,7 @@ KINDS = """
 README.md CONTRIBUTING.md REUSE.toml
 meta/runtime.yml
 changelogs/changelog.yaml changelogs/config.yaml
-docs/README.md docs/start/*.md docs/operate/*.md docs/understand/*.md docs/develop/*.md docs/images/*.png docs/grafana/*.json
+docs/README.md docs/start/*.md docs/operate/*.md docs/understand/*.md docs/develop/*.md docs/understand/performance/*.png docs/images/*.png docs/grafana/*.json
 LICENSES/*.txt
 playbooks/*.yml playbooks/tasks/*.yml
 inventory/single_computer/**/*.yml inventory/multi_computer/**/*.yml

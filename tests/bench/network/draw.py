@@ -14,11 +14,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-matplotlib.use("svg")
-matplotlib.rcParams.update({"svg.hashsalt": "rosfleet", "font.size": 9, "axes.spines.top": False})
-
+import picture  # noqa: E402  (first, since it says how matplotlib draws)
 from matplotlib import pyplot  # noqa: E402
 
 #: measurement -> title of its part of the picture
@@ -42,12 +40,11 @@ def draw(report: Mapping[str, Any], path: Path) -> None:
                 milliseconds = [1000 * sample for sample in samples]
                 label = f"{report['titles'][system]} ({len(samples)})"
                 place.step(milliseconds, shares, where="post", color=COLOURS[system], label=label)
-        place.set(title=title, xscale="log", ylim=(0, 102), ylabel="% of changes")
+        place.set(title=title, xscale="log", xlim=(1, 1e6), ylim=(0, 102), ylabel="% of changes")
         place.grid(alpha=0.3)
-        place.legend(loc="lower right", frameon=False)
+        place.legend(loc="lower right", frameon=False, fontsize=8)
     places[-1].set_xlabel("milliseconds")
-    figure.savefig(path, metadata={"Date": None})
-    pyplot.close(figure)
+    picture.save(figure, path)
 
 
 #: what a robot takes beside many masters -> title, factor
@@ -68,15 +65,14 @@ def draw_crowd(report: Mapping[str, Any], path: Path) -> None:
         place.plot(masters, values, marker="o", color=COLOURS["managed"])
         place.set(title=title, xlabel="masters", xticks=masters, xlim=(0, None), ylim=(0, None))
         place.grid(alpha=0.3)
-    figure.savefig(path, metadata={"Date": None})
-    pyplot.close(figure)
+    picture.save(figure, path)
 
 
 def pictures(report: Mapping[str, Any], folder: Path) -> None:
     """All pictures of a report."""
-    draw(report, folder / "network.svg")
+    draw(report, folder / "network.png")
     if report.get("crowd"):
-        draw_crowd(report, folder / "crowd.svg")
+        draw_crowd(report, folder / "crowd.png")
 
 
 if __name__ == "__main__":

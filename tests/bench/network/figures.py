@@ -125,7 +125,9 @@ def missed(found: Found) -> list[str]:
 
 
 def written(value: float, unit: str) -> str:
-    """A value with its unit."""
+    """A value with its unit; a second and more in seconds."""
+    if unit == "ms" and value >= 1000:
+        value, unit = value / 1000, "s"
     return f"{value:,.{UNITS[unit][1]}f} {unit}"
 
 
@@ -163,7 +165,7 @@ def crowd_table(rows: Sequence[Mapping[str, float]]) -> str:
     if not rows:
         return ""
     lines = [
-        "\n| masters | all topics are there after | CPU of both nodes | memory of both nodes | packets per master and second |\n"
+        "| masters | all topics are there after | CPU of both nodes | memory of both nodes | packets per master and second |\n"
     ]
     lines.append("| --- | --- | --- | --- | --- |\n")
     for row in rows:

@@ -7,8 +7,9 @@ python tests/bench/network/network.py [--fkie CHECKOUT] [--quick] [SYSTEM]...
 
 Two robots in the lab, one system after the other. The programs that measure know nothing of the collection: they speak
 with the roscores. Prints a table, and writes samples, machine and versions to .work/bench/network.json, the table beside
-it, and a picture. `--keep` writes them to docs/understand/performance as well. A system that is not measured this time keeps its
-figures there, with the machine and the commit that they are of.
+it, and a picture. `--keep` writes figures and pictures to docs/understand/performance as well; `make readme` then writes the
+tables of the page. A system that is not measured this time keeps its figures there, with the machine and the commit that they
+are of.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests/bench")]
 
 import crowd  # noqa: E402
 import figures  # noqa: E402
+import in_tree  # noqa: E402
 import measures  # noqa: E402
 import pace  # noqa: E402
 import systems  # noqa: E402
@@ -38,7 +40,6 @@ from subject import Lab  # noqa: E402
 from systems import System  # noqa: E402
 
 WORK = ROOT / ".work" / "bench"
-DOCS = ROOT / "docs" / "understand" / "performance"
 #: what gets lost -> how nftables matches it
 LOST = {"udp": "meta l4proto udp", "all": ""}
 SYSTEMS = {system.name: system for system in (systems.MANAGED, systems.EXISTING, systems.UPSTREAM)}
@@ -114,9 +115,9 @@ def write(report: dict[str, Any], folder: Path) -> str:
     path = folder / "network.json"
     titles = {name: system.title for name, system in SYSTEMS.items()}
     report = figures.merged(json.loads(path.read_text()) if path.exists() else {}, report, titles)
-    text = figures.table(report["systems"], report["titles"]) + figures.crowd_table(report.get("crowd", []))
-    path.write_text(json.dumps(report, indent=1) + "\n")
-    (folder / "network.md").write_text(text)
+    text = figures.table(report["systems"], report["titles"]) + "\n" + figures.crowd_table(report.get("crowd", []))
+    in_tree.write(report, path)
+    (WORK / "network.md").write_text(text)
     draw.pictures(report, folder)
     return text
 
@@ -144,7 +145,7 @@ def main() -> int:
         print(f"bench: {problem}", file=sys.stderr)
         failed = True
     found = report["systems"]
-    for folder in (WORK, DOCS) if options.keep and not failed else (WORK,):
+    for folder in (WORK, in_tree.FOLDER) if options.keep and not failed else (WORK,):
         text = write(report, folder)
     print(f"\n{text}", flush=True)
     short = figures.missed(found)

@@ -8,7 +8,7 @@ python tests/bench/site/growth.py [--keep]
 The computers of the second run are not there: the connection `recorded` gives the answers of a real one that is as
 planned, at once. So one machine shows 100 computers, and all that is measured is the controller's work. Plan and
 judgement are the functions behind the actions, on observations of a fleet in which everything works. Writes
-.work/bench/growth.json and growth.svg, with --keep to docs/understand/performance.
+.work/bench/growth.json and growth.png, with --keep to docs/understand/performance; `make readme` then writes the tables of the page.
 """
 
 from __future__ import annotations
@@ -26,6 +26,10 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT / "tests/bench"))
+
+import in_tree  # noqa: E402
+
 WORK = ROOT / ".work" / "bench"
 COMPUTERS = (13, 25, 50, 100)  # of the second run
 ROBOTS = (25, 50, 100)  # of four computers each, in plan and judgement
@@ -120,22 +124,25 @@ def machine() -> dict[str, Any]:
     }
 
 
-def table(report: dict[str, Any]) -> str:
-    """The figures as lines of text."""
-    lines = [
-        f"{report['machine']['ansible']}, {report['machine']['cores']} cores, load {report['machine']['load']}",
-        "",
-    ]
-    lines.append("  second site.yml, computers recorded     by the clock     processor   processor per computer")
+def site_table(report: dict[str, Any]) -> str:
+    """The second run of site.yml over a growing fleet, as a table of Markdown."""
+    lines = ["| second `site.yml` | by the clock | processors | for each computer |", "|---|---|---|---|"]
     lines += [
-        f"  {row['computers']:>5} computers{row['seconds']:>33.1f} s{row['processor']:>12.1f} s"
-        f"{row['processor'] / row['computers']:>21.2f} s"
+        f"| {row['computers']} computers | {row['seconds']:.1f} s | {row['processor']:.1f} s"
+        f" | {row['processor'] / row['computers']:.2f} s |"
         for row in report["site"]
     ]
-    lines += ["", "  robots of four computers                        plan     judgement        findings       sampled"]
+    return "\n".join(lines) + "\n"
+
+
+def functions_table(report: dict[str, Any]) -> str:
+    """Plan and judgement of a growing fleet, as a table of Markdown."""
+    lines = [
+        "| robots of four computers | plan | judgement of all pairs | results | judgement of a sample |",
+        "|---|---|---|---|---|",
+    ]
     lines += [
-        f"  {row['robots']:>5} robots{row['plan']:>39.2f} s{row['judgement']:>12.2f} s{row['findings']:>16,}"
-        f"{row['sampled']:>12.2f} s"
+        f"| {row['robots']} | {row['plan']:.2f} s | {row['judgement']:.2f} s | {row['findings']:,} | {row['sampled']:.2f} s |"
         for row in report["functions"]
     ]
     return "\n".join(lines) + "\n"
@@ -143,10 +150,7 @@ def table(report: dict[str, Any]) -> str:
 
 def draw(report: dict[str, Any], path: Path) -> None:
     """The growth, drawn out of the report alone."""
-    import matplotlib
-
-    matplotlib.use("svg")
-    matplotlib.rcParams.update({"svg.hashsalt": "rosfleet", "font.size": 9, "axes.spines.top": False})
+    import picture  # first, since it says how matplotlib draws
     from matplotlib import pyplot
 
     figure, (site, verify) = pyplot.subplots(1, 2, figsize=(8, 3), layout="constrained")
@@ -160,8 +164,7 @@ def draw(report: dict[str, Any], path: Path) -> None:
     for place in (site, verify):
         place.grid(alpha=0.3)
         place.legend(frameon=False)
-    figure.savefig(path, metadata={"Date": None})
-    pyplot.close(figure)
+    picture.save(figure, path)
 
 
 def main() -> None:
@@ -175,12 +178,11 @@ def main() -> None:
         report["functions"].append(functions(robots))
     for computers in COMPUTERS:
         report["site"].append(second_run(computers))
-    text = table(report)
-    print(text, flush=True)
-    for folder in [WORK] + [ROOT / "docs/understand/performance"] * options.keep:
+    print(f"{site_table(report)}\n{functions_table(report)}", flush=True)
+    for folder in [WORK] + [in_tree.FOLDER] * options.keep:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "growth.json").write_text(json.dumps(report, indent=1) + "\n")
-        draw(report, folder / "growth.svg")
+        in_tree.write(report, folder / "growth.json")
+        draw(report, folder / "growth.png")
     largest = report["functions"][-1]
     late = [f"{key}: {largest[key]} s, at most {limit} s" for key, limit in LIMITS.items() if largest[key] > limit]
     print("".join(f"growth: falls short: {line}\n" for line in late), end="")

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The inventory and the table of the growth."""
+"""The inventory and the tables of the growth."""
 
 import sys
 from pathlib import Path
@@ -19,11 +19,10 @@ def test_an_inventory_has_as_many_computers_each_with_its_own_address():
         assert all(robot["vars"]["multimaster_master"] in robot["hosts"] for robot in robots.values())
 
 
-def test_the_table_has_a_line_for_each_size():
+def test_the_tables_have_a_line_for_each_size():
     report = {
-        "machine": {"ansible": "ansible [core 2.19.14]", "cores": 2, "load": 0.1},
         "site": [{"computers": 100, "seconds": 28.2, "processor": 34.0}],
         "functions": [{"robots": 100, "plan": 0.08, "judgement": 4.2, "findings": 1599600, "sampled": 2.18}],
     }
-    text = growth.table(report)
+    text = growth.site_table(report) + growth.functions_table(report)
     assert all(word in text for word in ("100 computers", "0.34 s", "1,599,600", "2.18 s"))
