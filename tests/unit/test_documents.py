@@ -29,6 +29,9 @@ CODE = re.compile(r"`[^`\n]+`")
 INLINE = re.compile(r"\]\(([^()\s]+)\)")
 DEFINED = re.compile(r"^\[[^\]]+\]: (\S+)", re.MULTILINE)
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+NAMED = re.compile(r"`([\w./-]+\.(?:py|yml|md|txt|in|json))`")
+#: Files that docs/develop/adding.md tells to write.
+EXAMPLES = {"freebsd.py", "dhcpcd.py", "test_dhcpcd.py", "NAME.py", "test_NAME.py", "one.txt"}
 MENTION = re.compile(r"(?<![\w./-])docs/[\w/-]+(?:\.\w+)*")
 
 #: These two lay down pages that are not there.
@@ -96,6 +99,15 @@ def test_each_page_that_a_file_names_is_there(ending):
         former = {"docs/roscore.md"} if name in OF_THE_UNIT else set()
         lost += [f"{name}: {mention}" for mention in sorted(named - THERE - FOLDERS - former)]
     assert lost == []
+
+
+@pytest.mark.parametrize("page", ["docs/develop/adding.md", "CONTRIBUTING.md"])
+def test_each_file_that_a_page_for_developers_names_is_there(page):
+    """By its path, or by its end, such as `_verify/parts.py`."""
+    named = {name for name in NAMED.findall(FENCED.sub("", text(page))) if Path(name).name not in EXAMPLES}
+    ends = tuple(f"/{name}" for name in THERE)
+    lost = [name for name in named if not any(end.endswith(f"/{name}") for end in ends)]
+    assert len(named) > 3 and lost == []
 
 
 def test_the_index_has_each_page_once():
