@@ -81,8 +81,8 @@ class ComputerVariables:
         metadata=row(
             kinds.setup,
             "auto",
-            "Where ROS is: `auto` finds /opt/ros or Debian's packages, `debian` takes Debian's packages, "
-            "a path is a prefix or the set-up file of a workspace.",
+            "The place of ROS. `auto` finds /opt/ros or Debian's packages. `debian` takes Debian's packages. A path is a prefix or the "
+            "set-up file of a workspace.",
             "/home/robot/ws/devel/setup.bash",
         )
     )
@@ -104,7 +104,7 @@ class FleetVariables:
         metadata=row(
             kinds.address,
             None,
-            "The address in the common network of the router that manages it, where that is a device of another make: "
+            "The address of the router in the common network, where the router is a device that Ansible does not manage. "
             "`playbooks/router_config.yml` writes its configuration. Default: the host of the group `routers`, if there is one.",
             "192.168.1.1",
         )
@@ -113,7 +113,8 @@ class FleetVariables:
         metadata=row(
             kinds.choice("both", "multicast", "unicast"),
             "both",
-            "How the discovery nodes find each other: by the multicast group, by unicast to the master of every robot, or both.",
+            "The way in which the discovery nodes find each other: `multicast` by the group, `unicast` by datagrams to the master of each "
+            "robot, `both` by both.",
             "unicast",
         )
     )
@@ -137,8 +138,8 @@ class FleetVariables:
         metadata=row(
             kinds.choice("none", "smcroute"),
             "none",
-            "Whether the gateways pass the multicast group on between the networks (by smcroute, which must be installed there). "
-            "It takes a group outside 224.0.0.0/24. Without it, masters behind gateways are found by unicast.",
+            "`smcroute`: the gateways pass the multicast group on between the networks. The program smcroute must be installed there, and"
+            " the group must be outside 224.0.0.0/24. With `none`, masters behind gateways are found by unicast.",
             "smcroute",
         )
     )
@@ -146,8 +147,8 @@ class FleetVariables:
         metadata=row(
             kinds.switch,
             True,
-            "Whether the computers answer pings to broadcast and multicast addresses, so that `ping 224.0.0.1` shows them. "
-            "The report asks for it; discovery does not need it.",
+            "`true`: the computers answer pings to broadcast and multicast addresses, so `ping 224.0.0.1` shows them. The report asks for"
+            " it. Discovery does not need it.",
             "false",
         )
     )
@@ -155,8 +156,8 @@ class FleetVariables:
         metadata=row(
             kinds.choice("none", "fleet"),
             "none",
-            "Whether a packet filter lets only the computers of the fleet, and `multimaster_allow`, reach the TCP and UDP ports from "
-            "1024 up (`fleet`). Ports of ssh and those below 1024 stay as they are. See docs/operate/security.md.",
+            "`fleet`: a packet filter guards the TCP and UDP ports from 1024 up. Only the computers of the fleet and `multimaster_allow` "
+            "reach them. Ports of ssh and those below 1024 stay as they are. See docs/operate/security.md.",
             "fleet",
         )
     )
@@ -164,7 +165,7 @@ class FleetVariables:
         metadata=row(
             kinds.choice("name", "address"),
             "name",
-            "Whether ROS on the computers advertises host names (ROS_HOSTNAME) or addresses (ROS_IP).",
+            "ROS on the computers advertises host names (ROS_HOSTNAME) with `name`, and addresses (ROS_IP) with `address`.",
             "address",
         )
     )
@@ -172,8 +173,8 @@ class FleetVariables:
         metadata=row(
             kinds.choice("ignore", "allow"),
             "ignore",
-            "What becomes of masters that are not in the inventory: `ignore` reports them and registers nothing of them, `allow` "
-            "exchanges with them as with robots of the inventory. See docs/operate/security.md.",
+            "Masters that are not in the inventory: `ignore` reports them and registers nothing of them, `allow` exchanges with them as "
+            "with robots of the inventory. See docs/operate/security.md.",
             "allow",
         )
     )
@@ -181,8 +182,8 @@ class FleetVariables:
         metadata=row(
             kinds.sources,
             [],
-            "Addresses and networks of computers that are not in the inventory and belong to the fleet all the same, such as laptops "
-            "and robots with upstream's nodes: their masters are exchanged with, and nodes there may be on a robot's roscore.",
+            "Addresses and networks of computers that belong to the fleet without being in the inventory, such as laptops and robots with"
+            " upstream's nodes. Their masters are exchanged with. Their nodes may use a robot's roscore.",
             "[192.168.1.77, 192.168.2.0/24]",
         )
     )
@@ -190,8 +191,8 @@ class FleetVariables:
         metadata=row(
             kinds.choice("local", "exchanged", "none"),
             "local",
-            "Whether the nodes publish links, clocks and refusals on `/diagnostics`. With `local` that topic stays on each robot, "
-            "with `exchanged` it crosses as any other one. With `none` the nodes publish nothing there, and it crosses. See docs/operate/metrics.md.",
+            "`local`: the nodes publish links, clocks and refusals on `/diagnostics`, and that topic stays on each robot. `exchanged`: it"
+            " crosses like any topic. `none`: the nodes publish nothing there, and it crosses. See docs/operate/metrics.md.",
             "exchanged",
         )
     )
@@ -222,8 +223,8 @@ class RobotVariables:
         metadata=row(
             kinds.network,
             None,
-            "The robot's own network, where it has several computers behind a gateway. Default: none, its computers are in the "
-            "common network.",
+            "The robot's own network, where the robot has several computers behind a gateway. Without it, its computers are in the common"
+            " network.",
             "192.168.11.0/24",
         )
     )
@@ -231,8 +232,8 @@ class RobotVariables:
         metadata=row(
             kinds.gateway,
             None,
-            "What connects the robot's own network with the common network: the name of a computer of the robot, or the address "
-            "in the robot's network of a device that is no computer of the inventory. Required with `multimaster_network`.",
+            "The gateway between the robot's own network and the common network: the name of a computer of the robot, or the address of "
+            "another device in the robot's network. Required with `multimaster_network`.",
             "tibi-visio",
         )
     )
@@ -248,9 +249,9 @@ class RobotVariables:
         metadata=row(
             kinds.choice("default", "networks", "existing"),
             "default",
-            "Which routes the computers of the robot get: `default` is the report's, a default route by the gateway on each inner "
-            "computer; `networks` only routes to the common network and the other robots, where the default route leads elsewhere; "
-            "`existing` none, because something else makes them.",
+            "The routes that the computers of the robot get. `default`: a default route by the gateway on each inner computer, as in the "
+            "report. `networks`: only routes to the common network and the other robots, where the default route leads elsewhere. "
+            "`existing`: no route, because something else makes them.",
             "networks",
         )
     )
@@ -258,7 +259,7 @@ class RobotVariables:
         metadata=row(
             kinds.name,
             None,
-            "The computer of the robot that runs the roscore. Default: the only computer; required where there are several.",
+            "The computer of the robot that runs the roscore. Default: the only computer. Required where there are several.",
             "kobuki1computer",
         )
     )
@@ -266,7 +267,7 @@ class RobotVariables:
         metadata=row(
             kinds.choice("managed", "existing"),
             "managed",
-            "Whether the collection runs the roscore as a service, or uses one that something else starts.",
+            "`managed`: the collection runs the roscore as a service. `existing`: something else starts it.",
             "existing",
         )
     )
@@ -300,9 +301,9 @@ class RobotVariables:
         metadata=row(
             exports_module.read,
             None,
-            "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` "
-            "stands for any text) and `to`, a list of robots (default: every other). Default: everything to everybody, as in the "
-            "report; `[]` is nothing. See docs/operate/data_flow.md.",
+            "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` stands "
+            "for any text) and `to`, a list of robots (default: each other robot). Without the variable, the robot gives everything to "
+            "each other robot, as in the report. `[]` is nothing. See docs/operate/data_flow.md.",
             "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
         )
     )
@@ -310,9 +311,9 @@ class RobotVariables:
         metadata=row(
             kinds.choice("bundled", "fkie_apt", "fkie_existing"),
             "bundled",
-            "Whose discovery and sync nodes run: the collection's own (`bundled`), multimaster_fkie from the package sources that the "
-            "robot has (`fkie_apt`), or an installation of it that `multimaster_ros_setup` leads to (`fkie_existing`). See "
-            "docs/operate/providers.md.",
+            "The discovery and sync nodes of the robot. `bundled`: those of the collection. `fkie_apt`: multimaster_fkie from the package"
+            " sources that the robot has. `fkie_existing`: an installation of multimaster_fkie that `multimaster_ros_setup` leads to. See"
+            " docs/operate/providers.md.",
             "fkie_existing",
         )
     )
@@ -320,7 +321,7 @@ class RobotVariables:
         metadata=row(
             kinds.choice("none", "textfile"),
             "none",
-            "Whether the nodes write metrics for the textfile collector of Prometheus' node_exporter. See docs/operate/metrics.md.",
+            "`textfile`: the nodes write metrics for the textfile collector of Prometheus' node_exporter. See docs/operate/metrics.md.",
             "textfile",
         )
     )
