@@ -31,9 +31,6 @@ TREES = (
 )
 # What tools of Ansible and ROS leave behind wherever they run.
 PASSING = {".ansible", ".bash_history", ".cache", ".ros", "__pycache__"}
-# What makes the next run quicker: a look's proof, and compiled modules. Where nothing else is in it, the folder does not count.
-RUNTIME = "/run/rosfleet-multimaster"
-QUICKER = (RUNTIME + "/imports.json", RUNTIME + "/compiled-")
 # Kernel values that count, or that nobody may read or that are made anew at each boot.
 VARYING = ("/proc/sys/net/netfilter/nf_conntrack_count", "/proc/sys/net/ipv4/tcp_fastopen_key")
 
@@ -61,11 +58,6 @@ def files():
             for name in folders + [name for name in names if name not in PASSING]:
                 path = os.path.join(folder, name)
                 found[path] = _entry(path)
-    quicker = [path for path in found if path.startswith(QUICKER)]
-    for path in quicker:
-        del found[path]
-    if quicker and not any(path.startswith(RUNTIME + "/") for path in found):
-        del found[RUNTIME]
     return found
 
 

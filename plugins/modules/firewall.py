@@ -181,7 +181,6 @@ msg:
   sample: "The rules of nftables were changed: 4 addresses are let in, 0 networks behind this computer are protected."
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.table import CHOICES

@@ -326,7 +326,6 @@ msg:
     remains: nothing.
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import OPTIONS, Run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module

@@ -194,7 +194,6 @@ msg:
   sample: 2 files of the bundle nodes were written, 1 was removed and 31 were right.
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import OPTIONS, ManagedFiles
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module

@@ -217,7 +217,6 @@ msg:
   sample: "multimaster-sync.service was restarted (its text changed); 2 other units were right."
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_services import (
     OPTIONS,
     ManagedServices,

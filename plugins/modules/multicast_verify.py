@@ -485,7 +485,6 @@ msg:
   sample: Every other computer (1) is heard on the group and hears this one.
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem

@@ -133,7 +133,6 @@ msg:
   sample: "1 of 1 routes changed. /etc/hosts: 1 added."
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import asked_for
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.run import SHELLS, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module

@@ -85,7 +85,6 @@ msg:
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import (
     CONCERNS,

@@ -1030,7 +1030,6 @@ problems:
   sample: []
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
@@ -1041,7 +1040,7 @@ def main() -> None:
     error = machine.wrong(module.params)
     if error:
         ends.fail(module, msg=error)
-    ends.leave(module, changed=False, **machine.look(dict(module.params, keep=not module.check_mode)))
+    ends.leave(module, changed=False, **machine.look(module.params))
 
 
 if __name__ == "__main__":

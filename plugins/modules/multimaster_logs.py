@@ -51,7 +51,6 @@ problems:
 
 import re
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.logs import MOST, last_lines

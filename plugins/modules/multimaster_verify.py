@@ -1429,8 +1429,6 @@ import typing
 from itertools import chain
 
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
@@ -1664,16 +1662,15 @@ def look(params: Params, quiet: bool) -> Result:
 def start(module: Module) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
     params = module.params
-    set_up = bool(record.records())  # elsewhere, a verification leaves nothing behind
     # First: what is left running here is none of the machine.
-    machine = seen(params, keep=set_up and not module.check_mode)
+    machine = seen(params)
     heard = None if module.check_mode else group(params, "started")
     spoken = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
     parts = {"multicast": heard, "machine": machine}
     return dict(spoken, **{name: value for name, value in parts.items() if value is not None})
 
 
-def seen(params: Params, keep: bool) -> typing.Optional[Result]:
+def seen(params: Params) -> typing.Optional[Result]:
     """Return what multimaster_info returns; None where it is not asked for. Raises Problem."""
     if params["look"] is None:
         return None
@@ -1683,7 +1680,7 @@ def seen(params: Params, keep: bool) -> typing.Optional[Result]:
     error = machine.wrong(options)
     if error:
         raise Problem(f"look: {error}")
-    return machine.look(dict(options, keep=keep))
+    return machine.look(options)
 
 
 def talk(params: Params, machine: typing.Optional[Result]) -> Result:

@@ -208,7 +208,6 @@ import ipaddress
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import (
     Visit,

@@ -303,7 +303,6 @@ msg:
   sample: "1 of 2 kernel settings changed."
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._archive import once  # noqa: F401 # pylint: disable=unused-import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module

@@ -185,7 +185,6 @@ def test_a_teardown_leaves_nothing_of_them_and_what_others_wrote(measured):
             host, "find / -xdev -name 'multimaster*' -not -path '/proc/*' -not -path '/tmp/*' 2> /dev/null; true"
         )
         assert not left, left
-        # What makes runs quicker goes, too: the proof of a look and compiled modules.
         assert not measured.run(
             host, "ls -d /run/rosfleet-multimaster /var/lib/rosfleet-multimaster 2> /dev/null; true"
         )

@@ -18,7 +18,6 @@ NODES = "roles/nodes/files/python/rosfleet_multimaster"
 #: room -> the rooms that it may import, beside itself; a room is a folder, or a folder's own files ("")
 ROOMS = {
     MODULE_UTILS: {
-        "_archive": set(),
         "_machine": set(),
         "_changes": {"_machine"},
         "_hosts": {"_changes", "_machine"},

@@ -96,14 +96,9 @@ class Record:
 
 
 def _close(folder: str) -> None:
-    """Remove the folder with its last record; what was proved in looks goes with it. Raises OSError."""
-    if not os.path.isdir(folder) or os.listdir(folder):
-        return
-    atomic.remove_folder_if_empty(folder)
-    if folder == RECORDS:
-        from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import imports
-
-        imports.forget()
+    """Remove the folder with its last record. Raises OSError."""
+    if os.path.isdir(folder) and not os.listdir(folder):
+        atomic.remove_folder_if_empty(folder)
 
 
 def misfit(data: typing.Any, shape: Shape, place: str = "") -> str:

@@ -95,7 +95,7 @@ PARTS = (
     Part("forwarding", forwarding, 10, {"ip_forward": None, "interfaces": []}),
     Part("filters", filters.filters, 15, {"readable": False, "chains": []}),
     Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),
-    Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes", "keep")),
+    Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
     Part("packages", fkie.packages, 30, [], options=("packages",)),
     Part("folders", system.folders, 5, [], options=("folders",)),
     Part("ports", ports.holders, 15, [], options=("ports",)),
@@ -109,7 +109,7 @@ PARTS = (
 def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
     """Look at the wanted parts; one that cannot be looked at is a sentence in `problems` and an empty value.
 
-    `parameters` are those of OPTIONS, and `keep`: what takes long to prove is kept for the next look.
+    `parameters` are those of OPTIONS.
     """
     result: typing.Dict[str, typing.Any] = {"problems": []}
     for part in PARTS:

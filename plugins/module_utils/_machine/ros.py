@@ -61,17 +61,16 @@ class NotFound(Exception):
 def find(
     choice: str = "auto",
     nodes: typing.Sequence[Record] = (),
-    keep: bool = False,
     root: str = "/opt/ros",
     debian: str = _DEBIAN,
 ) -> Record:
     """Return `found`, `chosen` and `problem`: the installations of ROS, the one to use, and one sentence where that fails.
 
     `choice` is "auto", "debian", or the path of a set-up file or of the folder that holds it; `nodes` are executables
-    that are looked for in the chosen one. With `keep`, what is proved is kept for the next look (imports.py).
+    that are looked for in the chosen one.
     """
     try:
-        found = [examine(kind, setup, root, keep) for kind, setup in candidates(choice, root, debian)]
+        found = [examine(kind, setup, root) for kind, setup in candidates(choice, root, debian)]
     except NotFound as problem:
         return {"found": [], "chosen": None, "problem": str(problem)}
     chosen, wrong = choose(found, root)
@@ -127,7 +126,7 @@ def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[t
     return ros1[0], ros1[0]["problem"]
 
 
-def examine(kind: str, setup: str, root: str = "/opt/ros", keep: bool = False) -> Record:
+def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
     """Look at one installation: its environment, its commands, and if an unprivileged user can import rospy."""
     environment, problem = source(setup) if setup else ({}, "")
     variables = set_up.sort(environment)
@@ -164,9 +163,7 @@ def examine(kind: str, setup: str, root: str = "/opt/ros", keep: bool = False) -
         "problem": problem,
     }
     if not problem and version == "1":
-        # A workspace may run files that nothing tells of (catkin's devel space).
-        proof = "" if reach.doubt or kind == "workspace" else imports.PROOF
-        record.update(_import(setup, environment, proof, keep))
+        record.update(_import(setup, environment))
     return record
 
 
@@ -244,7 +241,7 @@ def hooks(environment: typing.Dict[str, str]) -> typing.Tuple[str, str]:
     return "", passed_over
 
 
-def _import(setup: str, environment: typing.Dict[str, str], proof: str, keep: bool) -> Record:
+def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
     where = setup or "Debian's packages"
     old = environment.get("ROS_PYTHON_VERSION") == "2" or "/python2." in environment.get("PYTHONPATH", "")
     python = PYTHON2 if old else PYTHON
@@ -252,7 +249,7 @@ def _import(setup: str, environment: typing.Dict[str, str], proof: str, keep: bo
         return {
             "problem": f"The rospy of {where} is made for Python 2, but there is no {python}; install it (python2.7)."
         }
-    found = imports.tried(python, MODULES, full(environment), proof, keep)
+    found = imports.tried(python, MODULES, full(environment))
     if not found.version:
         return {"problem": f"The modules of {where} cannot be imported: {found.said}."}
     result = {

@@ -126,10 +126,10 @@ def test_the_variables_of_a_machine_that_somebody_set_up_by_hand(machine, found)
 
 def test_the_options_of_another_module_are_checked_as_there():
     with pytest.raises(Problem, match=r"^look: .*parts.*\.$"):
-        multimaster_verify.seen(params(look={"parts": ["engine"]}), keep=False)
+        multimaster_verify.seen(params(look={"parts": ["engine"]}))
     with pytest.raises(Problem, match=r"^look: The option ports has 0; expected numbers from 1 to 65535\.$"):
-        multimaster_verify.seen(params(look={"ports": [{"protocol": "tcp", "port": 0}]}), keep=False)
-    assert multimaster_verify.seen(params(look=None), keep=False) is None
+        multimaster_verify.seen(params(look={"ports": [{"protocol": "tcp", "port": 0}]}))
+    assert multimaster_verify.seen(params(look=None)) is None
     assert multimaster_verify.group(params(multicast={"name": "one"}), "started") == {
         "failed": True,
         "msg": "multicast: state is started but all of the following are missing: interface_address, computers.",
