@@ -1,12 +1,20 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-
-"""The action managed_files: runs the module managed_files, of which the documented answer comes back."""
+"""The action managed_files: reads trees on the controller, and runs the module, of which the documented answer comes back."""
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.asked import RobotAction
+from typing import Any
+
+from ansible.plugins.action import ActionBase
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import trees
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.asked import Result, RobotAction
 
 
 class ActionModule(RobotAction):
     """Runs the module."""
+
+    def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
+        """Run the module and return its result; see ActionBase."""
+        result: Result = ActionBase.run(self, tmp, task_vars)
+        return {**result, **self._execute_module(module_args=trees.read(self._task.args), task_vars=task_vars)}

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.plugins.action import ActionBase
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import trees
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.confirmed import (
     GuardedAction,
     Result,
@@ -18,7 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.conf
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.environment import SEEN, differences
 
 # The concerns that can cut the controller off. They come first, in a run of their own.
-GUARDED = ("sysctl", "routes")
+GUARDED = ("sysctl", "routes", "firewall")
 REST = 600.0  # seconds for the other concerns, which start services
 
 Args = Mapping[str, Any]
@@ -27,13 +28,15 @@ Args = Mapping[str, Any]
 class ActionModule(GuardedAction):
     """Runs the module for what can cut the controller off, then over a new connection to confirm that and for all the rest."""
 
-    what = "kernel settings and routes"
+    what = "kernel settings, routes and packet filter rules"
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
         """Run the module and return the result of all concerns; see ActionBase."""
         result: Result = ActionBase.run(self, tmp, task_vars)
         # Before ansible-core 2.19, a template makes an empty text of None.
         args = {name: options for name, options in self._task.args.items() if options not in (None, "")}
+        if "managed_files" in args:
+            args["managed_files"] = [trees.read(bundle) for bundle in args["managed_files"]]
         wanted = args.get("shells")
         if not isinstance(wanted, Mapping):
             return {**result, **self._brought(args, task_vars)}

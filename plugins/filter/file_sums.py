@@ -10,8 +10,8 @@ name: file_sums
 short_description: Give the digests of files in place of their content
 version_added: "0.5.0"
 description:
-  - Takes the option O(rosfleet.multimaster.managed_files#module:files) and gives the same with C(sha256) in place of C(content), for
-    M(rosfleet.multimaster.multimaster_due), and the digest that M(rosfleet.multimaster.managed_files) returns for them.
+  - Takes the option O(rosfleet.multimaster.managed_files#module:files) and gives the same with C(sha256) in place of C(content), and the
+    digest that M(rosfleet.multimaster.managed_files) returns for them.
 options:
   _input:
     description: The files, with path, content and mode each.
@@ -23,11 +23,9 @@ author:
 """
 
 EXAMPLES = r"""
-- name: Look whether the files are there
-  rosfleet.multimaster.multimaster_due:
-    managed_files:
-      - bundle: example
-        files: "{{ (example_files | rosfleet.multimaster.file_sums).files }}"
+- name: Show the digest that a service is started with
+  ansible.builtin.debug:
+    msg: "{{ ([{'path': '/etc/example.json', 'content': '{}', 'mode': '0644'}] | rosfleet.multimaster.file_sums).digest }}"
 """
 
 RETURN = r"""

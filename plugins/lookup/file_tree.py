@@ -75,64 +75,10 @@ _raw:
       sample: "0644"
 """
 
-import hashlib
-import os
-import pathlib
 from typing import Any
 
-from ansible.errors import AnsibleError
 from ansible.plugins.lookup import LookupBase
-
-COLLECTION = pathlib.Path(__file__).resolve().parents[2]
-
-
-def skipped(name: str) -> bool:
-    """Return True if a file or folder of this name is byte code, hidden, or an editor's."""
-    return name == "__pycache__" or name.startswith((".", "#")) or name.endswith((".pyc", ".pyo", "~"))
-
-
-def tree(source: str, destination: str, content: bool = True) -> list[dict[str, str]]:
-    """Return the text files below a folder as path, content or sha256, and mode, sorted. Raises AnsibleError with a sentence."""
-    if not os.path.isdir(source):
-        raise AnsibleError(
-            f"file_tree: {source!r} is no folder of the controller; give the folder of the files to read."
-        )
-    if not destination.startswith("/") or os.path.normpath(destination) != destination:
-        raise AnsibleError(
-            f"file_tree: the destination {destination!r} is no absolute, plain folder; expected for example /opt/x."
-        )
-    files = []
-    for folder, folders, names in os.walk(source):
-        folders[:] = [name for name in folders if not skipped(name)]
-        for name in names:
-            path = os.path.join(folder, name)
-            if skipped(name) or not os.path.isfile(path):
-                continue
-            files.append(
-                {
-                    "path": os.path.join(destination, os.path.relpath(path, source)),
-                    **({"content": _text(path)} if content else {"sha256": _digest(path)}),
-                    "mode": "0755" if os.stat(path).st_mode & 0o100 else "0644",
-                }
-            )
-    return sorted(files, key=lambda file: file["path"])
-
-
-def _text(path: str) -> str:
-    # With newline="", line ends stay as they are.
-    try:
-        with open(path, encoding="utf-8", newline="") as stream:
-            return stream.read()
-    except UnicodeDecodeError as problem:
-        raise AnsibleError(
-            f"file_tree: {path} is no UTF-8 text ({problem.reason} at byte {problem.start}); take it out of the folder."
-        ) from problem
-    except OSError as problem:
-        raise AnsibleError(f"file_tree: {path} cannot be read ({problem.strerror}).") from problem
-
-
-def _digest(path: str) -> str:
-    return hashlib.sha256(_text(path).encode()).hexdigest()
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.trees import COLLECTION, tree
 
 
 class LookupModule(LookupBase):

@@ -183,25 +183,12 @@ msg:
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.table import CHOICES
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.run import OPTIONS, Run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 
 
 def main() -> None:
-    module = Module(
-        argument_spec=dict(
-            deadman.OPTIONS,
-            members={"type": "list", "elements": "str", "required": True},
-            also={"type": "list", "elements": "str", "default": []},
-            networks={"type": "list", "elements": "str", "default": []},
-            open_ports={"type": "list", "elements": "str", "default": []},
-            ssh_ports={"type": "list", "elements": "int", "default": []},
-            backend={"type": "str", "default": "auto", "choices": CHOICES},
-            records={"type": "path", "default": "/var/lib/rosfleet-multimaster"},
-        ),
-        supports_check_mode=True,
-    )
+    module = Module(argument_spec=dict(deadman.OPTIONS, **OPTIONS), supports_check_mode=True)
     guard = deadman.Guard(module, "firewall", "packet filter rules")
     run_module(module, lambda memory: Run(module.params, memory), guard)
 

@@ -86,6 +86,24 @@ options:
         description: Whether it is reloaded in any case, for example V(true) where it runs with other files than it should.
         type: bool
         default: false
+  trees:
+    description: Folders of the controller of which all text files belong to the bundle, as M(rosfleet.multimaster.managed_files) takes them.
+    type: list
+    elements: dict
+    default: []
+    suboptions:
+      folder:
+        description: The folder, for example V(/home/me/nodes). One that is not absolute is a folder of this collection.
+        type: str
+        required: true
+      destination:
+        description: The absolute folder of the computer that takes its place, for example V(/usr/local/lib/example).
+        type: str
+        required: true
+      left_out:
+        description: A regular expression; a file whose path on the computer has it is left out, for example V(/tests/).
+        type: str
+        default: ""
   brief:
     description:
       - The difference shows files below these folders with size and digest, instead of their content, for example

@@ -9,7 +9,7 @@ version_added: "0.5.0"
 description:
   - Does what the modules of a computer's concerns do, in the order of the options, with their own code and their own options.
     Most of a module's time goes into its start, so one run in place of many is what makes a play quick.
-  - Kernel settings and routes come first. Where they change at run time, and their options have C(confirm_within), nothing else is done
+  - Kernel settings, routes and the packet filter come first. Where they change at run time, and their options have C(confirm_within), nothing else is done
     in that run. The controller confirms them over a new connection, and that second run does the rest.
   - A concern that fails ends the run. Those before it stay, those after it are not begun, and changes that wait for their
     confirmation are taken back.
@@ -23,8 +23,16 @@ options:
   routes:
     description: The options of M(rosfleet.multimaster.routes).
     type: dict
+  firewall:
+    description: The options of M(rosfleet.multimaster.firewall).
+    type: dict
   hosts_entries:
     description: The options of M(rosfleet.multimaster.hosts_entries).
+    type: dict
+  multimaster_packages:
+    description:
+      - The options of M(rosfleet.multimaster.multimaster_packages), without O(rosfleet.multimaster.multimaster_packages#module:keep).
+        What is missing is installed before files are written, and what is wanted no more is removed after the services are as planned.
     type: dict
   managed_files:
     description: The options of one or more runs of M(rosfleet.multimaster.managed_files).
@@ -68,7 +76,13 @@ options:
         elements: str
         default: []
 seealso:
-  - module: rosfleet.multimaster.multimaster_due
+  - module: rosfleet.multimaster.sysctl
+  - module: rosfleet.multimaster.routes
+  - module: rosfleet.multimaster.firewall
+  - module: rosfleet.multimaster.hosts_entries
+  - module: rosfleet.multimaster.multimaster_packages
+  - module: rosfleet.multimaster.managed_files
+  - module: rosfleet.multimaster.managed_services
 author:
   - rosfleet contributors (@rosfleet)
 """
@@ -144,7 +158,9 @@ def main() -> None:
         argument_spec={
             "sysctl": {"type": "dict"},
             "routes": {"type": "dict"},
+            "firewall": {"type": "dict"},
             "hosts_entries": {"type": "dict"},
+            "multimaster_packages": {"type": "dict"},
             "managed_files": {"type": "list", "elements": "dict", "default": []},
             "managed_services": {"type": "list", "elements": "dict", "default": []},
             "shells": {"type": "dict", "options": SHELLS},

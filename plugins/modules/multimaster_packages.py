@@ -1,32 +1,39 @@
+#!/usr/bin/python
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
+from __future__ import annotations
+
 DOCUMENTATION = r"""
 module: multimaster_packages
-short_description: Install or remove Debian packages, and take the answer as data
+short_description: Install Debian packages, and remove those that it has installed itself
 version_added: "0.1.0"
 description:
-  - Runs M(ansible.builtin.apt) on the computer. What comes back is bounded and of the types below, as from all modules of
-    this collection, since the computer may be in foreign hands.
-  - Recommended packages are not installed.
+  - Installs what is missing, without recommended packages, from the package sources that the computer has.
+  - A package that was there before is never removed. The record of the others is C(/etc/rosfleet-multimaster/packages); it is written
+    before the first one is installed, so what an interrupted run has installed is taken back, too.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
 options:
   names:
-    description: The names of the packages, for example V([ros-noetic-fkie-multimaster]).
+    description: All packages that are to be there, for example V([ros-noetic-fkie-multimaster]); V([]) removes those that the module has installed.
     type: list
     elements: str
     required: true
-  state:
-    description: V(present) installs what is missing, V(absent) removes what is there.
+  keep:
+    description: Whether packages that are wanted no more stay, for example V(true) as long as a service needs them.
+    type: bool
+    default: false
+  records:
+    description: The folder of the records, for example V(/var/lib/rosfleet-multimaster).
     type: str
-    choices: [present, absent]
-    default: present
+    default: /var/lib/rosfleet-multimaster
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
   - module: ansible.builtin.apt
+  - module: rosfleet.multimaster.multimaster_computer
 """
 
 EXAMPLES = r"""
@@ -34,48 +41,47 @@ EXAMPLES = r"""
   rosfleet.multimaster.multimaster_packages:
     names: [ros-noetic-fkie-multimaster]
 
-- name: Remove them
+- name: Remove what was installed
   rosfleet.multimaster.multimaster_packages:
-    names: [ros-noetic-fkie-multimaster]
-    state: absent
+    names: []
 """
 
 RETURN = r"""
-cache_updated:
-  description: Whether the lists of the archives were fetched.
-  returned: when apt was asked
-  type: bool
-  sample: false
-cache_update_time:
-  description: When the lists of the archives were fetched last, in seconds since 1970.
-  returned: when apt was asked
-  type: int
-  sample: 1763894400
-stdout:
-  description: What apt printed, on one line.
-  returned: when something changed, or failed
-  type: str
-  sample: The following NEW packages will be installed
-stdout_lines:
-  description: What apt printed.
-  returned: when something changed, or failed
+installed:
+  description: The packages that were missing, and are installed now.
+  returned: success
   type: list
   elements: str
-  sample: [The following NEW packages will be installed]
-stderr:
-  description: What apt printed to standard error, on one line.
-  returned: when something changed, or failed
-  type: str
-  sample: ""
-stderr_lines:
-  description: What apt printed to standard error.
-  returned: when something changed, or failed
+  sample: [ros-noetic-fkie-multimaster]
+removed:
+  description: The packages that the module had installed, and that are wanted no more.
+  returned: success
   type: list
   elements: str
   sample: []
-rc:
-  description: The exit status of apt.
-  returned: failed
-  type: int
-  sample: 100
+diff:
+  description: What changes in the record.
+  returned: with --diff
+  type: list
+  elements: dict
+  sample: []
+msg:
+  description: One sentence on all that was done, or on what prevents it.
+  returned: always
+  type: str
+  sample: 1 packages were installed, 0 removed.
 """
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._packages.run import OPTIONS, Packages
+
+
+def main() -> None:
+    """Install and remove."""
+    module = Module(argument_spec=OPTIONS, supports_check_mode=True)
+    run_module(module, lambda memory: Packages(module.params))
+
+
+if __name__ == "__main__":
+    main()

@@ -467,12 +467,6 @@ def _emptied(
     return removed, kept
 
 
-def left_behind(record: Record, remembered: Data, planned: Plan) -> bool:
-    """True where the record is not yet that of the plan, or a killed run left a neighbour of it."""
-    after = planned.after if any(planned.after.values()) else {}
-    return remembered != after or bool(atomic.leftovers(record.path))
-
-
 def changes(planned: Plan) -> bool:
     """True if a plan changes anything but the record."""
     return bool(

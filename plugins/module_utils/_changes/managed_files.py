@@ -25,6 +25,11 @@ FILE = dict(
     group=dict(type="str"),
     validate=dict(type="list", elements="str", default=[]),
 )
+TREE = dict(  # the controller reads it, and hands its files on
+    folder=dict(type="str", required=True),
+    destination=dict(type="str", required=True),
+    left_out=dict(type="str", default=""),
+)
 RELOAD = dict(
     service=dict(type="str", required=True),
     folder=dict(type="str", required=True),
@@ -32,7 +37,8 @@ RELOAD = dict(
 )
 OPTIONS = dict(
     bundle=dict(type="str", required=True),
-    files=dict(type="list", elements="dict", required=True, options=FILE),
+    files=dict(type="list", elements="dict", default=[], options=FILE),
+    trees=dict(type="list", elements="dict", default=[], options=TREE),
     brief=dict(type="list", elements="str", default=[]),
     reload=dict(type="dict", options=RELOAD),
     records=dict(type="str", default=RECORDS),
@@ -68,11 +74,6 @@ class ManagedFiles(ModuleRun):
         touched = [file.path for file in self.plan.writes] + self.plan.removals
         due = reload and (reload["due"] or any(path.startswith(reload["folder"]) for path in touched))
         return str(reload["service"]) if due else ""
-
-    @property
-    def due(self) -> bool:
-        """True where a file or the record is not as planned."""
-        return self.changed or files.left_behind(self.record, self.remembered, self.plan)
 
     @property
     def refusals(self) -> typing.List[str]:

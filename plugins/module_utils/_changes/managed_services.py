@@ -7,7 +7,6 @@ import os
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import (
-    atomic,
     files,
     unit_steps,
     units,
@@ -110,11 +109,6 @@ class ManagedServices(ModuleRun):
         self.reload = files.changes(self.files) or any(state.reload == "yes" for state in self.states.values())
         acts = any(action.run or action.switch for action in self.actions)
         self.changed = bool(self.reload or self.former or acts)
-
-    @property
-    def due(self) -> bool:
-        """True where a unit is not as planned, or a killed run left a neighbour of the record."""
-        return self.changed or bool(atomic.leftovers(self.record.path))
 
     @property
     def refusals(self) -> typing.List[str]:

@@ -23,11 +23,6 @@ class ModuleRun:
     changed = False
 
     @property
-    def due(self) -> bool:
-        """True where `apply` has anything to do, also what nobody sees: a record, or what a killed run left."""
-        return self.changed
-
-    @property
     def refusals(self) -> typing.List[str]:
         """The sentences that say why the plan is not carried out, also in check mode; none where it is."""
         return []

@@ -34,6 +34,7 @@ class Concern(typing.NamedTuple):
     name: str
     load: typing.Callable[[], Code]
     guarded: str = ""  # what its switch guards, as in a sentence; empty where it has none
+    fixed: Options = {}  # options that its place in the order decides
 
 
 def _sysctl() -> Code:
@@ -66,12 +67,27 @@ def _managed_services() -> Code:
     return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedServices(options))
 
 
+def _firewall() -> Code:
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import run
+
+    return Code(run.OPTIONS, lambda options, memory, tools: run.Run(options, memory))
+
+
+def _packages() -> Code:
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._packages import run
+
+    return Code(run.OPTIONS, lambda options, memory, tools: run.Packages(options))
+
+
 CONCERNS = (
     Concern("sysctl", _sysctl, "kernel settings"),
     Concern("routes", _routes, "routes"),
+    Concern("firewall", _firewall, "packet filter rules"),
     Concern("hosts_entries", _hosts_entries),
+    Concern("multimaster_packages", _packages, fixed={"keep": True}),
     Concern("managed_files", _managed_files),
     Concern("managed_services", _managed_services),
+    Concern("multimaster_packages", _packages, fixed={"keep": False}),  # no service needs them any more
 )
 
 
@@ -79,11 +95,11 @@ def asked_for(
     parameters: Options, concerns: typing.Iterable[Concern] = CONCERNS
 ) -> typing.List[typing.Tuple[Concern, Options]]:
     """Return each concern that a module was asked for, with its options: one or more times, or not at all."""
-    found = []
+    found: typing.List[typing.Tuple[Concern, Options]] = []
     for concern in concerns:
         given = parameters[concern.name]
         runs = given if isinstance(given, list) else [] if given is None else [given]
-        found += [(concern, options) for options in runs]
+        found += [(concern, {**options, **concern.fixed}) for options in runs]
     return found
 
 

@@ -14,6 +14,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
     Data,
     Step,
@@ -24,8 +25,22 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access, wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.contract import BackEnd, Rules
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.table import AUTO, BACKENDS
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.table import (
+    AUTO,
+    BACKENDS,
+    CHOICES,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, unreadable
+
+OPTIONS: typing.Dict[str, typing.Any] = {
+    "members": {"type": "list", "elements": "str", "required": True},
+    "also": {"type": "list", "elements": "str", "default": []},
+    "networks": {"type": "list", "elements": "str", "default": []},
+    "open_ports": {"type": "list", "elements": "str", "default": []},
+    "ssh_ports": {"type": "list", "elements": "int", "default": []},
+    "backend": {"type": "str", "default": "auto", "choices": CHOICES},
+    "records": {"type": "path", "default": RECORDS},
+}
 
 _WORDS = re.compile(r'[\s,{}"]+')
 

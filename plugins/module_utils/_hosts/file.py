@@ -51,11 +51,6 @@ class HostsFile:
         before, after = self.record.parse(lambda data: _texts(data[self.path]), stored)
         return before if self.found != after and is_torn(self.found, before, after) else self.found
 
-    @property
-    def left_behind(self) -> bool:
-        """True where a killed run left something beside the file or in the record."""
-        return os.path.lexists(self.record.path) or any(map(atomic.leftovers, (self.path, self.record.path)))
-
     def clean(self) -> None:
         """Remove what a killed run left beside the file and in the record. Raises OSError, Problem."""
         atomic.remove_leftovers(self.path)

@@ -32,11 +32,6 @@ class Guard:
         self.changed = files.changes(self.plan)
 
     @property
-    def left_behind(self) -> bool:
-        """True where the record is not that of the plan, or a killed run left a neighbour of it."""
-        return files.left_behind(self.record, self.remembered, self.plan)
-
-    @property
     def places(self) -> typing.List[str]:
         """The paths that the steps write."""
         return files.places(self.plan, self.record)

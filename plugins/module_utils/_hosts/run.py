@@ -76,15 +76,6 @@ class Run(ModuleRun):
         self.answers: typing.List[typing.Dict[str, typing.List[str]]] = []  # for each entry: name -> addresses
 
     @property
-    def due(self) -> bool:
-        """True where the file or a record is not as planned, or libc answers a name in another way."""
-        if self.changed or self.file.left_behind or (self.guard and self.guard.left_behind):
-            return True
-        if self.is_system:
-            self.answers = list(resolve(self.bindings))
-        return bool(self._unresolved())
-
-    @property
     def refusals(self) -> typing.List[str]:
         """The sentences on conflicts, unless they are only to be reported, and on what cannot be written here."""
         if self.plan.conflicts and not self.only_report:

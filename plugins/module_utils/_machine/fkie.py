@@ -17,6 +17,7 @@ INSTALLED = "/etc/rosfleet-multimaster/packages"
 _LOOKING = 60.0  # seconds; a workspace on a small computer, cold
 _APT = 20.0  # seconds; 0.1 on a PC
 
+PACKAGE = re.compile(r"[a-z0-9][a-z0-9+.-]{1,100}")
 _PATH = re.compile(r"(?:/[A-Za-z0-9_.+-]+)+")
 
 # Runs without rights, under the Python of ROS (2.7 or 3): looks as rosrun does, then imports.

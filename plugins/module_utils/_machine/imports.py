@@ -9,7 +9,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign, last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
 
-_IMPORTING = 20.0  # seconds; 0.4 on a PC, cold on a small robot several
+_IMPORTING = 60.0  # seconds; 0.4 on a PC, cold on a small robot ten
 _VERSION = re.compile(r"[23]\.[0-9]{1,3}\.[0-9]{1,3}")
 
 _ASK = """

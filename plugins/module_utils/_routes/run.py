@@ -112,12 +112,6 @@ class Run(ModuleRun):
         self.items = self._items([self._with_boot_device(item, listed) for item in listed])
         self.changed = bool(self.plan.changes or self.boot.changes)
 
-    @property
-    def due(self) -> bool:
-        """True where a route or the record is not as planned, or a killed run left a neighbour of the record."""
-        after = RoutesRecord(self.plan.final, self.boot.final()).plain()
-        return self.changed or self.stored != after or bool(atomic.leftovers(self.record.path))
-
     def _links(self, version: int) -> typing.List[Route]:
         """The routes of the table main, as this run first saw them."""
         if version not in self._main:

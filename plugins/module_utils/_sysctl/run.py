@@ -117,11 +117,6 @@ class Run(ModuleRun):
             self.plan.writes or self.stale or self.before != text or self._wrong_mode() or self.stored != final
         )
 
-    @property
-    def due(self) -> bool:
-        """True where a value or a file is not as planned, or a killed run left a neighbour of one."""
-        return self.changed or any(atomic.leftovers(path) for path in (self.record.path, self.file))
-
     def _with_enough(
         self, settings: typing.List[Setting], enough: typing.Mapping[str, typing.Container[str]]
     ) -> typing.List[Setting]:

@@ -45,7 +45,15 @@ ELSEWHERE = {
 }
 #: mappings whose keys are modules, each with the answers of its runs
 RUNS = {
-    ("multimaster_computer", "concerns"): ("sysctl", "routes", "hosts_entries", "managed_files", "managed_services")
+    ("multimaster_computer", "concerns"): (
+        "sysctl",
+        "routes",
+        "firewall",
+        "hosts_entries",
+        "multimaster_packages",
+        "managed_files",
+        "managed_services",
+    )
 }
 
 Answer = Mapping[str, Kind]

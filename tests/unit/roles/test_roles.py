@@ -34,7 +34,9 @@ def test_every_role_has_the_same_parts(role):
     specification = read(role / "meta/argument_specs.yml")["argument_specs"]
     tasks = {path.stem: path.read_text(encoding="utf-8") for path in (role / "tasks").glob("*.yml")}
     inner = set(re.findall(r"(?:include|import)_tasks: (\w+)\.yml", "".join(tasks.values())))
-    assert set(specification) == set(tasks) - inner
+    assert set(specification) == set(tasks) - inner - {
+        "options"
+    }  # it has no task, and costs no process of the controller
     assert (role / "README.md").is_file()
     assert read(role / "meta/main.yml")["galaxy_info"]["license"] == "GPL-3.0-or-later"
     for entry in specification.values():
@@ -44,11 +46,12 @@ def test_every_role_has_the_same_parts(role):
             assert option["description"]
 
 
-# What preflight hands to all roles, and what a role takes of another one: as the default of an option, so it can be seen.
+# What a role takes of another one: as the default of an option, so it can be seen.
 HANDED_ON = {"environment_digest", "nodes_digest", "nodes_code_digest"}
+TOGETHER = "computer"  # this role hands over what the others have
 
 
-@pytest.mark.parametrize("role", ROLES, ids=lambda role: role.name)
+@pytest.mark.parametrize("role", [role for role in ROLES if role.name != TOGETHER], ids=lambda role: role.name)
 def test_a_role_reads_no_variable_of_another_role(role):
     others = "|".join(other.name for other in ROLES if other != role)
     files = [path for folder in ("defaults", "vars", "tasks", "templates") for path in role.glob(f"{folder}/*")]
@@ -67,10 +70,26 @@ def test_no_result_of_a_task_hides_an_option(role):
     assert not registered & set(read(role / "defaults/main.yml"))
 
 
-def test_a_role_says_which_facts_it_hands_on():
-    for fact in HANDED_ON:
-        role = next(role for role in ROLES if fact.startswith(f"{role.name}_"))
-        assert f"Sets the fact C({fact})" in (role / "meta/argument_specs.yml").read_text(encoding="utf-8")
+CONCERNS = ("environment", "firewall", "hosts", "multicast_routing", "nodes", "routes", "services", "sysctl")
+
+
+@pytest.mark.parametrize("name", CONCERNS)
+def test_a_concern_is_one_task_which_the_whole_computer_has_too(name):
+    """What a role hands over, the role of the whole computer hands over with the same variables."""
+    tasks = [
+        task for task in read(ROLES[0].parent / name / "tasks/main.yml") if "ansible.builtin.import_role" not in task
+    ]
+    (handed,) = [task["rosfleet.multimaster.multimaster_computer"] for task in tasks]
+    variables = set(re.findall(rf"\b{name}_\w+", str(handed)))
+    folder = ROLES[0].parent / TOGETHER
+    together = "".join((folder / path).read_text(encoding="utf-8") for path in ("tasks/main.yml", "vars/main.yml"))
+    assert variables and variables <= set(re.findall(r"\w+", together))
+
+
+@pytest.mark.parametrize("playbook", ["site.yml", "teardown.yml"])
+def test_no_expression_of_a_playbook_is_long(playbook):
+    lines = (ROLES[0].parent.parent / "playbooks" / playbook).read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 90 and max(map(len, lines)) <= 160
 
 
 def test_the_folders_of_the_nodes_are_those_of_the_units():

@@ -96,12 +96,12 @@ def test_a_drawn_answer_is_plain_data_of_documented_keys_or_refused(kinds, modul
 
 @pytest.mark.parametrize("order", hostile_answers.ORDERS, ids="+".join)
 def test_an_order_to_ansible_is_refused_or_left_out(kinds, order):
-    said = {"changed": False, "due": [], "msg": "Nothing is due.", **order}
+    said = {"changed": False, "installed": [], "removed": [], "msg": "The packages were right.", **order}
     try:
-        taken = answer.taken(json.dumps(said), kinds["multimaster_due"])
+        taken = answer.taken(json.dumps(said), kinds["multimaster_packages"])
     except answer.Strange:
         return
-    assert set(taken.result) <= {*kinds["multimaster_due"], "diff", "warnings"}
+    assert set(taken.result) <= {*kinds["multimaster_packages"], "diff", "warnings"}
     checked(taken.result)
 
 
@@ -110,27 +110,27 @@ def test_an_order_to_ansible_is_refused_or_left_out(kinds, order):
     [
         ('{"add_host": {}}', "the key add_host, which no module of the collection answers"),
         ('{"changed": "yes"}', "a text at changed, where the module answers true or false"),
-        ('{"due": {}}', "a mapping at due, where the module answers a list"),
-        ('{"due": [3]}', "a number at due[0], where the module answers a text"),
+        ('{"installed": {}}', "a mapping at installed, where the module answers a list"),
+        ('{"installed": [3]}', "a number at installed[0], where the module answers a text"),
         ('{"msg": {"__ansible_type": "x"}}', "a mapping at msg, where the module answers a text"),
-        ("{}", "no due"),
-        ('{"due": []', "no JSON"),
+        ("{}", "no installed"),
+        ('{"installed": []', "no JSON"),
         ("[" * 200_000, "values too deep in each other"),
         ("{" + '"a":1,' * 1_100_000 + "}", "1100001 values"),
-        ('{"due": [], "x": 1e999}', "1e999, which is no finite number"),
-        ('{"due": [], "x": NaN}', "NaN, which is no finite number"),
-        ('{"due": [], "x": 123456789012345678901}', "a number of 21 digits"),
+        ('{"installed": [], "removed": [], "x": 1e999}', "1e999, which is no finite number"),
+        ('{"installed": [], "removed": [], "x": NaN}', "NaN, which is no finite number"),
+        ('{"installed": [], "removed": [], "x": 123456789012345678901}', "a number of 21 digits"),
     ],
 )
 def test_what_is_found_is_said(kinds, said, found):
     with pytest.raises(answer.Strange) as strange:
-        answer.taken(said, kinds["multimaster_due"])
+        answer.taken(said, kinds["multimaster_packages"])
     assert str(strange.value) == found
 
 
 def test_undocumented_keys_are_left_out_and_told(kinds):
-    taken = answer.taken('{"due": [], "hidden": 1}', kinds["multimaster_due"])
-    assert (taken.result, taken.left_out) == ({"due": []}, ["hidden"])
+    taken = answer.taken('{"installed": [], "removed": [], "hidden": 1}', kinds["multimaster_packages"])
+    assert (taken.result, taken.left_out) == ({"installed": [], "removed": []}, ["hidden"])
 
 
 @pytest.mark.parametrize(
@@ -141,13 +141,15 @@ def test_undocumented_keys_are_left_out_and_told(kinds):
     ],
 )
 def test_warnings_are_texts_in_each_ansible_core(kinds, messages):
-    taken = answer.taken(json.dumps({"due": [], "warnings": messages}), kinds["multimaster_due"])
+    taken = answer.taken(
+        json.dumps({"installed": [], "removed": [], "warnings": messages}), kinds["multimaster_packages"]
+    )
     assert taken.result["warnings"] == ["one", "two"]
 
 
 def test_a_crash_says_its_last_line(kinds):
     crash = {"failed": True, "exception": "Traceback (most recent call last):\nValueError: no such thing\n"}
-    taken = answer.taken(json.dumps(crash), kinds["multimaster_due"])
+    taken = answer.taken(json.dumps(crash), kinds["multimaster_packages"])
     assert taken.result == {"failed": True, "msg": "ValueError: no such thing"}
     assert taken.trace.startswith("Traceback")
 

@@ -18,13 +18,13 @@ from ansible.playbook.task import Task
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import asked
 
-DUE = '{"changed": false, "due": [], "msg": "Nothing is due."}'
+DUE = '{"changed": false, "installed": [], "removed": [], "msg": "The packages were right."}'
 
 
 @pytest.fixture
 def action():
     task = Task()
-    task.action, task.async_val, task.check_mode = "rosfleet.multimaster.multimaster_due", 0, False
+    task.action, task.async_val, task.check_mode = "rosfleet.multimaster.multimaster_packages", 0, False
     made = asked.RobotAction(task, types.SimpleNamespace(), None, None, None, None)
     made._robot, made._used_interpreter = "kobuki", "/usr/bin/python3"
     return made
@@ -32,24 +32,30 @@ def action():
 
 def test_an_answer_is_the_documented_one(action):
     found = action._parse_returned_data({"stdout": f"motd\n{DUE}\n", "stderr": "", "rc": 0}, "legacy")
-    assert found == {"changed": False, "due": [], "msg": "Nothing is due.", "_ansible_parsed": True}
+    assert found == {
+        "changed": False,
+        "installed": [],
+        "removed": [],
+        "msg": "The packages were right.",
+        "_ansible_parsed": True,
+    }
 
 
 def test_another_answer_is_a_sentence_that_names_the_robot(action):
     found = action._parse_returned_data({"stdout": '{"add_host": {"host_name": "x"}}', "rc": 0}, "legacy")
     assert (found["failed"], "add_host" in found) == (True, False)
     assert found["msg"] == (
-        "kobuki: the answer to rosfleet.multimaster.multimaster_due is none of this module: found the key add_host, which no "
+        "kobuki: the answer to rosfleet.multimaster.multimaster_packages is none of this module: found the key add_host, which no "
         "module of the collection answers; expected what its documentation says. Something else than the module answers "
         "there: look at this computer before you trust it."
     )
 
 
 def test_what_is_not_documented_is_left_out_with_a_warning(action):
-    found = action._parse_returned_data({"stdout": '{"due": [], "secret": 1}', "rc": 0}, "legacy")
+    found = action._parse_returned_data({"stdout": '{"installed": [], "removed": [], "secret": 1}', "rc": 0}, "legacy")
     assert "secret" not in found
     assert found["warnings"] == [
-        "kobuki: rosfleet.multimaster.multimaster_due does not document secret of its answer, so they are left out."
+        "kobuki: rosfleet.multimaster.multimaster_packages does not document secret of its answer, so they are left out."
     ]
 
 

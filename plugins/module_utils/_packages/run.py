@@ -1,0 +1,132 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""One run of the module multimaster_packages: Debian packages, of which the collection removes only what it has installed.
+
+The record is written before the first package: so what an interrupted run has installed is taken back, too.
+"""
+
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import OPTIONS as FILES
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import ManagedFiles
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, fkie
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+OPTIONS = {
+    "names": {"type": "list", "elements": "str", "required": True},
+    "keep": {"type": "bool", "default": False},
+    "records": FILES["records"],
+}
+BUNDLE = "packages"
+_HEAD = "# The Debian packages that the collection rosfleet.multimaster installed."
+_APT = ["apt-get", "--quiet", "--yes", "--option=DPkg::Lock::Timeout=60", "--option=Dpkg::Options::=--force-confold"]
+_INSTALLING = 1200.0  # seconds; a robot may be far from its package sources
+_ENVIRONMENT = dict(commands.CLEAN, DEBIAN_FRONTEND="noninteractive")
+_SAID = 400  # characters of what apt said
+
+
+class Changes(typing.NamedTuple):
+    """The names of packages."""
+
+    new: typing.List[str]  # wanted and not installed
+    leftover: typing.List[str]  # installed by the collection, and wanted no more
+    intent: typing.List[str]  # what the collection has installed, or is about to install
+    after: typing.List[str]  # what it has installed at the end
+
+
+def changes(
+    wanted: typing.Sequence[str], installed: typing.Collection[str], ours: typing.Sequence[str], keep: bool
+) -> Changes:
+    """Compare the wanted packages with the installed ones, and with those that the collection has installed (`ours`).
+
+    With `keep`, what is wanted no more stays.
+    """
+    new = [name for name in wanted if name not in installed]
+    leftover = [] if keep else [name for name in ours if name not in wanted]
+    intent = sorted({*ours, *new})
+    return Changes(new, leftover, intent, [name for name in intent if name not in leftover])
+
+
+class Packages(ModuleRun):
+    """The run, planned from the options of the module."""
+
+    def __init__(self, options: typing.Mapping[str, typing.Any]) -> None:
+        strange = [name for name in options["names"] if not fkie.PACKAGE.fullmatch(name)]
+        if strange:
+            raise Problem(
+                f"The option names has {quoted(strange[0])}; expected the name of a Debian package, for example "
+                "ros-noetic-fkie-master-sync."
+            )
+        found = fkie.packages(options["names"], fkie.INSTALLED)
+        installed = [entry["name"] for entry in found if entry["installed"]]
+        ours = [entry["name"] for entry in found if entry["ours"]]
+        self.changes = changes(options["names"], installed, ours, options["keep"])
+        self.removed = [name for name in self.changes.leftover if name in installed]
+        self.records = options["records"]
+        self.record = self._record_of(self.changes.after)
+        self.changed = bool(self.changes.new or self.removed or self.record.changed)
+
+    def _record_of(self, names: typing.Sequence[str]) -> ManagedFiles:
+        options = {"bundle": BUNDLE, "files": _record(names), "brief": [], "records": self.records}
+        return ManagedFiles(options, _no_command)
+
+    @property
+    def refusals(self) -> typing.List[str]:
+        """The sentences on a record that cannot be written."""
+        return self.record.refusals
+
+    @property
+    def difference(self) -> typing.List[typing.Dict[str, str]]:
+        """The difference of the record."""
+        return self.record.difference
+
+    def apply(self) -> None:
+        """Record and install, or remove and forget. Raises Problem; what was installed before it stays in the record."""
+        if self.changes.new:
+            self._record_of(self.changes.intent).apply()
+            _apt("install", "--no-install-recommends", *self.changes.new)
+        if self.removed:
+            _apt("remove", *self.removed)
+        self._record_of(self.changes.after).apply()
+
+    def failure(self, problem: Problem) -> Fields:
+        """Return the return values beside the sentence: apt may have installed a part."""
+        return dict(self.result(), changed=self.changed)
+
+    def result(self) -> Fields:
+        """Return the values beside `changed`, `msg` and `diff`."""
+        return {"installed": self.changes.new, "removed": self.removed}
+
+    def summary(self, check_mode: bool) -> str:
+        """Return one sentence on all that was done."""
+        be = "would be" if check_mode else "were"
+        return (
+            f"{len(self.changes.new)} packages {be} installed, {len(self.removed)} removed."
+            if self.changed
+            else "The packages were right."
+        )
+
+
+def _record(names: typing.Sequence[str]) -> typing.List[typing.Dict[str, typing.Any]]:
+    if not names:
+        return []
+    content = "".join(f"{line}\n" for line in (_HEAD, *names))
+    return [{"path": fkie.INSTALLED, "content": content, "mode": "0644", "owner": None, "group": None, "validate": []}]
+
+
+def _no_command(*words: typing.Any, **settings: typing.Any) -> typing.Tuple[int, str, str]:
+    raise Problem("The record of packages has no command that checks it.")
+
+
+def _apt(*words: str) -> None:
+    """Run apt-get. Raises Problem with its last words."""
+    answer = commands.run([*_APT, *words], environment=_ENVIRONMENT, limit=_INSTALLING)
+    if answer.status != 0:
+        said = [line for line in answer.error.splitlines() if line.startswith("E:")] or answer.error.splitlines()[-1:]
+        raise Problem(
+            f"apt-get {plain(' '.join(words), LINE)} failed ({quoted(' '.join(said) or f'status {answer.status}', _SAID)}); expected "
+            "package sources that have these packages, and a network: run it on this computer by hand."
+        )

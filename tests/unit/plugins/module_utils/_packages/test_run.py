@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Packages: what was there stays, what the collection has installed is recorded before, and removed when it is wanted no more."""
+
+import itertools
+import random
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._packages import run
+
+NAMES = ["ros-a", "ros-b", "ros-c", "ros-d"]
+
+
+class Apt:
+    """The packages of a computer, behind the commands that are run there."""
+
+    def __init__(self, folder, monkeypatch):
+        self.installed, self.ran, self.broken = set(), [], ()
+        self.record, self.records = folder / "packages", folder / "records"
+        monkeypatch.setattr(fkie, "INSTALLED", str(self.record))
+        monkeypatch.setattr(fkie, "run", self.policy)
+        monkeypatch.setattr(run.commands, "run", self.apt_get)
+
+    def policy(self, argv, **_options):
+        lines = [f"{name}:\n  Installed: {1 if name in self.installed else '(none)'}" for name in argv[2:]]
+        return Answer(0, "\n".join(lines).encode(), "")
+
+    def apt_get(self, argv, **_options):
+        words = [word for word in argv[1:] if not word.startswith("--")]
+        self.ran.append((words, self.record.read_text() if self.record.exists() else ""))
+        for name in words[1:]:
+            if name in self.broken:
+                return Answer(100, b"", f"W: slow\nE: Unable to locate package {name}")
+            (self.installed.add if words[0] == "install" else self.installed.discard)(name)
+        return Answer(0, b"", "")
+
+    def bring(self, *names, keep=False):
+        packages = run.Packages({"names": list(names), "keep": keep, "records": str(self.records)})
+        assert not packages.refusals
+        packages.apply()
+        return packages
+
+
+@pytest.fixture(name="apt")
+def fixture_apt(tmp_path, monkeypatch):
+    return Apt(tmp_path, monkeypatch)
+
+
+def test_what_is_missing_is_recorded_and_installed(apt):
+    apt.installed.add("ros-a")
+    found = apt.bring("ros-a", "ros-b")
+    assert (found.changed, found.result()) == (True, {"installed": ["ros-b"], "removed": []})
+    ((words, record),) = apt.ran
+    assert words == ["install", "ros-b"] and "ros-b" in record and "ros-a" not in record
+    again = apt.bring("ros-a", "ros-b")
+    assert not again.changed and len(apt.ran) == 1
+    assert again.summary(False) == "The packages were right."
+
+
+def test_what_is_wanted_no_more_goes_when_nothing_needs_it(apt):
+    apt.installed.add("ros-a")
+    apt.bring("ros-a", "ros-b")
+    assert not apt.bring(keep=True).changed
+    assert apt.bring().result() == {"installed": [], "removed": ["ros-b"]}
+    assert apt.installed == {"ros-a"} and not apt.record.exists()
+
+
+def test_a_failure_says_what_apt_said_and_the_next_run_goes_on(apt):
+    apt.broken = ("ros-b",)
+    with pytest.raises(Problem, match='apt-get install .* failed \\("E: Unable to locate package ros-b"\\); expected'):
+        apt.bring("ros-a", "ros-b")
+    assert apt.installed == {"ros-a"} and "ros-a\nros-b\n" in apt.record.read_text()
+    apt.broken = ()
+    apt.bring("ros-a", "ros-b")
+    assert apt.installed == {"ros-a", "ros-b"}
+    apt.bring()
+    assert not apt.installed and not apt.record.exists()
+
+
+@pytest.mark.parametrize("name", ["", "-y", "ros a", "ros;x", "Ros", "../x", "ros\nx"])
+def test_what_is_no_name_of_a_package_is_said(apt, name):
+    with pytest.raises(Problem, match="The option names has .*; expected the name of a Debian package"):
+        apt.bring(name)
+    assert not apt.ran
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_what_others_have_installed_is_never_removed(apt, seed):
+    """Plans, packages of others and failures by chance: at the end all is as the owner has left it."""
+    drawn = random.Random(seed)
+    foreign = set(drawn.sample(NAMES, drawn.randrange(3)))
+    apt.installed |= foreign
+    for _step in range(8):
+        apt.broken = tuple(drawn.sample(NAMES, drawn.randrange(2)))
+        try:
+            apt.bring(*drawn.sample(NAMES, drawn.randrange(4)), keep=drawn.random() < 0.3)
+        except Problem:
+            pass
+        assert foreign <= apt.installed
+    apt.broken = ()
+    apt.bring()
+    assert apt.installed == foreign and not apt.record.exists()
+
+
+def test_the_kinds_of_a_plan():
+    for wanted, installed, ours in itertools.product([["a"], []], [{"a"}, set()], [["a"], []]):
+        found = run.changes(wanted, installed, ours, keep=False)
+        assert (found.new == ["a"]) is bool(wanted and not installed)
+        assert (found.leftover == ["a"]) is bool(ours and not wanted)
+        assert (found.intent == ["a"]) is bool(ours or (wanted and not installed))
+        assert (found.after == ["a"]) is bool(wanted and (ours or not installed))
