@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action multimaster_computer: the concerns of a computer in two runs of the module, of which the second confirms the first."""
+"""The action multimaster_computer: the concerns of a computer in one run of the module, or in two, of which the second confirms the first."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.conf
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.environment import SEEN, differences
 
-# The concerns that can cut the controller off. They come first, in a run of their own.
+# The concerns that can cut the controller off. Where one of them waits for its confirmation, the others wait, too.
 GUARDED = ("sysctl", "routes", "firewall")
 REST = 600.0  # seconds for the other concerns, which start services
 
@@ -26,7 +26,7 @@ Args = Mapping[str, Any]
 
 
 class ActionModule(GuardedAction):
-    """Runs the module for what can cut the controller off, then over a new connection to confirm that and for all the rest."""
+    """Runs the module; where a change waits, runs it again over a new connection to confirm that, and for all the rest."""
 
     what = "kernel settings, routes and packet filter rules"
 
@@ -53,17 +53,12 @@ class ActionModule(GuardedAction):
         if not seconds:
             one: Result = self._execute_module(module_args={**trial, **rest}, task_vars=task_vars)
             return one
-        first, reason = self._first(trial, seconds, task_vars)
-        if first.get("failed"):
+        more = REST if rest else 0.0
+        first, reason = self._first({**trial, **rest}, seconds, task_vars, more)
+        if first and not first.get("unconfirmed"):
             return first
-        confirming = {**confirmations(trial, first), **rest}
-        if not confirming:
-            second = {}
-        elif first and not first.get("unconfirmed"):
-            second = self._once(confirming, task_vars)
-        else:
-            second = self._second(confirming, seconds, reason, task_vars, REST if rest else 0.0)
-        return joined(first, second)
+        # The module has left the rest to the run that confirms.
+        return joined(first, self._second({**confirmations(trial, first), **rest}, seconds, reason, task_vars, more))
 
 
 def compared(found: Result, wanted: Args) -> Result:
@@ -102,8 +97,8 @@ def confirmations(trial: Args, first: Result) -> dict[str, Any]:
 
 def joined(first: Result, second: Result) -> Result:
     """Return the results of both runs as one: the first says what changed, the second that it was confirmed, and the rest."""
-    if not first or not second:
-        return second or first
+    if not first:
+        return second
     shown = list(first.get("diff", []))
     concerns = {**first["concerns"], **second.get("concerns", {})}
     for name, [done] in first["concerns"].items():

@@ -10,7 +10,8 @@ description:
   - Does what the modules of a computer's concerns do, in the order of the options, with their own code and their own options.
     Most of a module's time goes into its start, so one run in place of many is what makes a play quick.
   - Kernel settings, routes and the packet filter come first. Where they change at run time, and their options have C(confirm_within), nothing else is done
-    in that run. The controller confirms them over a new connection, and that second run does the rest.
+    in that run. The controller confirms them over a new connection, and that second run does the rest. Where nothing of them changes, one run
+    does all.
   - A concern that fails ends the run. Those before it stay, those after it are not begun, and changes that wait for their
     confirmation are taken back.
   - In check mode, all is shown in one run.

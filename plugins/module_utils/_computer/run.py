@@ -3,8 +3,8 @@
 
 """Several concerns of a computer in one run of a module, each as its own module carries it out.
 
-A concern that fails ends the run: those before it stay, and those after it are not begun. Changes that wait for their
-confirmation are taken back.
+Where a change waits for its confirmation, what cannot cut the controller off is left to the run that confirms. A concern that
+fails ends the run: those before it stay, those after it are not begun, and changes that wait are taken back.
 """
 
 import typing
@@ -79,6 +79,8 @@ def carry_out(
     results: typing.List[typing.Tuple[str, Fields]] = []
     differences: typing.List[typing.Any] = []
     for part in parts:
+        if not part.concern.guarded and any(result.get("unconfirmed") for _name, result in results):
+            break  # the run that confirms does the rest
         result = part.carry_out()
         entry = result.pop("diff", [])
         differences += entry if isinstance(entry, list) else [entry]

@@ -83,13 +83,15 @@ class GuardedAction(RobotAction):
                 }
             time.sleep(PAUSE)
 
-    def _first(self, args: Mapping[str, Any], seconds: int, task_vars: dict[str, Any] | None) -> tuple[Result, str]:
-        """Return the result of the first run, or an empty one and the reason why there is none."""
+    def _first(
+        self, args: Mapping[str, Any], seconds: int, task_vars: dict[str, Any] | None, more: float = 0.0
+    ) -> tuple[Result, str]:
+        """Return the result of the first run, or an empty one and the reason why there is none; it may take so many seconds more."""
         last = time.monotonic() + seconds + GRACE
         while True:
             try:
                 # TCP doubles its pauses between retries. After a rollback an answer may come as late as twice the time.
-                first = self._attempt(args, task_vars, 2 * seconds + GRACE)
+                first = self._attempt(args, task_vars, 2 * seconds + GRACE + more)
                 return _with_crash(first, self.what, seconds), ""
             except AnsibleConnectionFailure as problem:
                 if not self._never_began(problem):

@@ -77,7 +77,7 @@ def test_the_second_run_confirms_and_does_the_rest(play):
     result, runs, connection = play(
         answer([1], sysctl=WAITS, routes=RIGHT), answer([1, 2], sysctl=DONE, managed_files=DONE)
     )
-    assert [set(run) for run in runs] == [{"sysctl", "routes"}, {"sysctl", "managed_files"}]
+    assert [set(run) for run in runs] == [{"sysctl", "routes", "managed_files"}, {"sysctl", "managed_files"}]
     word = runs[0]["sysctl"]["confirmation"]
     assert word and runs[0]["routes"] == {**ROUTES, "confirmation": word}
     assert runs[1]["sysctl"] == {**SYSCTL, "confirm_within": 0, "confirmation": word}
@@ -87,9 +87,9 @@ def test_the_second_run_confirms_and_does_the_rest(play):
     assert (result["changed"], result["diff"], result["msg"]) == (True, [1, 2], "Waits. Right. Done.")
 
 
-def test_where_nothing_waits_the_connection_is_kept(play):
-    result, runs, connection = play(answer(sysctl=RIGHT, routes=RIGHT), answer(managed_files=RIGHT))
-    assert [set(run) for run in runs] == [{"sysctl", "routes"}, {"managed_files"}]
+def test_where_nothing_waits_one_run_does_all_over_the_same_connection(play):
+    result, runs, connection = play(answer(sysctl=RIGHT, routes=RIGHT, managed_files=RIGHT))
+    assert [set(run) for run in runs] == [{"sysctl", "routes", "managed_files"}]
     assert (connection.resets, result["changed"]) == (0, False)
 
 

@@ -149,6 +149,19 @@ def test_what_can_cut_off_is_tried_together_and_confirmed_together(carry_out, tm
     assert there(tmp_path) == {f"{name}-{kind}" for name in "abcd" for kind in ("now", "boot")}
 
 
+def test_where_a_change_waits_the_rest_is_left_to_the_run_that_confirms(carry_out, tmp_path):
+    result = carry_out(*TRIED, *REST)
+    assert result["unconfirmed"] is True and "managed_files" not in result["concerns"]
+    assert there(tmp_path) == {"a-now", "b-now", "rollback-sysctl", "rollback-routes"}
+    carry_out(*CONFIRMING, *REST)
+    again = carry_out(*TRIED, *REST)
+    assert (again["unconfirmed"], again["changed"], list(again["concerns"])) == (
+        False,
+        False,
+        ["sysctl", "routes", "managed_files"],
+    )
+
+
 def test_a_trial_that_fails_takes_the_one_before_it_back(carry_out, tmp_path):
     for when in ("plan", "apply"):
         result = carry_out(TRIED[0], (ROUTES, {**TRIED[1][1], "fails": when}))

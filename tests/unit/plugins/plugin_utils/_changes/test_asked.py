@@ -65,14 +65,14 @@ def test_ansible_reads_it_in_the_way_of_its_version(action, profile, monkeypatch
     monkeypatch.setattr(ActionBase, "_parse_returned_data", lambda self, *told: given.append(told) or {})
     action._parse_returned_data({"stdout": DUE, "stderr": "", "rc": 0}, *profile)
     ((said, *more),) = given
-    assert more == profile and json.loads(said["stdout"])["due"] == []
+    assert more == profile and json.loads(said["stdout"])["installed"] == []
 
 
 def test_no_answer_is_a_sentence_with_the_last_words(action):
     words = "/bin/sh: 1: python9: not found PASSED\n\n"
     found = action._parse_returned_data({"stdout": "", "stderr": words, "rc": 127}, "legacy")
     assert found["msg"] == (
-        "kobuki: rosfleet.multimaster.multimaster_due has not answered (exit status 127); it said last: "
+        "kobuki: rosfleet.multimaster.multimaster_packages has not answered (exit status 127); it said last: "
         '"/bin/sh: 1: python9: not found PASSED". Expected that ansible_python_interpreter is a Python 3.6 or later there, '
         "and that nothing ends it."
     )
