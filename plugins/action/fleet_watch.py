@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from ansible.plugins.action import ActionBase
@@ -41,8 +41,9 @@ class ActionModule(ActionBase):
         except watched.Unreadable as problem:
             result.update(failed=True, msg=str(problem))
             return result
+        hosts = frozenset(task_vars["ansible_play_hosts_all"])
         told = {
-            host: told_by(task_vars["hostvars"][host], name)
+            host: told_by(task_vars["hostvars"][host], name, hosts)
             for host in task_vars["ansible_play_hosts_all"]
             if name in task_vars["hostvars"][host]
         }
@@ -62,9 +63,9 @@ class ActionModule(ActionBase):
         return result
 
 
-def told_by(variables: Mapping[str, Any], name: str) -> Watched:
-    """Read what a computer has told; one that has told nothing is lost itself."""
-    told = gathered.told(variables[name])
+def told_by(variables: Mapping[str, Any], name: str, hosts: Collection[str] = ()) -> Watched:
+    """Read what a computer has told, in which the names of the `hosts` are planned; one that has told nothing is lost itself."""
+    told = gathered.told(variables[name], names=hosts)
     try:
         if "events" in told:
             return from_plain(Watched, told)

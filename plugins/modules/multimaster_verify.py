@@ -1432,6 +1432,7 @@ from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
     changes,
@@ -1647,7 +1648,7 @@ def look(params: Params, quiet: bool) -> Result:
         try:
             return part, part.look(params, ros, began + params["patience"]), ""
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
-            return part, part.nothing, f"{part.name} could not be looked at: {problem}."
+            return part, part.nothing, f"{part.name} could not be looked at: {quoted(str(problem).rstrip('.'), LINE)}."
 
     def late(part: Part) -> Looked:
         return part, part.nothing, f"{part.name} gave no result within {LONGEST:g} s."

@@ -20,6 +20,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 FOLDER = "/run/rosfleet-multimaster"
@@ -91,7 +92,7 @@ class Timer:
         if answer.status != 0:
             raise Problem(
                 f"confirm_within: found no way to start the timer {unit}.timer "
-                f"({' '.join(answer.error.split()) or f'status {answer.status}'}), expected systemd and the right to "
+                f"({quoted(answer.error, LINE) or f'status {answer.status}'}), expected systemd and the right to "
                 "start units: run as root (become: true), or set confirm_within to 0 to go without the dead-man's switch."
             )
 

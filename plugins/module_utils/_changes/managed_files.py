@@ -15,6 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     settled,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence, unreadable
 
 FILE = dict(
@@ -98,7 +99,7 @@ class ManagedFiles(ModuleRun):
         status, output, error = self.run_command(command, data=file.content, binary_data=True, handle_exceptions=False)
         if status == 0:
             return ""
-        said = " ".join((output + " " + error).split()) or f"status {status}"
+        said = quoted((output + " " + error).strip(), LINE) or f"status {status}"
         return (
             f"The content for {file.path} is refused by '{' '.join(command)}' ({said}); nothing was changed: "
             "correct the content."
@@ -123,7 +124,7 @@ class ManagedFiles(ModuleRun):
     def _reload(self) -> None:
         answer = commands.run(["systemctl", "reload", self.reloaded], limit=_RELOADING)
         if answer.status != 0:
-            said = " ".join(answer.error.split()) or f"status {answer.status}"
+            said = quoted(answer.error, LINE) or f"status {answer.status}"
             self.unread = True
             raise Problem(
                 f"The files of the bundle {self.bundle} are as planned, but {self.reloaded} does not read them again ({said}); "

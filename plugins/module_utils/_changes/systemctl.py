@@ -17,6 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.unit
     files_read,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, processes, systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 _JOURNAL_LINES = 15
@@ -102,8 +103,8 @@ class Systemd:
         elif state.exit_code in ("2", "3"):  # CLD_KILLED, CLD_DUMPED
             ended = f", killed by signal {state.exit_status}"
         result = f", result {state.result}" if state.result not in ("", "success") else ""
-        lines = "\n  ".join(self._journal(name, state.invocation))
-        journal = f" The end of its journal:\n  {lines}\n" if lines else " Its journal is empty."
+        lines = " ".join(quoted(line, LINE) for line in self._journal(name, state.invocation))
+        journal = f" The end of its journal: {lines}" if lines else " Its journal is empty."
         return f": it is {state.active} ({state.sub}){result}{ended}.{journal}"
 
     def _journal(self, name: str, invocation: str) -> typing.List[str]:
@@ -120,7 +121,7 @@ class Systemd:
 
 
 def _failed(arguments: typing.Iterable[str], error: str) -> Problem:
-    return Problem(f"'systemctl {' '.join(arguments)}' failed: {error.rstrip('.')}.")
+    return Problem(f"'systemctl {' '.join(arguments)}' failed: {quoted(error.rstrip('.'), LINE)}.")
 
 
 def one_for_each(

@@ -25,6 +25,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.unit
     Unit,
     says_when_up,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
 
 SWITCHES = ("disable", "enable", "reenable")  # verbs of systemctl
@@ -122,7 +123,7 @@ class UnitSteps:
             return
         for name, state in self.systemd.show(self.plan.fresh).items():
             if state.load != "loaded":
-                why = f"{state.load}: {state.load_error}" if state.load_error else state.load
+                why = f"{state.load}: {quoted(state.load_error, LINE)}" if state.load_error else state.load
                 raise Problem(
                     f"systemd does not accept the content of {name} ({why}); "
                     "correct it, systemd-analyze verify tells more."
@@ -130,7 +131,7 @@ class UnitSteps:
             path = self.plan.paths[name]
             if os.path.realpath(state.fragment) != os.path.realpath(path):
                 raise Problem(
-                    f"systemd reads the unit {name} from {state.fragment or 'nowhere'}, expected from {path}; "
+                    f"systemd reads the unit {name} from {quoted(state.fragment) or 'nowhere'}, expected from {path}; "
                     "remove that file."
                 )
         self._remember_directories()

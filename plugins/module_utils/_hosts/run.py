@@ -20,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindin
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import concerned
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import HostsFile, resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.plan import plan
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import (
     Problem,
     remedy,
@@ -92,7 +93,7 @@ class Run(ModuleRun):
     def _conflicts(self) -> typing.List[str]:
         """One sentence for each line of the user that gives a managed name another address."""
         return [
-            f"{self.file.path} line {conflict['line']} gives {conflict['name']} the address {conflict['found']}, "
+            f"{self.file.path} line {conflict['line']} gives {conflict['name']} the address {quoted(conflict['found'])}, "
             f"{_EFFECTS[conflict['effect']]}; expected {conflict['expected']} (entries): "
             "correct or remove that line, or correct the entry."
             for conflict in self.plan.conflicts
@@ -114,7 +115,9 @@ class Run(ModuleRun):
         """Raise Problem where libc answers a name in another way than the file."""
         wrong = self._unresolved()
         if wrong:
-            said = ", ".join(f"{item['name']} with {' '.join(item['found']) or 'nothing'}" for item in wrong)
+            said = ", ".join(
+                f"{item['name']} with {' '.join(map(quoted, item['found'])) or 'nothing'}" for item in wrong
+            )
             raise Problem(
                 f"This computer answers {said}, although {self.file.path} has the expected "
                 f"{', '.join(item['expected'] for item in wrong)}: look at the line hosts of /etc/nsswitch.conf, which must "
@@ -190,12 +193,16 @@ class Run(ModuleRun):
             be, longer = "would be" if check_mode else "is", "" if self.guard.wanted else "no longer "
             said.append(f"cloud-init {be} {longer}kept from writing the file at boot.")
         said += [self._replaced(item) for item in self.plan.replaced if item["state"] != "unchanged"]
-        others = [f"{entry['names'][0]} (line {entry['line']})" for entry in self.plan.entries if not entry["ours"]]
+        others = [
+            f"{quoted(entry['names'][0])} (line {entry['line']})" for entry in self.plan.entries if not entry["ours"]
+        ]
         if others:
             said.append(f"Left to lines that are not ours and already right: {', '.join(others)}.")
         names = [name.lower() for binding in self.bindings for name in binding.names]
         if names and self.own_name.lower() not in names:
-            said.append(f"This computer's own name {self.own_name} is not among the entries, and resolves as before.")
+            said.append(
+                f"This computer's own name {quoted(self.own_name)} is not among the entries, and resolves as before."
+            )
         return " ".join(said)
 
     def _counts(self) -> str:
@@ -208,12 +215,10 @@ class Run(ModuleRun):
         """One sentence on a loopback line."""
         before, after = (" ".join(item[when].split()) for when in ("before", "after"))
         if item["state"] == "restored":
-            return f"Line {item['line']} is again: {before}."
+            return f"Line {item['line']} is again: {quoted(before)}."
         own = self.own_name.lower() in before.lower().split()
         name = "this computer's own name" if own else "a name of the fleet"
-        return (
-            f"Line {item['line']} ({before}) no longer binds {name} to loopback; of it remains: {after or 'nothing'}."
-        )
+        return f"Line {item['line']} ({quoted(before)}) no longer binds {name} to loopback; of it remains: {quoted(after) or 'nothing'}."
 
 
 def _guard(wanted: bool, records: str) -> typing.Any:

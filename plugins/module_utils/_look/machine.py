@@ -17,6 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
     shells,
     system,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import tables
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding
@@ -119,7 +120,9 @@ def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.An
             value = commands.within(part.limit, part.look, *[parameters[option] for option in part.options])
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
             value = part.nothing
-            result["problems"].append(f"The part {part.name} of the machine could not be read: {problem}.")
+            result["problems"].append(
+                f"The part {part.name} of the machine could not be read: {quoted(str(problem).rstrip('.'), LINE)}."
+            )
         result.update(value if part.name == "system" else {part.name: value})
     return result
 

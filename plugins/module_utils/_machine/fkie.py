@@ -10,7 +10,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign, last_line
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain, quoted
 
 # The Debian packages that the collection installed, a name on each line; the role nodes writes it.
 INSTALLED = "/etc/rosfleet-multimaster/packages"
@@ -90,7 +90,7 @@ def _checked(node: typing.Dict[str, typing.Any], told: typing.Any) -> typing.Dic
     if path and not _PATH.fullmatch(path):
         return _node(node, "", "its path is not absolute, or has other characters than letters, digits and _ . + -")
     if path and not os.path.isfile(path):
-        return _node(node, "", f"{plain(path)} is no file")
+        return _node(node, "", f"{quoted(path)} is no file")
     return _node(node, path, plain(problem))
 
 

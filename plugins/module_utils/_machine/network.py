@@ -14,6 +14,7 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer, run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 
 _UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # netdevice(7), linux/if.h
 _HOST_PREFIX = {"inet": 32, "inet6": 128}
@@ -85,7 +86,7 @@ def interfaces() -> typing.List[Interface]:
             pass  # iproute2 before 4.14 takes the option and prints text
     answer = run(["ip", "-oneline", "address"])
     if answer.status != 0:
-        raise OSError(f"the interfaces' addresses cannot be read: {answer.error or 'ip failed'}")
+        raise OSError(f"the interfaces' addresses cannot be read: {quoted(answer.error) or 'ip failed'}")
     return from_text(answer.output.decode("utf-8", "replace"), links())
 
 

@@ -5,7 +5,8 @@
 
 import errno
 import os
-import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 
 
 class Problem(Exception):
@@ -36,20 +37,18 @@ def remedy(problem: OSError) -> str:
 
 def unreadable(problem: OSError) -> str:
     """Return the sentence for a user about a file that cannot be read."""
-    return (
-        f"{_file(problem)} cannot be read ({problem.strerror or problem}); expected a regular file: {remedy(problem)}."
-    )
+    return f"{_file(problem)} cannot be read ({problem.strerror or quoted(problem)}); expected a regular file: {remedy(problem)}."
 
 
 def sentence(problem: Exception) -> str:
     """Return the sentence for a user about a half-done change: the words of a Problem, or the file of an OSError."""
     if isinstance(problem, OSError):
         return (
-            f"{_file(problem)} cannot be written ({problem.strerror or problem}); expected a writable file: "
+            f"{_file(problem)} cannot be written ({problem.strerror or quoted(problem)}); expected a writable file: "
             f"{remedy(problem)}."
         )
     return str(problem)
 
 
-def _file(problem: OSError) -> typing.Any:
-    return problem.filename or "A file"
+def _file(problem: OSError) -> str:
+    return quoted(problem.filename or "") or "A file"

@@ -21,7 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.comm
     run,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import is_plain, plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import is_plain, plain, quoted
 
 PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
 PYTHON2 = "/usr/bin/python2.7"  # what the ROS distributions before Noetic are built for
@@ -113,7 +113,7 @@ def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[t
     ros1 = [record for record in found if record["version"] != "2"]
     prefixes = [record for record in ros1 if record["kind"] == "prefix"]
     if not ros1:
-        others = ", ".join(record["setup"] for record in found)
+        others = ", ".join(quoted(record["setup"]) for record in found)
         neither = f"neither {root}/<distro>/setup.sh nor Debian's python3-rospy"
         seen = f"only ROS 2 ({others})" if others else neither
         return (
@@ -121,7 +121,7 @@ def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[t
             f"There is no ROS 1: {seen}; install it, or name a workspace's set-up file in multimaster_ros_setup.",
         )
     if len(prefixes) > 1:
-        setups = ", ".join(record["setup"] for record in prefixes)
+        setups = ", ".join(quoted(record["setup"]) for record in prefixes)
         return None, f"ROS 1 is here more than once ({setups}); name the one to use in multimaster_ros_setup."
     return ros1[0], ros1[0]["problem"]
 
@@ -134,7 +134,7 @@ def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
     environment = {} if reach.refusal else variables.usable
     if reach.refusal:
         problem = (
-            f"The set-up file {setup} is no code for the services, since {reach.refusal}; expected files and folders that "
+            f"The set-up file {quoted(setup)} is no code for the services, since {reach.refusal}; expected files and folders that "
             "one user alone can change: take the right to write away from others (chmod o-w)."
         )
     below, for_root = ("", reach.for_root) if not reach.doubt else of_root_below(setup, environment, root)
@@ -192,12 +192,15 @@ def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
     script = f"{{ . {shlex.quote(setup)}; }} >&2; exec /usr/bin/env -0"
     answer = foreign([shell, "-c", script], CLEAN, _SOURCING)
     if len(answer.output) > _LARGEST:
-        return {}, f"The set-up file {setup} makes more than {_LARGEST >> 10} KiB of variables; expected those of ROS."
+        return (
+            {},
+            f"The set-up file {quoted(setup)} makes more than {_LARGEST >> 10} KiB of variables; expected those of ROS.",
+        )
     variables = added(answer.output)
     if answer.status == 0 and variables:
         return variables, ""
-    said = plain((answer.error.splitlines() or ["it says nothing"])[-1]).rstrip(".")
-    return {}, closed([setup]) or f"The set-up file {setup}, sourced by {shell}, sets no variables: {said}."
+    said = quoted((answer.error.splitlines() or [""])[-1].rstrip(".")) or "it says nothing"
+    return {}, closed([setup]) or f"The set-up file {quoted(setup)}, sourced by {shell}, sets no variables: {said}."
 
 
 def added(output: bytes) -> typing.Dict[str, str]:
@@ -237,12 +240,12 @@ def hooks(environment: typing.Dict[str, str]) -> typing.Tuple[str, str]:
             doubts = trust.doubts(folder)
             if not doubts:
                 return folder, ""
-            passed_over = passed_over or f"below {prefix}, since {doubts[0].words}"
+            passed_over = passed_over or f"below {quoted(prefix)}, since {doubts[0].words}"
     return "", passed_over
 
 
 def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
-    where = setup or "Debian's packages"
+    where = quoted(setup) or "Debian's packages"
     old = environment.get("ROS_PYTHON_VERSION") == "2" or "/python2." in environment.get("PYTHONPATH", "")
     python = PYTHON2 if old else PYTHON
     if not os.path.exists(python):
@@ -251,7 +254,7 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
         }
     found = imports.tried(python, MODULES, full(environment))
     if not found.version:
-        return {"problem": f"The modules of {where} cannot be imported: {found.said}."}
+        return {"problem": f"The modules of {where} cannot be imported: {quoted(found.said)}."}
     result = {
         "python": python,
         "python_version": found.version,
@@ -263,7 +266,8 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
         packages = ", ".join("python3-" + name.replace("_", "-") for name in found.missing)
         advice = "install what is missing" if setup else f"install {packages}"
         result["problem"] = (
-            closed(folders) or f"{python} cannot import {', '.join(found.missing)} out of {where}; {advice}."
+            closed(folders)
+            or f"{python} cannot import {', '.join(map(quoted, found.missing))} out of {where}; {advice}."
         )
     return result
 
@@ -280,6 +284,6 @@ def closed(paths: typing.Iterable[str]) -> str:
     except (OSError, ValueError):  # it is gone meanwhile
         return ""
     return (
-        f"The {kind} {part} (mode {mode:04o}) is closed to other users, but the services run as an unprivileged one: "
-        f"open it (chmod o+{right} {part}), or use a ROS that is installed for everybody."
+        f"The {kind} {quoted(part)} (mode {mode:04o}) is closed to other users, but the services run as an unprivileged one: "
+        f"open it (chmod o+{right} {quoted(part)}), or use a ROS that is installed for everybody."
     )

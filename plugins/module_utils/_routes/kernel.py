@@ -13,6 +13,7 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer, run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 MAIN = 254  # the table main, linux/rtnetlink.h
@@ -301,7 +302,9 @@ class Kernel:
             answer = run(["ip", "-oneline", *show], limit=_LIMIT)
             found = from_text(answer.output.decode("utf-8", "replace"))
         if answer.status != 0:
-            raise Problem(f"routes: the kernel's routes cannot be read ({answer.error}), expected the command ip.")
+            raise Problem(
+                f"routes: the kernel's routes cannot be read ({quoted(answer.error)}), expected the command ip."
+            )
         # Routes for one kind of service, or for some senders only, have other keys for the kernel. They are never ours.
         return [held(raw, version, table) for raw in found if "dst" in raw and not {"tos", "from"} & set(raw)]
 
@@ -311,4 +314,4 @@ class Kernel:
         answer = run(argv, limit=_LIMIT)
         if answer.status != 0:
             said = " ".join(answer.error.split()).replace("RTNETLINK answers: ", "").replace("Error: ", "").rstrip(".")
-            raise Problem(f"routes: the kernel refuses '{' '.join(argv)}' ({said or 'without a word'}).")
+            raise Problem(f"routes: the kernel refuses {quoted(' '.join(argv))} ({quoted(said) or 'without a word'}).")

@@ -15,6 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.diff
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import may_change_network, unwritable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan, record, wanted
@@ -43,14 +44,14 @@ _CONFIGURED = ("static", "dhcp", "ra")
 _RETURNING = ("kernel", "dhcp", "ra", "redirect")
 
 _TAKEN_BACK = {
-    "removed": "'{before}' is removed.",
-    "restored": "'{after}' is there again.",
-    "lost": "'{before}' is removed; '{after}', whose place it had, cannot be given back as the interfaces are now.",
+    "removed": "{before} is removed.",
+    "restored": "{after} is there again.",
+    "lost": "{before} is removed; {after}, whose place it had, cannot be given back as the interfaces are now.",
     "gone": "The route to {destination} was no longer there.",
-    "left": "'{before}' is left: somebody else has made it in the place of ours.",
+    "left": "{before} is left: somebody else has made it in the place of ours.",
 }
 _SECOND_DEFAULT = (
-    "There is a second default route, '{text}', beside the listed one: the lower metric decides which is taken. "
+    "There is a second default route, {text}, beside the listed one: the lower metric decides which is taken. "
     "Turn it off where it is made, or give the listed one a lower metric."
 )
 
@@ -192,8 +193,8 @@ class Run(ModuleRun):
                 owner = self.boot.owner(held.route.device)
                 if owner and not self.boot.backends[owner].takes_precedence:
                     return (
-                        f"routes: {text_of(route)}: '{held.text}' comes from {owner}, which would make it again at the next "
-                        f"boot, beside this one: remove it from the configuration of {held.route.device}, or give this one "
+                        f"routes: {text_of(route)}: {quoted(held.text)} comes from {owner}, which would make it again at the next "
+                        f"boot, beside this one: remove it from the configuration of {quoted(held.route.device)}, or give this one "
                         "another metric."
                     )
         return None
@@ -221,7 +222,7 @@ class Run(ModuleRun):
     @property
     def warnings(self) -> typing.List[str]:
         """The sentences about other default routes, and about routes that could not be taken back as planned."""
-        sentences = [_SECOND_DEFAULT.format(**other) for other in self.other_defaults]
+        sentences = [_SECOND_DEFAULT.format(text=quoted(other["text"])) for other in self.other_defaults]
         return sentences + [_sentence(item) for item in self.taken_back if item["state"] in ("left", "lost")]
 
     @property
@@ -372,7 +373,7 @@ class Run(ModuleRun):
             there = now.get(route.key, [])
             same = [held for held in there if route.fits(held.route)]
             if not same:
-                found = " and ".join(f"'{held.text}'" for held in there) or "nothing"
+                found = " and ".join(quoted(held.text) for held in there) or "nothing"
                 raise Problem(
                     f"routes: {text_of(route)}: the kernel holds {found} afterwards, expected this route: something else "
                     "changes it at the same time."
@@ -411,7 +412,9 @@ def _all(current: plan.Current) -> typing.List[Held]:
 
 
 def _sentence(item: Data) -> str:
-    return _TAKEN_BACK[item["state"]].format(**item)
+    return _TAKEN_BACK[item["state"]].format(
+        destination=item["destination"], **{when: quoted(item[when] or "") for when in ("before", "after")}
+    )
 
 
 def _overrides(backends: typing.Mapping[str, str], interfaces: typing.Container[str]) -> typing.Mapping[str, str]:

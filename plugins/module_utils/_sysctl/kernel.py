@@ -8,6 +8,7 @@ import os
 import re
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import matches, name_of, normal
 
 Values = typing.Dict[str, typing.Optional[str]]  # key -> value in normal form, None where there is no such key
@@ -185,7 +186,7 @@ def refusal(path: str, setting: Setting, found: typing.Optional[str], number: in
         name=name_of(setting.key),
         path=path,
         wanted=setting.value,
-        found="nothing that can be read" if found is None else found,
+        found="nothing that can be read" if found is None else quoted(found),
         reason=os.strerror(number),
         user=os.geteuid(),
     )
@@ -278,6 +279,6 @@ class Kernel:
         """Restore these values; returns a text for each that could not be restored."""
         goals = {key: value for key in changes_others_first(values) for value in [values[key]] if value is not None}
         return [
-            f"{self.path(key)} ({os.strerror(number) if number else 'it holds another value than ' + goals[key]})"
+            f"{self.path(key)} ({os.strerror(number) if number else 'it holds another value than ' + quoted(goals[key])})"
             for key, number in self.settle(goals).items()
         ]

@@ -17,6 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.diff
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, Step, carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import unwritable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record
@@ -215,7 +216,7 @@ class Run(ModuleRun):
         if writes and unfit(setting):
             return "invalid", (
                 f"{name_of(setting.key)}: found the value {setting.value}, expected a whole number as the kernel says it, such as "
-                f"{found.value}: correct the value."
+                f"{quoted(found.value)}: correct the value."
             )
         if self.plan.after[setting.key] != setting.value:
             return "invalid", self._contradiction(setting)
@@ -296,7 +297,7 @@ class Run(ModuleRun):
         sentences = [f"{changed} of {len(self.items)} kernel settings changed."] if self.items else []
         sentences += [_sentence(item) for item in self.taken_back]
         sentences += [
-            f"The kernel changed {item.name} from {item.before} to {item.after} with it."
+            f"The kernel changed {item.name} from {quoted(item.before)} to {quoted(item.after)} with it."
             for item in self.plan.also_changed
         ]
         return " ".join(sentences) or "No kernel settings are ours."
@@ -391,7 +392,7 @@ class Run(ModuleRun):
     def _otherwise(self, setting: Setting) -> Problem:
         """What the run ends with where the kernel holds another value than it was given."""
         text = (
-            f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {self.kernel.look(setting.key).value}, "
+            f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {quoted(self.kernel.look(setting.key).value)}, "
             "expected the same: write the value as the kernel says it."
         )
         self._item_of(setting).update(state="invalid", problem=text, changed=False)
@@ -447,7 +448,8 @@ def _encoded(text: typing.Optional[str]) -> typing.Optional[bytes]:
 
 
 def _sentence(item: Data) -> str:
-    return _TAKEN_BACK[item["state"]].format(**item)
+    values = {when: quoted(item[when]) for when in ("runtime_after", "expected")}
+    return _TAKEN_BACK[item["state"]].format(name=item["name"], **values)
 
 
 def _conflict(
@@ -464,13 +466,13 @@ def _conflict(
 
 def _conflict_sentence(item: Data, drop_in: str) -> str:
     conflict = item["conflict"]
-    where = conflict["file"] + (f" line {conflict['line']}" if conflict["line"] else "")
+    where = quoted(conflict["file"]) + (f" line {conflict['line']}" if conflict["line"] else "")
     if conflict["value"] is None and conflict["masks"]:
         found = f"{where} keeps {drop_in} from being read at boot"
     elif conflict["value"] is None:
         found = f"{where} excludes it from being set at boot"
     elif conflict["masks"]:
-        found = f"{where} sets {conflict['value']} at boot, and {drop_in} is not read"
+        found = f"{where} sets {quoted(conflict['value'])} at boot, and {drop_in} is not read"
     else:
-        found = f"{where} sets {conflict['value']} at boot, after {drop_in}"
+        found = f"{where} sets {quoted(conflict['value'])} at boot, after {drop_in}"
     return f"{item['name']}: {found}, expected {item['value']}: correct or remove it there, or set on_conflict to report to go on."

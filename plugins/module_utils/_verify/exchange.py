@@ -11,7 +11,7 @@ import typing
 import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types, tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import NODE, STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
@@ -93,7 +93,7 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
         pass  # of another version of multimaster_fkie, whose classes may be there
     answers, error = _ask(ros, {"types": [], "service": service})
     if not _of_masters(answers.get("service")):
-        raise OSError(f"{service} does not tell what is registered: {error or 'no answer'}")
+        raise OSError(f"{service} does not tell what is registered: {quoted(error) or 'no answer'}")
     return answers["service"]
 
 

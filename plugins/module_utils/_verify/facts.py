@@ -10,7 +10,7 @@ import typing
 import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
@@ -102,13 +102,13 @@ class Roscore:
         try:
             code, message, value = getattr(server(self._uri, STATE), method)(CALLER, *arguments)
         except OSError as problem:
-            raise OSError(f"{self._uri}: {problem.strerror or problem}") from problem
+            raise OSError(f"{self._uri}: {problem.strerror or quoted(problem)}") from problem
         except xmlrpc.client.Error as problem:  # another XML-RPC server, or another HTTP server
-            raise Strange(f"{self._uri}: {problem}") from problem
+            raise Strange(f"{self._uri}: {quoted(problem)}") from problem
         except Exception as problem:  # http.client's and expat's own
             raise Strange(f"{self._uri}: {type(problem).__name__}") from problem
         if code != 1:
-            raise OSError(f"{self._uri}: {method}: {message}")
+            raise OSError(f"{self._uri}: {method}: {quoted(message)}")
         return value
 
     def parameter(self, name: str, default: typing.Any) -> typing.Any:

@@ -13,7 +13,7 @@ import threading
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import node, tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
@@ -29,7 +29,7 @@ def place_of(topic: str, uri: str, caller: str) -> typing.Tuple[str, int]:
     """Ask a publisher where its topic is to be had. Raises OSError, and what a strange answer makes of it."""
     code, said, place = server(uri).requestTopic(caller, topic, [["TCPROS"]])
     if code != 1:
-        raise OSError(f"it does not give the topic: {plain(said)}")
+        raise OSError(f"it does not give the topic: {quoted(said)}")
     return str(place[1]), int(place[2])
 
 
@@ -105,7 +105,7 @@ class Listener:
             try:
                 self._hear(topic, *self._ask(topic, uri))
             except Exception as problem:  # whatever a stranger answers
-                self.errors[topic] = f"{plain(uri)}: {plain(problem)}"
+                self.errors[topic] = f"{quoted(uri)}: {quoted(problem)}"
                 again = threading.Timer(AGAIN, self._due.put, ((topic, uri),))
                 again.daemon = True
                 again.start()

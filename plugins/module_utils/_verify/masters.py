@@ -10,6 +10,7 @@ import xmlrpc.client
 from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
@@ -34,9 +35,9 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
             offset, uncertainty = clock_offset(master["monitor_uri"])
             found.update(clock_offset_s=round(offset, 6), clock_uncertainty_s=round(uncertainty, 6))
         except (OSError, xmlrpc.client.Error, ValueError, TypeError, IndexError) as problem:
-            found["clock_error"] = f"getCurrentTime failed: {problem}"
+            found["clock_error"] = f"getCurrentTime failed: {quoted(problem)}"
         except Exception as problem:  # http.client's and expat's own: something else than a discovery node
-            found["clock_error"] = f"getCurrentTime failed: {type(problem).__name__}: {problem}"
+            found["clock_error"] = f"getCurrentTime failed: {type(problem).__name__}: {quoted(problem)}"
     return found
 
 

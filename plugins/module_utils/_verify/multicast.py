@@ -15,6 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left
     leave,
     path_of,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper import Settings
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper_process import (
@@ -141,7 +142,7 @@ def look(params: Params) -> typing.Tuple[Result, typing.Tuple[str, ...], int]:
 def listed(seen: Result, group: str) -> str:
     """Return the message of the state `listed`."""
     members = sorted({item["interface"] for item in seen["memberships"] if item["group"] == group})
-    return f"{group} has members on {', '.join(members) or 'no interface'}."
+    return f"{group} has members on {', '.join(map(quoted, members)) or 'no interface'}."
 
 
 def start(settings: Settings, index: int) -> Result:

@@ -5,6 +5,8 @@
 
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
+
 
 def icmp_round(
     number: int, answered: typing.Set[str], computers: typing.Dict[str, str], own: str
@@ -65,7 +67,7 @@ def _cases(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.List
     return {
         "silent": _names(silent, lambda entry: True),
         "deaf": _names(udp, lambda entry: entry["heard_by"] is False),
-        "elsewhere": [f"{entry['name']} ({', '.join(entry['other_interfaces'])})" for entry in elsewhere],
+        "elsewhere": [f"{entry['name']} ({', '.join(map(quoted, entry['other_interfaces']))})" for entry in elsewhere],
         "reachable": _names(udp, lambda entry: entry["name"] in missing and entry["unicast"]),
         "unreachable": _names(silent + apart, lambda entry: entry["heard_by"] is None),
         "unanswered": result["unanswered"],

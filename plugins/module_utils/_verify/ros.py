@@ -16,7 +16,7 @@ import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import STATE
@@ -86,13 +86,13 @@ class Ros:
         try:
             code, message, value = getattr(server(self.uri, STATE), method)(caller, *arguments)
         except OSError as problem:
-            raise OSError(f"{self.uri}: {problem.strerror or problem}") from problem
+            raise OSError(f"{self.uri}: {problem.strerror or quoted(problem)}") from problem
         except xmlrpc.client.Error as problem:
-            raise OSError(f"{self.uri}: {problem}") from problem
+            raise OSError(f"{self.uri}: {quoted(problem)}") from problem
         except Exception as problem:  # http.client's and expat's own: something else than a roscore
             raise OSError(f"{self.uri} answers, but not as a roscore ({type(problem).__name__})") from problem
         if code != 1:
-            raise OSError(f"{self.uri}: {method}: {plain(message)}")
+            raise OSError(f"{self.uri}: {method}: {quoted(message)}")
         return value
 
 

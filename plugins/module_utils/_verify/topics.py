@@ -8,7 +8,7 @@ import time
 import typing
 from urllib.parse import urlsplit
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import Listener, Said, listener_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
@@ -78,7 +78,7 @@ def _topic(talker: str, name: str, said: typing.Dict[str, typing.Any], wanted: s
         "heard": heard,
         "text": plain(said.get("text", "")),
         "seconds": said.get("seconds"),
-        "error": f"heard '{plain(said.get('text', ''))}' instead" if said and not heard else "",
+        "error": f"heard {quoted(said.get('text', ''))} instead" if said and not heard else "",
     }
 
 

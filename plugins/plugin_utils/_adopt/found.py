@@ -22,6 +22,7 @@ Info = Mapping[str, Any]
 
 PARTS = ("system", "owned", "interfaces", "routing", "forwarding", "ports", "masters", "exports", "environment")
 NEEDED = ("interfaces", "routing", "forwarding", "masters")
+IMPLEMENTATIONS = ("bundled", "upstream")  # as the module tells them
 MOST = 64  # of interfaces, roscores, discovery nodes, assignments
 MOST_ROUTES = 2000
 # Networks inside a computer: containers and virtual machines.
@@ -164,18 +165,22 @@ def _roscore(entry: Info) -> Roscore:
         uri=uri(entry["uri"]),
         runs=quoted(process["unit"] or process["command"], 100),
         discovery=tuple(_discovery(node) for node in entry["discovery"][:MOST]),
-        syncs=tuple(quoted(node["implementation"], 32) for node in entry["sync"][:MOST]),
+        syncs=tuple(_implementation(node["implementation"]) for node in entry["sync"][:MOST]),
     )
 
 
 def _discovery(entry: Info) -> Discovery:
     return Discovery(
         node=quoted(entry["node"], 100),
-        implementation=quoted(entry.get("implementation", ""), 32),
+        implementation=_implementation(entry.get("implementation", "")),
         uri=uri(entry.get("uri", "")),
         group=_group(entry.get("group", "")),
         group_port=_port(entry.get("group_port", 0)),
     )
+
+
+def _implementation(text: Any) -> str:
+    return str(text) if text in IMPLEMENTATIONS else quoted(text, 32)
 
 
 def _group(text: Any) -> IPv4Address | None:

@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secre
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import told
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import planned_names, told
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
 
 FORMAT = 1
@@ -154,7 +154,8 @@ def read(texts: Mapping[str, str]) -> Bundle:
 
 def heard(bundle: Bundle) -> Bundle:
     """Return a bundle of anybody's with its texts as they may stand in sentences, as those of robots are (_verify/gathered.py)."""
-    said = {name: told(to_plain(entry)) for name, entry in bundle.observations.items()}
+    names = planned_names(bundle.fleet)
+    said = {name: told(to_plain(entry), names=names) for name, entry in bundle.observations.items()}
     return dataclasses.replace(
         bundle, observations={name: from_plain(Observation, entry) for name, entry in said.items()}
     )

@@ -9,14 +9,19 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import Bundle
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.judged import Judged, judge
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import Verification
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import observation, registered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import (
+    KEY,
+    observation,
+    planned_names,
+    registered,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.pairs import ALL, AUTO
 
 OPTIONS = (
@@ -39,6 +44,7 @@ def gathered(
     """Read what the tasks of a run registered; `given` are the OPTIONS of an action. Raises Mismatch."""
     fleet = from_plain(FleetPlan, given.get("fleet"))
     names = {option: given.get(option) or "" for option in (*OPTIONS, "logs")}
+    planned = planned_names(fleet)
     seen = {
         host: observation(
             hostvars[host],
@@ -49,6 +55,7 @@ def gathered(
             names["plan"],
             names["streams"],
             names["machine"],
+            planned,
         )
         for host in fleet.computers
         if host in hosts
@@ -62,11 +69,12 @@ def gathered(
 
 def _lines(result: Mapping[str, Any]) -> str:
     """Return the logs of a computer as one text."""
-    parts = [f"problem: {problem}" for problem in plain_data(result.get("problems") or [])]
+    parts = [f"problem: {quoted(problem, LINE)}" for problem in result.get("problems") or []]
     if result.get("msg") and not result.get("logs"):
-        parts.append(f"problem: {plain_data(str(result['msg']), 500)}")
-    for service, lines in plain_data(dict(result.get("logs") or {})).items():
-        parts += [f"== {service}", *(lines if isinstance(lines, list) else ())]
+        parts.append(f"problem: {quoted(result['msg'], 500)}")
+    for service, lines in dict(result.get("logs") or {}).items():
+        parts += [f"== {service if KEY.fullmatch(service) else quoted(service)}"]
+        parts += [quoted(line, LINE) for line in lines] if isinstance(lines, list) else []
     return "".join(f"{part}\n" for part in parts)
 
 

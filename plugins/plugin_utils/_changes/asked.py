@@ -82,6 +82,8 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
         except answer.Strange as strange:
             return {"failed": True, "msg": self._strange(str(strange))}
         result = dict(taken.result)
+        if "warnings" in result:  # Ansible shows them without the name of the robot
+            result["warnings"] = [f"{self._robot} warns: {quoted(text, LINE)}" for text in result["warnings"]]
         if taken.left_out:
             names = ", ".join(sorted(taken.left_out)[:3])
             note = f"{self._robot}: {self._task.action} does not document {names} of its answer, so they are left out."

@@ -21,14 +21,17 @@ _INVISIBLE = re.compile(
 )
 
 
-# What stands in a sentence without quotes: a name, an address, a URI or a time, of which nothing looks like a word of ours.
+# What stands in a sentence without quotes: a name, an address, a URI or a time. Each has a character that no word of a sentence
+# has, so `none`, `PASSED` and `ok=1` are none of these, whoever has such a name.
 _NAME = re.compile(
     r"""
-    [A-Za-z0-9_~/] (?: [A-Za-z0-9_./@%+=-]* [A-Za-z0-9_/] )?
+    (?= .* [0-9_/.@~] )
+    (?: [A-Za-z0-9_~/] (?: [A-Za-z0-9_./@+-]* [A-Za-z0-9_/] )?
     | [0-9A-Fa-f:.]* [0-9A-Fa-f] (?: / [0-9]{1,3} )?
     | (?: [a-z]+:// )? [A-Za-z0-9_.-]+ : [0-9]{1,5} /?
     | [a-z]+:// [A-Za-z0-9_.-]+ /?
     | (?: [A-Z][a-z]{2}[ ] )? [0-9]{4}-[0-9]{2}-[0-9]{2} [ ] [0-9:.]{5,15} (?: [ ] [A-Z+-][A-Z0-9]{1,5} )?
+    )
     """,
     re.VERBOSE,
 )
@@ -64,8 +67,8 @@ def _cut(text: str, most: int) -> str:
 def quoted(value: typing.Any, most: int = LONGEST) -> str:
     """A name or a text of others as it stands in a sentence of ours, so that nothing in it is taken for one.
 
-    A name is itself, where it has the form of one. Everything else stands in quotes, and has none in it: a name with blanks,
-    a reason, a message. What is quoted already stays as it is.
+    A name is itself, where it has the form of one. Everything else stands in quotes, and has none in it: a name with blanks or
+    of letters alone, a reason, a message. What is quoted already stays as it is.
     """
     text = str(value)
     if not text or is_name(text):

@@ -14,7 +14,7 @@ from ipaddress import IPv4Address
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import (
     environment,
     providers,
@@ -116,7 +116,7 @@ def unseen(computer: str, failed: Mapping[str, Any], version: str) -> str:
     said = str(failed.get("module_stderr") or failed.get("msg") or "no reason is known")
     last = (said.strip().splitlines() or [""])[-1].strip()
     if last.startswith(f"{computer}: "):  # the answer was none of the module, which our own action has said
-        return plain(last, LINE)
+        return f"{computer}: {quoted(last.partition(': ')[2], LINE)}"
     why = quoted(last, LINE)
     return (
         f"{computer}: the machine could not be looked at ({why}); expected a user who may become root (--ask-become-pass where "
@@ -303,7 +303,7 @@ def _services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, .
 def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     host, ros = plan.computer, info["ros"]
     if ros["problem"]:
-        return [f"{host}: {ros['problem']}"]
+        return [f"{host}: {quoted(ros['problem'], LINE)}"]
     chosen = ros["chosen"]
     if not chosen:
         return [

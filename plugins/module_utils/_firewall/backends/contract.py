@@ -25,6 +25,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 MARK = "rosfleet.multimaster"
@@ -111,9 +112,9 @@ def do(argv: typing.Sequence[str]) -> str:
     answer = ask(argv)
     output = answer.output.decode("utf-8", "replace")
     if answer.status != 0:
-        said = " ".join((answer.error + " " + output).split()) or f"status {answer.status}"
+        said = quoted((answer.error + " " + output).strip(), LINE) or f"status {answer.status}"
         raise Problem(
-            f"'{' '.join(argv)[:200]}' failed ({said}), expected it to change the packet filter: see what it says."
+            f"{quoted(' '.join(argv))} failed ({said}), expected it to change the packet filter: see what it says."
         )
     return output
 

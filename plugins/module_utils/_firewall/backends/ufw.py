@@ -16,6 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import FIRST, LAST, Wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 FILES = {4: "/etc/ufw/user.rules", 6: "/etc/ufw/user6.rules"}
@@ -65,7 +66,7 @@ def _rule(text: str) -> Rule:
     words = text.split()
     if len(words) != 7 or words[4] != "any" or words[6] != "in":
         raise Problem(
-            f"ufw has a rule with the comment {contract.MARK} that this module has not written ({text}); expected its own ones "
+            f"ufw has a rule with the comment {contract.MARK} that this module has not written ({quoted(text)}); expected its own ones "
             "only: give it another comment, or remove it."
         )
     return Rule(words[0], words[1], words[2], words[3], words[5])

@@ -16,6 +16,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import (
@@ -116,7 +117,7 @@ class BackEnd(contract.BackEnd):
         ]
         if others:
             raise Problem(
-                f"{where} its definition {definition.name} is that of {', '.join(others)} too, which would get the same routes: "
+                f"{where} its definition {quoted(definition.name)} is that of {', '.join(map(quoted, others))} too, which would get the same routes: "
                 f"give {interface} a definition of its own."
             )
         return FILE
@@ -157,7 +158,7 @@ class BackEnd(contract.BackEnd):
             answer = commands.run(["netplan", "generate", "--root-dir", copy], limit=_LIMIT)
             if answer.status != 0:
                 raise Problem(
-                    f"routes: netplan refuses {FILE} as it would be ({_said(answer).replace(copy, '')}): correct the routes, or "
+                    f"routes: netplan refuses {FILE} as it would be ({quoted(_said(answer).replace(copy, ''), LINE)}): correct the routes, or "
                     "set backend to none for those that its renderer cannot make."
                 )
         finally:
@@ -176,7 +177,7 @@ class BackEnd(contract.BackEnd):
             return
         answer = commands.run(["netplan", "generate"], limit=_LIMIT)
         if answer.status != 0:
-            raise Problem(f"routes: 'netplan generate' failed ({_said(answer)}), expected it to work.")
+            raise Problem(f"routes: 'netplan generate' failed ({quoted(_said(answer), LINE)}), expected it to work.")
         files = [definition.file for definition in self._definitions().values()]
         if any(file.startswith(networkmanager.NETPLANS) for file in files):
             # A definition of a wifi has one profile per access point.
@@ -184,7 +185,7 @@ class BackEnd(contract.BackEnd):
             answer = networkmanager.nmcli("connection", "load", *profiles)
             if answer.status != 0:
                 raise Problem(
-                    f"routes: NetworkManager cannot load what netplan has generated ({_said(answer)}), expected it running."
+                    f"routes: NetworkManager cannot load what netplan has generated ({quoted(_said(answer), LINE)}), expected it running."
                 )
         if any(file.startswith(_GENERATED) for file in files):
             networkd.BackEnd(self.machine, self.root, {}).activate(places)

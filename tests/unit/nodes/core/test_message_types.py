@@ -94,8 +94,8 @@ def test_what_the_roscore_still_calls_a_topic_is_not_what_the_own_nodes_do():
 
 def test_another_md5_sum_is_refused_with_both():
     (refusal,) = Robot(here="aaa", there="bbb").settled([want(STRING)], roscore()).refused
-    assert refusal.uri == "std_msgs/String with the md5 sum bbb (of /talker)"
-    assert refusal.holder == "std_msgs/String with aaa (of /listener)"
+    assert refusal.uri == 'std_msgs/String with the md5 sum "bbb" (of /talker)'
+    assert refusal.holder == 'std_msgs/String with "aaa" (of /listener)'
 
 
 @pytest.mark.parametrize("robot", [Robot(there=None), Robot(here="")])

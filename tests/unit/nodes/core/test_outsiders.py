@@ -25,7 +25,7 @@ def test_who_says_its_name_is_asked_once_and_told_of_once():
     assert asked(outsiders, 1000, answer=ROGUE) == [0]
     (news,) = outsiders.news
     assert str(news) == (
-        "rogue (http://rogue:11311/) at 10.0.0.6 is ignored: it is no robot of the fleet; add it to the inventory, or its "
+        '"rogue" (http://rogue:11311/) at 10.0.0.6 is ignored: it is no robot of the fleet; add it to the inventory, or its '
         "address to multimaster_allow"
     )
     assert outsiders.shown() == [news]

@@ -17,10 +17,10 @@ FETCH = SimpleNamespace(uri="http://b:11311/", monitor_uri="http://b:11611")
 @pytest.mark.parametrize(
     ("problem", "end"),
     [
-        (OSError("it does not answer"), "11611: it does not answer"),
+        (OSError("it does not answer"), '11611: "it does not answer"'),
         (
             TooLarge("it has more than 16777216 bytes"),
-            "11611: it has more than 16777216 bytes; nothing new of it is taken, what was registered stays: leave out there what "
+            '11611: "it has more than 16777216 bytes"; nothing new of it is taken, what was registered stays: leave out there what '
             "nobody needs, by multimaster_exports",
         ),
     ],

@@ -108,7 +108,7 @@ def test_versions_and_logs_are_in_it(tmp_path):
         about["computers"]["tibi-nav"] | {"system": "Debian GNU/Linux 12", "kernel": "6.1.0", "python": "3.11.2"}
         == about["computers"]["tibi-nav"]
     )
-    assert found["logs/tibi-nav.txt"] == "== sync\ntibi-nav: one\ntwo\n"
+    assert found["logs/tibi-nav.txt"] == '== sync\n"tibi-nav: one"\n"two"\n'
     assert found["report.html"].startswith("<!DOCTYPE html>") and json.loads(found["report.json"])["verdict"] == "ok"
 
 

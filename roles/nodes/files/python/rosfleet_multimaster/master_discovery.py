@@ -17,6 +17,7 @@ from .core.members import Members, Networks
 from .core.mirror import Mirror
 from .core.outsiders import Outsider
 from .core.peer import Contact, Key, Master
+from .core.plain_text import quoted
 from .core.report import Diagnosis
 from .edge import memory, ros
 from .edge.addresses import networks
@@ -334,7 +335,7 @@ class MasterDiscovery:
 
     def _ended_by_ros(self, reason: str) -> None:
         if not self.ended:
-            self._give_up(f"somebody ended this node: {reason}")
+            self._give_up(f"somebody ended this node: {quoted(reason)}")
 
     def _give_up(self, reason: str) -> None:
         """End without a word to the others: the service manager starts the node again at once."""

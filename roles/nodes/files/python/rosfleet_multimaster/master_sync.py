@@ -12,6 +12,7 @@ from .core import metrics, parameters, report
 from .core.filters import Filters
 from .core.members import Members
 from .core.message_types import TypeGuard
+from .core.plain_text import quoted
 from .core.report import Diagnosis
 from .core.sync import Announced, Refusal, Registration, Sync
 from .edge import memory, ros
@@ -250,7 +251,7 @@ class MasterSync:
         text = "; ".join(shares) or "no other master"
         refused = sorted({item.name for item in self.refused if item.kind != "limit"})
         limited = sorted(item.master for item in self.refused if item.kind == "limit")
-        text += f"; refused: {', '.join(refused)}" if refused else ""
+        text += f"; refused: {', '.join(map(quoted, refused))}" if refused else ""
         text += f"; not all of {', '.join(limited)}: too many" if limited else ""
         if text != self.status:
             self.status = text
@@ -260,7 +261,7 @@ class MasterSync:
 
     def _ended_by_ros(self, reason: str) -> None:
         if not self.ending:
-            self._give_up(f"somebody ended this node: {reason}")
+            self._give_up(f"somebody ended this node: {quoted(reason)}")
 
     def _give_up(self, reason: str) -> None:
         """End at once: what is registered is recorded in the roscore, and the service manager starts the node again."""

@@ -17,6 +17,7 @@ from functools import partial
 from typing import Any, List, Optional
 
 from .core.bounds import Beyond, beyond
+from .core.plain_text import quoted
 from .core.registry import Record, Registry
 from .edge import addresses, journal, master, memory, store, systemd
 from .edge.loop import Loop, Workers, in_thread
@@ -110,7 +111,7 @@ class Roscore:
         self._changes.add(records)
         for record in records:
             if record[0] == "refused":
-                text = "the node {} at {} is refused: {}".format(*record[1:4])
+                text = f"the node {quoted(record[1])} at {quoted(record[2])} is refused: {record[3]}"
                 self._refusals.say(f"{record[1:3]}", text)
 
     def _refused(self, problem: Beyond) -> None:
@@ -121,7 +122,7 @@ class Roscore:
             raise beyond("under way", "what is changed now, with what others change,")
 
     def _not_ended(self, name: str, uri: str) -> None:
-        text = f"{name} at {uri} is not told to end: neither it nor its successor was registered from its computer"
+        text = f"{quoted(name)} at {quoted(uri)} is not told to end: neither it nor its successor was registered from its computer"
         self._refusals.say("end", text)
 
     def _tell(self, records: List[Record]) -> None:

@@ -14,6 +14,7 @@ import time
 import xmlrpc.client
 from typing import Any, Callable
 
+from .core.plain_text import quoted
 from .edge.journal import plain_streams, say
 
 CALLER = "/rosfleet_multimaster"
@@ -40,7 +41,7 @@ def ask(uri: str, method: str, *arguments: Any) -> Any:
     except Exception as problem:  # the network's, HTTP's and XML's own: whatever it is, not a roscore's answer
         raise NotYet(f"the roscore at {uri} does not answer: {problem}") from None
     if code != 1:
-        raise NotYet(f"the roscore at {uri} says: {text}")
+        raise NotYet(f"the roscore at {uri} says: {quoted(text)}")
     return value
 
 

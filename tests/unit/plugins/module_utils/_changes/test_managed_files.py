@@ -111,7 +111,7 @@ def test_a_service_that_is_not_reloaded_is_a_sentence(machine, systemctl):
     with pytest.raises(Problem) as problem:
         run.apply()
     assert str(problem.value) == (
-        "The files of the bundle b are as planned, but x.service does not read them again (Unit x.service is masked.); "
+        'The files of the bundle b are as planned, but x.service does not read them again ("Unit x.service is masked."); '
         "expected a service that can be reloaded: look at systemctl status x.service."
     )
     assert run.failure(problem.value) == {"changed": True} and "a" in machine.state()
@@ -120,7 +120,7 @@ def test_a_service_that_is_not_reloaded_is_a_sentence(machine, systemctl):
 def test_a_content_that_its_command_refuses_is_a_sentence(machine):
     run = machine.run({"a": "good", "b": "bad"}, validate=["check", "-"])
     assert run.refusals == [
-        f"The content for {machine.root / 'b'} is refused by 'check -' (line 1: no); nothing was changed: "
+        f"The content for {machine.root / 'b'} is refused by 'check -' (\"line 1: no\"); nothing was changed: "
         "correct the content."
     ]
     assert machine.commands == [(["check", "-"], b"good"), (["check", "-"], b"bad")]

@@ -37,7 +37,7 @@ def test_a_way_that_stays_open(found):
 def test_a_way_that_would_be_closed_is_refused():
     sentence = access.Access([], [way(5986, "10.0.0.5", "agent")]).refusal(WANTED)
     assert sentence.startswith(
-        "The controller at 10.0.0.5 reaches this computer on TCP port 5986 of agent, which is no ssh server"
+        'The controller at 10.0.0.5 reaches this computer on TCP port 5986 of "agent", which is no ssh server'
     )
 
 

@@ -105,7 +105,7 @@ def test_apply_again_and_take_back(machine):
     assert (applied["changed"], applied["written"], applied["repaired"]) == (True, "rename", False)
     assert applied["diff"] == planned["diff"]
     assert applied["msg"].endswith(
-        "2 added. Line 2 (127.0.1.1 kobuki1computer) no longer binds this computer's own name to loopback; "
+        '2 added. Line 2 ("127.0.1.1 kobuki1computer") no longer binds this computer\'s own name to loopback; '
         "of it remains: nothing."
     )
     after = machine.hosts.stat()
@@ -118,7 +118,7 @@ def test_apply_again_and_take_back(machine):
 
     back = machine.run(entries=[])
     assert back["changed"]
-    assert back["msg"].endswith("2 removed. Line 2 is again: 127.0.1.1 kobuki1computer.")
+    assert back["msg"].endswith('2 removed. Line 2 is again: "127.0.1.1 kobuki1computer".')
     assert machine.hosts.read_bytes() == OLD
     assert machine.run(entries=[])["changed"] is False
     assert machine.left() == (["hosts"], None)

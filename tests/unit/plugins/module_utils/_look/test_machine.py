@@ -23,8 +23,8 @@ def test_a_strange_part_is_a_sentence(monkeypatch):
         "exports": [],
         "sshd": {},
         "problems": [
-            "The part interfaces of the machine could not be read: no such thing.",
-            "The part exports of the machine could not be read: no answer within 0.05 s.",
+            'The part interfaces of the machine could not be read: "no such thing".',
+            'The part exports of the machine could not be read: "no answer within 0.05 s".',
         ],
     }
 

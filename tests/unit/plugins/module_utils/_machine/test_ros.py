@@ -232,7 +232,9 @@ def test_a_ros_for_python_2_is_examined_with_it(opt, more, monkeypatch):
     assert chosen["problem"] == ""
 
 
-@pytest.mark.parametrize(("more", "said"), [("exit 3", "it says nothing."), ("echo no luck. >&2; exit 3", "no luck.")])
+@pytest.mark.parametrize(
+    ("more", "said"), [("exit 3", "it says nothing."), ("echo no luck. >&2; exit 3", '"no luck".')]
+)
 def test_a_set_up_file_that_ends_the_shell(opt, more, said):
     (opt / "setup.sh").write_text(more)
     expected = f"The set-up file {opt}/setup.sh, sourced by sh, sets no variables: {said}"

@@ -82,7 +82,7 @@ def test_a_foreign_route_in_its_place_is_a_conflict_or_comes_back_later():
     current = holding("unicast default via 192.168.11.1 dev eth0 proto boot scope global mtu 1400")
     refused = planned([wanted], current)
     assert refused.results[0].state == "conflict"
-    assert "'default via 192.168.11.1 dev eth0 proto boot mtu 1400'" in refused.results[0].problem
+    assert '"default via 192.168.11.1 dev eth0 proto boot mtu 1400"' in refused.results[0].problem
 
     plan = planned([wanted], current, replace=True)
     assert plan.results[0].state == "changed"

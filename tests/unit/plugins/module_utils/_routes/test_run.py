@@ -365,7 +365,7 @@ def test_a_run_that_the_kernel_refuses_half_way_puts_everything_back(computer):
     moved = {**FOUR, "gateway": "192.168.11.102"}
     wrong = {"destination": "10.7.0.0/16", "gateway": "224.0.0.9", "device": "eth0", "on_link": True}
     failed = computer.run(moved, {"destination": "10.8.0.0/16", "gateway": "192.168.11.7"}, wrong)
-    assert "the kernel refuses 'ip -4 route replace 10.7.0.0/16" in failed["msg"]
+    assert 'the kernel refuses "ip -4 route replace 10.7.0.0/16' in failed["msg"]
     assert failed["msg"].endswith("Everything is as it was before.")
     assert (computer.routes(), computer.files()) == (routes, files)
 

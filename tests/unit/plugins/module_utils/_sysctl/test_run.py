@@ -804,7 +804,7 @@ def test_kernel_refuses_a_value_and_everything_is_as_before(namespace):
     )
     held = " ".join(namespace.held("net/ipv4/tcp_rmem").split())
     assert result["msg"] == (
-        f"net.ipv4.tcp_rmem: the kernel refuses the value many (Invalid argument) and keeps {held}: "
+        f'net.ipv4.tcp_rmem: the kernel refuses the value many (Invalid argument) and keeps "{held}": '
         "give a value that it accepts. Everything is as it was before."
     )
     item = result["settings"][1]

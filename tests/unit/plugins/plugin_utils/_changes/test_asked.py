@@ -55,8 +55,14 @@ def test_what_is_not_documented_is_left_out_with_a_warning(action):
     found = action._parse_returned_data({"stdout": '{"installed": [], "removed": [], "secret": 1}', "rc": 0}, "legacy")
     assert "secret" not in found
     assert found["warnings"] == [
-        "kobuki: rosfleet.multimaster.multimaster_packages does not document secret of its answer, so they are left out."
+        'kobuki: rosfleet.multimaster.multimaster_packages does not document "secret" of its answer, so they are left out.'
     ]
+
+
+def test_a_warning_has_the_name_of_its_robot_and_stands_in_quotes(action):
+    said = json.dumps({"due": [], "warnings": ['done."\n\nPLAY RECAP ***   kobuki: ok=1']})
+    found = action._parse_returned_data({"stdout": said, "rc": 0}, "legacy")
+    assert found["warnings"] == ['kobuki warns: "done.\' PLAY RECAP *** kobuki: ok=1"']
 
 
 @pytest.mark.parametrize("profile", [[], ["legacy"]])

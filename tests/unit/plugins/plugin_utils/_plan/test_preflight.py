@@ -119,7 +119,7 @@ PROBLEMS = {
     "no multicast": (lambda info: info["interfaces"][1].update(multicast=False), "does not do multicast"),
     "no systemd": (lambda info: info["systemd"].update(running=False), "systemd does not run"),
     "no ROS": (lambda info: info["ros"].update(chosen=None), "no ROS was found .* multimaster_ros_setup"),
-    "ROS problem": (lambda info: info["ros"].update(problem="there are two"), "kobuki1computer: there are two"),
+    "ROS problem": (lambda info: info["ros"].update(problem="there are two"), 'kobuki1computer: "there are two"'),
     "missing module": (
         lambda info: info["ros"]["chosen"].update(missing=["std_srvs"]),
         "lacks the Python modules std_srvs; .*apt-get install python3-std-srvs",
@@ -132,11 +132,11 @@ PROBLEMS = {
     "old Python": (lambda info: info["ros"]["chosen"].update(python_version="3.6.9"), "has Python 3.6.9; expected 3.8"),
     "foreign roscore": (
         lambda info: info["ports"].append(holder(11311, unit="roscore.service")),
-        r"TCP port 11311 is held by rosmaster \(pid 812, user robot, roscore.service\).*multimaster_roscore to 'existing'",
+        r"""TCP port 11311 is held by "rosmaster" \(pid 812, user "robot", roscore.service\).*multimaster_roscore to 'existing'""",
     ),
     "another discovery": (
         lambda info: info["ports"].append(holder(11511, "udp")),
-        "UDP port 11511 is held by rosmaster .*only one discovery node",
+        'UDP port 11511 is held by "rosmaster" .*only one discovery node',
     ),
 }
 
@@ -159,9 +159,9 @@ def test_who_holds_the_ports_is_told_also_to_a_run_that_only_looks():
     found = compare(lambda info: (info.update(ports=twice), info["systemd"].update(running=False)))
     assert len(found.problems) == 4
     assert found.plan.found.runs == (
-        "kobuki1computer: TCP port 11311: rosmaster (pid 812, user robot, session-3.scope), where the plan has "
+        'kobuki1computer: TCP port 11311: "rosmaster" (pid 812, user "robot", session-3.scope), where the plan has '
         "multimaster-roscore.service.",
-        "kobuki1computer: UDP port 11511 and TCP port 11611: rosmaster (pid 812, user robot), where the plan has "
+        'kobuki1computer: UDP port 11511 and TCP port 11611: "rosmaster" (pid 812, user "robot"), where the plan has '
         "multimaster-discovery.service.",
     )
     assert found.plan.found.noted == found.problems[:1] and "systemd does not run" in found.problems[0]
@@ -219,7 +219,7 @@ def test_an_export_of_the_planned_value_is_no_matter():
 
 
 def test_another_name_of_the_machine_is_named():
-    assert "calls itself debian" in compare(lambda info: info.update(hostname="debian")).warnings[0]
+    assert 'calls itself "debian"' in compare(lambda info: info.update(hostname="debian")).warnings[0]
 
 
 GATEWAY = {

@@ -24,7 +24,7 @@ def test_what_is_roots_needs_no_words():
 def test_a_persons_workspace():
     (text,) = said(for_root={}, person="robot", doubt="/home/robot belongs to robot")
     assert f'root gets no variables of the set-up file {SETUP}, since "/home/robot belongs to robot"; expected' in text
-    assert "the services and the user robot get them" in text
+    assert 'the services and the user "robot" get them' in text
     assert "root and other users get the collection's own only" in text
     below = "/opt/ros/noetic/setup.bash"
     (text,) = said(for_root={"PATH": "/opt/bin"}, person="robot", doubt="/home/robot belongs to robot", below=below)
@@ -43,6 +43,6 @@ def test_no_hook():
 
 def test_names():
     (text,) = said(for_root={"PATH": "/opt/bin"})
-    assert "sets MODEL, which root does not get" in text
+    assert 'sets "MODEL", which root does not get' in text
     (text,) = said(left_out=["LD_PRELOAD", "PATH (./bin)"])
     assert 'sets LD_PRELOAD, "PATH (./bin)", which nobody gets' in text

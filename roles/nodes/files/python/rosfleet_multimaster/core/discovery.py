@@ -48,6 +48,7 @@ from .heartbeat import Heartbeat, Kind, Malformed, Stamp, decode, encode
 from .members import Members
 from .outsiders import Budget, Outsiders
 from .peer import LONG_AGO, Act, Contact, Key, Master, Peer, Sign
+from .plain_text import quoted
 
 REPEAT_CHANGES = (0.0, 0.2, 1.0)  # seconds after a change: one lost datagram must not delay it
 OFTEN = 1.0  # heartbeats a second, of which the next one is soon enough to tell that what a master has of others has changed
@@ -576,7 +577,7 @@ class Discovery:
             self._say(
                 "warning",
                 f"contact {entry.key[0]}" if len(self._strangers) <= MAX_PER_ADDRESS else "contacts",
-                f"{entry.monitor_uri} is heard, but does not say who it is: {news.problem}",
+                f"{entry.monitor_uri} is heard, but does not say who it is: {quoted(news.problem)}",
             )
 
     def _has_room(self, entry: Peer) -> bool:

@@ -12,7 +12,7 @@ from typing import Any, Dict, Iterable, Iterator, NamedTuple, Optional, Sequence
 from .discovery import Link
 from .members import Members, same_uri
 from .peer import Master
-from .plain_text import plain
+from .plain_text import plain, quoted
 
 EACH, ANY = 30.0, 5.0  # seconds from a question to one master to the next one to it, and to anybody
 LIMIT = 3.0  # seconds for an answer
@@ -128,7 +128,9 @@ class Health:
         quality = link.quality if link is not None and master.online else -1.0
         silent = link.silent if link is not None else None
         losses, answer = self._losses.get(master.uri, 0), self._answers.get(master.uri)
-        return Seen(plain(master.name, NAME), master.uri, master.online, quality, silent, losses, answer)
+        planned = self._members.master(master.uri) is not None
+        name = plain(master.name, NAME) if planned else quoted(master.name, NAME - 2)
+        return Seen(name, master.uri, master.online, quality, silent, losses, answer)
 
     def _is_other(self, master: Master) -> bool:
         return same_uri(master.uri) != self._own_uri

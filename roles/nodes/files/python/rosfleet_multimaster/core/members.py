@@ -9,6 +9,8 @@
 import ipaddress
 from typing import Any, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional
 
+from .plain_text import quoted
+
 IGNORE, ALLOW = "ignore", "allow"
 
 
@@ -109,12 +111,14 @@ class Members:
                 return f"it says that it is {member.name}, which is at {planned}"
             return ""
         if name.lower() in self._names:
-            return f"it has the name of the master of a robot of the fleet, {name}, but another URI, {uri}"
+            return (
+                f"it has the name of the master of a robot of the fleet, {quoted(name)}, but another URI, {quoted(uri)}"
+            )
         if self.admits(address):
             return ""
         there = self.at(address)
         if there is not None:
-            return f"it is on the computer of {there.name}, whose master is not {uri}"
+            return f"it is on the computer of {there.name}, whose master is not {quoted(uri)}"
         return "it is no robot of the fleet"
 
 

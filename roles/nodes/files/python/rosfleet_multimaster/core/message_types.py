@@ -26,6 +26,7 @@ from typing import (
 )
 
 from .filters import UNKNOWN_TYPES
+from .plain_text import quoted
 from .sync import NodeKey, Refusal, View, Wanted
 
 MOST = 500  # types of one question
@@ -185,13 +186,17 @@ class TypeGuard:
             here = named.get(topic) or self._said(topic, users[topic], view)
             if not here:
                 continue
-            kind, nodes = items[0].type, ", ".join(sorted({item.registration.node for item in items})[:3])
+            nodes = ", ".join(quoted(node) for node in sorted({item.registration.node for item in items})[:3])
+            kind = items[0].type
             theirs, ours = self._masters.answers.get(items[0].master_uri, {}).get(kind), self._own_md5.get(kind)
             if kind not in here:
                 own_kind, node = next(iter(here.items()))
-                found[topic, master] = f"{kind} (of {nodes})", f"{own_kind} (of {node})"
+                found[topic, master] = f"{quoted(kind)} (of {nodes})", f"{quoted(own_kind)} (of {quoted(node)})"
             elif theirs and ours and theirs != ours and kind in named.get(topic, {}):
-                sides = f"{kind} with the md5 sum {theirs} (of {nodes})", f"{kind} with {ours} (of {here[kind]})"
+                sides = (
+                    f"{quoted(kind)} with the md5 sum {quoted(theirs)} (of {nodes})",
+                    f"{quoted(kind)} with {quoted(ours)} (of {quoted(here[kind])})",
+                )
                 found[topic, master] = sides
         return found
 

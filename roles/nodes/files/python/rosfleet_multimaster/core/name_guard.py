@@ -9,6 +9,8 @@ does not come back under the old URI while it ends: roscpp registers once more t
 
 from typing import Dict, Iterable, NamedTuple, Set, Tuple
 
+from .plain_text import quoted
+
 REPLACED = 30.0  # seconds that a replaced node is refused; it is told to end at once
 MOST = 1000  # replaced nodes that are remembered
 
@@ -48,9 +50,9 @@ class NameGuard:
         foreign, other = self.is_import(name, uri), held not in ("", uri)
         if other:
             if foreign and not self.is_import(name, held):
-                return Verdict(f"an own node at {held} has the name {name}")
+                return Verdict(f"an own node at {quoted(held)} has the name {quoted(name)}")
             if self._replaced.get((name, uri), now) > now:
-                return Verdict(f"a newer node at {held} has the name {name}")
+                return Verdict(f"a newer node at {quoted(held)} has the name {quoted(name)}")
         lost = other and self.is_import(name, held)
         if other:
             self._replace(name, held, now)

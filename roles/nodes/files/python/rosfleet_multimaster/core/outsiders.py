@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 from .peer import LONG_AGO, Contact, Key
+from .plain_text import quoted
 
 TRIES = 2  # connections to an address from which nobody has said who it is,
 AGAIN = 30.0  # and seconds until there are two more, where it may be an allowed one that is still heard
@@ -52,7 +53,9 @@ class Outsider(NamedTuple):
 
     def __str__(self) -> str:
         who = (
-            f"{self.name} ({self.uri}) at {self.address}" if self.uri else f"the sender of heartbeats at {self.address}"
+            f"{quoted(self.name)} ({quoted(self.uri)}) at {self.address}"
+            if self.uri
+            else f"the sender of heartbeats at {self.address}"
         )
         return f"{who} is ignored: {self.why}; add it to the inventory, or its address to multimaster_allow"
 

@@ -13,7 +13,7 @@ from typing import Any, Deque, Dict, Mapping, NamedTuple, Optional, Tuple
 from urllib.parse import urlsplit
 
 from .heartbeat import Heartbeat
-from .plain_text import is_plain
+from .plain_text import is_plain, quoted
 
 Key = Tuple[str, int, int]  # address and UDP port of the sender, port of its XML-RPC server
 LONG_AGO = float("-inf")
@@ -146,7 +146,7 @@ class Contact(NamedTuple):
             if not is_plain(text, MAX_NAME) or " " in text or '"' in text:
                 raise ValueError(f"a name that is none: {ascii(text[:40])}")
         if not uri.startswith("http://") or not urlsplit(uri).hostname:
-            raise ValueError(f"it calls its master {uri}")
+            raise ValueError(f"it calls its master {quoted(uri)}")
         return cls(stamp, uri, name, discoverer)
 
     @property

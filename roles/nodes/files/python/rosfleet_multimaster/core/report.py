@@ -7,6 +7,7 @@ from typing import Any, Iterable, List, NamedTuple, Sequence, Tuple
 from .health import APART, Seen, Shown
 from .limits import sentence
 from .outsiders import Outsider
+from .plain_text import quoted
 from .sync import Refusal
 
 OK, WARN, ERROR = range(3)  # levels of diagnostic_msgs/DiagnosticStatus
@@ -38,15 +39,22 @@ def refused(item: Refusal) -> str:
     """The line of the log about a new refusal."""
     if item.kind == "limit":
         return sentence(item)
-    text = _SENTENCES.get(item.kind, _TAKEN).format(there=item.uri, here=item.holder)
-    return f"{item.master}: the {NOUNS[item.kind]} {item.name} {text}"
+    there, here = _sides(item)
+    text = _SENTENCES.get(item.kind, _TAKEN).format(there=there, here=here)
+    return f"{item.master}: the {NOUNS[item.kind]} {quoted(item.name)} {text}"
+
+
+def _sides(item: Refusal) -> Tuple[str, str]:
+    """What is there and what is here. Types and places are told in sentences, which have quoted the names in them."""
+    there = item.uri if item.kind == "type" else quoted(item.uri)
+    return there, item.holder if item.kind in ("type", "place") else quoted(item.holder)
 
 
 def no_longer_refused(item: Refusal) -> str:
     """The line of the log about a refusal that has ended."""
     if item.kind == "limit":
         return f"{item.master} offers {item.holder} registrations or fewer again"
-    return f"{item.master}: the {NOUNS[item.kind]} {item.name} is no longer refused"
+    return f"{item.master}: the {NOUNS[item.kind]} {quoted(item.name)} is no longer refused"
 
 
 def diagnoses(items: Sequence[Refusal]) -> List[Diagnosis]:
@@ -68,10 +76,11 @@ def _limits(items: Sequence[Refusal]) -> Diagnosis:
 
 
 def _refusals(name: str, why: str, items: Sequence[Refusal]) -> Diagnosis:
-    values = [
-        (f"{NOUNS[item.kind]} {item.name}", f"{item.uri} of {item.master} is refused{_HERE[item.kind]}{item.holder}")
-        for item in items
-    ]
+    values = []
+    for item in items:
+        there, here = _sides(item)
+        told = f"{there} of {item.master} is refused{_HERE[item.kind]}{here}"
+        values.append((f"{NOUNS[item.kind]} {quoted(item.name)}", told))
     return _wrong(name, f"{why}: {len(items)}", values)
 
 

@@ -18,6 +18,7 @@ from .filters import UNKNOWN_TYPES, Filters, Pattern, Rules
 from .graph import LOCAL, Endpoints, State
 from .members import Members
 from .places import Places, host_of
+from .plain_text import quoted
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
 PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anybody can announce a change
@@ -47,7 +48,7 @@ class Registration(NamedTuple):
         return self.node, self.node_uri
 
     def __str__(self) -> str:
-        return f"{self.kind} {self.name} of {self.node}"
+        return f"{self.kind} {quoted(self.name)} of {quoted(self.node)}"
 
 
 def nodes_of(items: Iterable[Registration]) -> Set[NodeKey]:

@@ -25,7 +25,7 @@ from ..core import bounded_json
 from ..core.bounds import BOUNDS, Beyond, Room, beyond, freed, names, parts_of, weight, writable
 from ..core.name_guard import NameGuard
 from ..core.notifications import Call
-from ..core.plain_text import plain
+from ..core.plain_text import plain, quoted
 from ..core.registry import Of, Record, Registry, touches
 from . import addresses, programs
 from .clock import monotonic
@@ -465,7 +465,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         verdict = self.guard.judge(node, held.api if held is not None else "", uri, monotonic())
         self._spare = verdict.spared
         if verdict.import_lost and held is not None:
-            self._records.append(["refused", node, held.api, f"an own node at {uri} has taken the name"])
+            self._records.append(["refused", node, held.api, f"an own node at {quoted(uri)} has taken the name"])
         if verdict.refused:
             self._records.append(["refused", node, uri, verdict.refused])
             return f"refused: {verdict.refused}"

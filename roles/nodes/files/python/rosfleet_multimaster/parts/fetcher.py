@@ -9,6 +9,7 @@ from xmlrpc.client import Fault
 from ..core.graph import Malformed, State, parse
 from ..core.limits import size
 from ..core.places import Places
+from ..core.plain_text import quoted
 from ..core.sync import Fetch, Registration, Sync
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
@@ -90,7 +91,7 @@ class Fetcher:
             self._limited.say(
                 "warning",
                 f"fetch {fetch.uri}",
-                f"the state of {fetch.uri} cannot be had from {fetch.monitor_uri}: {problem}{_advice(problem)}",
+                f"the state of {fetch.uri} cannot be had from {fetch.monitor_uri}: {quoted(problem)}{_advice(problem)}",
             )
 
     # Who is followed

@@ -14,6 +14,7 @@ from xmlrpc.client import Fault
 
 from ..core import limits
 from ..core.message_types import TypeGuard
+from ..core.plain_text import quoted
 from ..core.step import Known, Names, after, names, step
 from ..core.sync import Claims, Plan, Refusal, Registration, Sync, View, Wanted, calls, nodes_of, plan
 from ..edge.clock import monotonic
@@ -289,7 +290,7 @@ class Rounds:
             if isinstance(result, Fault) or result[0] != 1:
                 why = result.faultString if isinstance(result, Fault) else result[1]
                 self.held.pop(item, None)
-                self._limited.say("error", f"call {item}", f"the roscore refuses the {item}: {why}")
+                self._limited.say("error", f"call {item}", f"the roscore refuses the {item}: {quoted(why)}")
                 continue
             self.made[verb] += 1
             done.append((master, verb, item))
@@ -314,7 +315,7 @@ class Rounds:
 
         def told(_result: Any, problem: Optional[Exception]) -> None:
             if problem is not None:
-                text = f"{item.node} cannot be told who publishes {item.name}: {problem}"
+                text = f"{quoted(item.node)} cannot be told who publishes {quoted(item.name)}: {quoted(problem)}"
                 self._limited.say("warning", f"update {item.node_uri}", text)
 
         self._updaters.submit(

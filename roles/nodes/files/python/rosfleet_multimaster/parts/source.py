@@ -14,6 +14,7 @@ from ..core.feed import unpacked
 from ..core.graph import Malformed, State
 from ..core.mirror import Mirror
 from ..core.pace import PollPace
+from ..core.plain_text import quoted
 from ..edge.clock import monotonic, wall_clock
 from ..edge.loop import Ended, in_thread
 from ..edge.rpc_client import Rpc
@@ -68,7 +69,7 @@ class Follower:
         ours = record.get("node") if self._mirror.uri_of(record.get("node") or "") == record.get("uri") else None
         for service, users in self._mirror.state().services.items():
             if service.endswith(GET_SYNC_INFO) and users[0] != ours and self._mirror.is_local(users[0]):
-                raise PollInstead(f"{users[0]} synchronises, too")
+                raise PollInstead(f"{quoted(users[0])} synchronises, too")
 
     def close(self) -> None:
         """Close the connection."""

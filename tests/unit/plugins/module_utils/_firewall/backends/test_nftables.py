@@ -50,7 +50,7 @@ def test_a_kernel_without_nftables(monkeypatch):
     monkeypatch.setattr(contract, "ask", lambda _argv: Answer(1, b"", said))
     with pytest.raises(Problem, match="^This computer does not take the packet filter") as found:
         nftables.BackEnd(False).rules(SMALL)
-    assert "nft says: Error: Could not process rule: Operation not supported" in str(found.value)
+    assert 'nft says: "Error: Could not process rule: Operation not supported' in str(found.value)
     assert "set multimaster_firewall to none" in str(found.value) and len(str(found.value)) < 500
 
 
@@ -63,7 +63,7 @@ def test_a_container_that_may_make_no_network_namespace(monkeypatch):
         pytest.skip("setpriv cannot take the right away here")
     monkeypatch.setattr(contract, "ask", lambda argv: ask([*restricted, *argv]))
     with pytest.raises(
-        Problem, match="could not be tried in a network namespace of their own .unshare: unshare failed"
+        Problem, match='could not be tried in a network namespace of their own ."unshare: unshare failed'
     ):
         nftables.BackEnd(False).rules(SMALL)
 

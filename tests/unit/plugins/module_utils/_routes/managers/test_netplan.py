@@ -130,7 +130,7 @@ def test_no_routes_no_file(tmp_path):
 
 def test_a_definition_of_two_interfaces_is_refused(tmp_path):
     end = back_end(tmp_path, {"eth0": generated("all"), "eth1": generated("all")})
-    with pytest.raises(Problem, match="definition all is that of eth1 too"):
+    with pytest.raises(Problem, match='definition "all" is that of eth1 too'):
         end.render({"eth0": ROUTES})
 
 
@@ -189,7 +189,7 @@ def test_its_refusal_is_one_sentence(tmp_path, tool):
         1, b"", "** WARNING **: open\nERROR: eth0: NetworkManager only supports unicast routes\n\n"
     )
     with pytest.raises(
-        Problem, match=r"refuses %s .* \(ERROR: eth0: NetworkManager only supports unicast routes\)" % netplan.FILE
+        Problem, match=r'refuses %s .* \("ERROR: eth0: NetworkManager only supports unicast routes"\)' % netplan.FILE
     ):
         back_end(tmp_path, {}).check({netplan.FILE: "new"})
     assert not os.path.exists(tool["copy"])

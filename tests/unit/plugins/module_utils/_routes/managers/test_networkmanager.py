@@ -111,7 +111,7 @@ def test_what_nmcli_prints_in_another_order_or_form_is_the_same_line():
 
 
 def test_an_unknown_form_is_named():
-    with pytest.raises(Problem, match="ipv4.routes '{ ip = 10.0.0.0/8 }'"):
+    with pytest.raises(Problem, match='ipv4.routes "{ ip = 10.0.0.0/8 }"'):
         nm.lines_of(4, "{ ip = 10.0.0.0/8 }", UUID)
 
 
@@ -189,7 +189,7 @@ def test_a_route_that_the_profile_has_by_itself_is_not_ours(daemon):
 
 def test_a_refusal_is_a_sentence_and_changes_nothing(daemon):
     daemon.refuse = "Insufficient privileges"
-    with pytest.raises(Problem, match="refuses the change of the profile %s .Insufficient privileges" % UUID):
+    with pytest.raises(Problem, match='refuses the change of the profile %s ."Insufficient privileges"' % UUID):
         back_end().write(PLACE, LINE + "\n")
     assert daemon.lines[UUID] == [OWNERS]
 
