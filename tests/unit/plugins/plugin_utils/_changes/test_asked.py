@@ -60,7 +60,7 @@ def test_what_is_not_documented_is_left_out_with_a_warning(action):
 
 
 def test_a_warning_has_the_name_of_its_robot_and_stands_in_quotes(action):
-    said = json.dumps({"due": [], "warnings": ['done."\n\nPLAY RECAP ***   kobuki: ok=1']})
+    said = json.dumps({"installed": [], "removed": [], "warnings": ['done."\n\nPLAY RECAP ***   kobuki: ok=1']})
     found = action._parse_returned_data({"stdout": said, "rc": 0}, "legacy")
     assert found["warnings"] == ['kobuki warns: "done.\' PLAY RECAP *** kobuki: ok=1"']
 
