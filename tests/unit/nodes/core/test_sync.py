@@ -410,6 +410,14 @@ def test_a_subscriber_is_told_who_publishes_here_and_on_its_own_robot():
     assert sync.publishers_for(hearing, R2, []) == sync.publishers_for(hearing, R3, here) == []
 
 
+def test_a_subscriber_whose_own_roscore_has_all_publishers_is_told_nothing():
+    """rospy that is told twice of a publisher connects twice, and loses what came by the first connection."""
+    sync = synced()
+    hearing, there = CHATTER._replace(kind="subscriber"), "http://robot2:40000/"
+    assert sync.publishers_for(hearing, R2, [there]) == []
+    assert sync.publishers_for(hearing, R2, ["http://robot1:1/"]) == ["http://robot1:1/", there]
+
+
 def test_a_subscriber_of_a_member_keeps_the_publishers_that_are_not_registered_here():
     """A node of its robot at an address that the plan does not have, or one of a third robot: roscpp would leave it."""
     sync = synced()

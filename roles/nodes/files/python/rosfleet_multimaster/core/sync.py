@@ -566,8 +566,9 @@ class Sync:
         """The URIs that an imported subscriber is told: the publishers here and those of its own robot.
 
         roscpp closes the connections to those that are missing. So it is told nothing where a filter hides what its
-        own robot has on the topic; nor where nobody publishes here. A robot of the fleet may say any publisher, since
-        only its own nodes hear of it; the subscriber of a stranger that says a refused one is told nothing.
+        own robot has on the topic; nor where nobody publishes here; nor where its own roscore has all of these, and so has
+        told it: rospy that is told twice may connect twice, and loses what came in between. A robot of the fleet may say any
+        publisher, since only its own nodes hear of it; the subscriber of a stranger that says a refused one is told nothing.
         """
         remote = self.remotes.get(master_uri)
         state = remote.state if remote else None
@@ -579,6 +580,8 @@ class Sync:
         uris = [node.uri for node in nodes if node is not None and node.uri]
         known = self.members.master(master_uri) is not None
         if not known and any(uri in remote.misplaced and uri not in here for uri in uris):
+            return []
+        if set(here) <= set(uris):
             return []
         return list(dict.fromkeys([*here, *uris]))
 
