@@ -178,7 +178,7 @@ SECONDS = {
 #: and `kernel_settings`, `cloud_init` and `roscore` boot a computer.
 IN_COMMON = {
     "robots": ("faults", "router_config", "strangers", "bundle", "readme"),
-    "services": ("sandbox", "metrics", "root", "kernel_settings", "packages", "cloud_init", "roscore"),
+    "services": ("sandbox", "metrics", "first_words", "root", "kernel_settings", "packages", "cloud_init", "roscore"),
 }
 
 #: Tests that mostly wait.
