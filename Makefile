@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup lab demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop checkout format house readme lock copies shipped
+.PHONY: help setup lab lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop checkout format house readme lock copies shipped
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -16,8 +16,12 @@ help: ## list the targets
 setup: ## what the rest needs: Debian packages, tools in .work/venv
 	@bash tools/setup.sh
 
-lab: setup ## build the images of the lab's computers
+lab: setup ## build the image of the lab's computers
 	@$(PYTHON) lab/lab.py image
+
+# With the packages that tests alone need.
+lab-tests: setup
+	@$(PYTHON) lab/lab.py image --full
 
 demo: lab ## robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer or multi_computer)
 	@$(PYTHON) lab/demo.py --layout $(LAYOUT)
@@ -25,13 +29,13 @@ demo: lab ## robots on real systems, from nothing to a fleet that talks (LAYOUT=
 rehearse: lab ## your own inventory on real systems (INVENTORY=<folder>; FAULTS=no_forwarding,...; see docs/start/rehearse.md)
 	@$(PYTHON) lab/rehearse.py --inventory "$(INVENTORY)" --faults "$(FAULTS)" --suites "$(SUITES)" $(if $(OVERLAP),--overlap) $(if $(KEEP),--keep)
 
-lab-down: setup ## remove everything that the lab made: containers, networks, the image; also of a rehearsal
+lab-down: setup ## remove everything that the lab made: containers, networks, images that no other checkout uses; also of a rehearsal
 	@$(PYTHON) lab/lab.py down --all
 
-test: lab ## every test
+test: lab-tests ## every test
 	@$(PYTHON) tools/test.py
 
-check: lab ## what one runs before every commit: lint, types, unit tests, one pair of robots end to end
+check: setup lab ## what one runs before every commit: lint, types, unit tests, one pair of robots end to end
 	@$(PYTHON) tools/test.py check
 
 lint: setup ## linters, types, and checks of files
@@ -43,29 +47,29 @@ sanity: setup ## ansible-test sanity
 unit: setup ## unit tests
 	@$(PYTHON) tools/test.py unit
 
-molecule: lab ## the roles in containers: check, converge, idempotence, verify, reboot, verify, teardown
+molecule: lab-tests ## the roles in containers: check, converge, idempotence, verify, reboot, verify, teardown
 	@$(PYTHON) tools/test.py molecule
 
-systems: lab ## injected faults and the commands of the README, on real systems
+systems: lab-tests ## injected faults and the commands of the README, on real systems
 	@$(PYTHON) tools/test.py systems
 
 test-long: bench-site ## what takes too long for 'make test': losses of minutes, Debian 11, and the bench
 	@$(PYTHON) tools/test.py long
 
-test-faults: lab ## the catalogue of faults on real systems, and its table in docs/operate/verification.md (an hour)
+test-faults: lab-tests ## the catalogue of faults on real systems, and its table in docs/operate/verification.md (an hour)
 	@$(PYTHON) tools/test.py faults
 
-test-interop: checkout lab ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout)
+test-interop: checkout lab-tests ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout)
 	@FKIE="$(abspath $(FKIE))" $(PYTHON) tools/test.py interop
 
 checkout:
 	@test -e "$(FKIE)/fkie_master_discovery/nodes/master_discovery" -a -e "$(FKIE)/fkie_master_sync/nodes/master_sync" \
 		|| { echo "make test-interop needs FKIE=<folder of a checkout of multimaster_fkie 1.3.2>, but FKIE is '$(FKIE)'." >&2; exit 1; }
 
-bench: lab ## how fast topics cross, beside multimaster_fkie where FKIE=<checkout> is given (half an hour; KEEP=yes: into docs)
+bench: lab-tests ## how fast topics cross, beside multimaster_fkie where FKIE=<checkout> is given (half an hour; KEEP=yes: into docs)
 	@$(PYTHON) tests/bench/network/network.py $(if $(FKIE),--fkie "$(abspath $(FKIE))") $(if $(KEEP),--keep)
 
-bench-site: lab ## the second run of site.yml beside a playbook of the usual tasks, on 13 systems; its growth to 100 (a quarter of an hour; KEEP=yes: into docs)
+bench-site: lab-tests ## the second run of site.yml beside a playbook of the usual tasks, on 13 systems; its growth to 100 (a quarter of an hour; KEEP=yes: into docs)
 	@$(PYTHON) tests/bench/site/site.py
 	@$(PYTHON) tests/bench/site/growth.py $(if $(KEEP),--keep)
 

@@ -30,9 +30,8 @@ import image
 from deferred import deferred, ended_in_order
 from layout import Host
 from managers import masked
-from podman import ROOT, WORK, LabError, configuration, labelled, podman
+from podman import CHECKOUT, WORK, LabError, configuration, labelled, podman
 
-CHECKOUT = hashlib.sha256(str(ROOT).encode()).hexdigest()[:4]
 # Labels of containers and networks.
 LAB, HOST, DIGEST, OWNER = "rosfleet.lab", "rosfleet.host", "rosfleet.digest", "rosfleet.checkout"
 FILES = Path(__file__).with_name("files")
@@ -191,14 +190,17 @@ def _limit(systems: int) -> None:
     if systems * INSTANCES > allowed:
         raise LabError(
             f"the kernel allows a user {allowed} inotify instances (fs.inotify.max_user_instances), and {systems} systems "
-            f"need {systems * INSTANCES}: run 'make setup', which raises the limit until the next boot."
+            f"need {systems * INSTANCES}: run 'make lab', which raises the limit until the next boot."
         )
 
 
-def up(lab: str, hosts: Sequence[Host]) -> None:
-    """Bring a lab to these computers. Those that are there with the same inputs stay as they are; what is not wanted goes."""
+def up(lab: str, hosts: Sequence[Host], *, full: bool = True) -> None:
+    """Bring a lab to these computers. Those that are there with the same inputs stay as they are; what is not wanted goes.
+
+    `full`: they have all packages of image.py.
+    """
     started = time.monotonic()
-    images = {suite: image.ensure(suite) for suite in sorted({host.suite for host in hosts})}
+    images = {suite: image.ensure(suite, full=full) for suite in sorted({host.suite for host in hosts})}
     by_name = {container(lab, host.name): host for host in hosts}
     wanted = {name: _digest(images[host.suite], host) for name, host in by_name.items()}
     networks = {_network(lab, port.network) for host in hosts for port in host.interfaces}

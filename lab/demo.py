@@ -117,7 +117,7 @@ def demonstrate(layout: str, lab: str, suites: Iterable[str]) -> bool:
     listing = read_inventory(inventory)
     hosts = with_suites(hosts_of(listing), suites)
     print("\n".join(f"  {host.name:<24}Debian {host.suite}" for host in hosts), flush=True)
-    containers.up(lab, hosts)
+    containers.up(lab, hosts, full=False)
     connection = containers.write_inventory(lab, hosts)
     report = connection.with_name("report.html")
     report.unlink(missing_ok=True)

@@ -1,39 +1,39 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The image of a robot's computer: Debian with systemd, the usual network managers, ssh and ROS 1, as Debian packages it.
+"""The images of a robot's computer: Debian with systemd, ssh and ROS 1, as Debian packages it.
+
+There are two of each release. A demonstration needs "robot" alone. "full" is a layer on top of it: more network managers,
+packet filters, and what the tests inject faults with.
 
 Built once per recipe; the archive stays in the user's cache, so that another checkout or an emptied podman needs seconds.
+Each checkout has names of its own for the images that it uses. So podman itself knows when the last checkout has left one.
 """
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import hashlib
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from podman import LabError, labelled, podman
+from podman import CHECKOUT, ROOT, LabError, podman
 
 NAME = "localhost/rosfleet-lab"
 SUITE = "bookworm"
-TESTED = (SUITE, "trixie")  # what 'make test' needs
-KEPT = 3  # archives per suite
+KEPT = 3  # archives of each kind and suite
 
-SYSTEM = """
+ROBOT = """
 systemd systemd-sysv udev dbus dbus-user-session libpam-systemd kmod procps sudo less
-iproute2 iputils-ping net-tools nftables tcpdump openssh-server libfaketime
-ifupdown network-manager netplan.io smcroute frr
-ufw firewalld wireguard-tools cloud-init acl attr
-python3 python3-apt
-""".split()
-
-ROS = """
+iproute2 iputils-ping nftables openssh-server ifupdown smcroute python3
 python3-roslaunch python3-rosmaster python3-rospy python3-rosgraph rosout rosbash topic-tools
 python3-rostopic python3-rosnode python3-rosservice python3-rosmsg python3-rosparam
 python3-std-msgs python3-std-srvs python3-geometry-msgs python3-diagnostic-msgs
@@ -41,24 +41,36 @@ python3-actionlib python3-actionlib-msgs
 ros-std-msgs ros-std-srvs ros-geometry-msgs ros-diagnostic-msgs ros-actionlib-msgs
 """.split()
 
+FULL = """
+network-manager netplan.io ufw firewalld frr cloud-init wireguard-tools
+net-tools tcpdump libfaketime acl attr python3-apt
+""".split()
+
 # Documentation is a third of the files and no robot needs it.
-EXCLUDED = ["/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*", "/usr/share/info/*"]
+EXCLUDED = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*", "/usr/share/info/*")
+# For the packages after the first few, and for those of the layer above. (As an option of mmdebstrap, path-exclude makes it
+# start a filter for each of the first few, which takes longer than to remove the files.) A half-written image is not used.
+DPKG = ["force-unsafe-io", *(f"path-exclude={path}" for path in EXCLUDED)]
 
 # The debootstrap hooks run with the new root as $1.
-HOOKS = [
+ESSENTIAL_HOOK = f"""printf '%s\\n' {" ".join(f"'{line}'" for line in DPKG)} > "$1"/etc/dpkg/dpkg.cfg.d/lab"""
+ROBOT_HOOKS = [
     # A person's account; Debian already has a group of this name.
     'chroot "$1" useradd --create-home --uid 1000 --gid operator --shell /bin/bash operator',
-    # Empty, not missing: each container gets an id of its own, and no boot is a "first boot" that would preset units.
-    ': > "$1"/etc/machine-id',
     # There is no archive to ask.
     'systemctl --root="$1" --quiet mask apt-daily.timer apt-daily-upgrade.timer',
     # Every network manager is ready; each computer masks those that it does not have (managers.py).
     'systemctl --root="$1" --quiet enable systemd-networkd.service systemd-networkd-wait-online.service',
+]
+FULL_HOOKS = [': > "$1"/etc/cloud/cloud-init.disabled']
+HOOKS = [
+    "rm -rf " + " ".join(f'"$1"{path}' for path in EXCLUDED),
+    # Empty, not missing: each container gets an id of its own, and no boot is a "first boot" that would preset units.
+    ': > "$1"/etc/machine-id',
     # Installed for who wants them. (ufw is not active until it is told; its unit starts nothing before that.)
     "for unit in firewalld frr smcroute smcroute-helper; do "
     'if [ -e "$1/usr/lib/systemd/system/$unit.service" ]; then systemctl --root="$1" --quiet disable $unit.service; fi; '
     "done",
-    ': > "$1"/etc/cloud/cloud-init.disabled',
 ]
 
 
@@ -81,25 +93,51 @@ RELEASES = {
 }
 
 
-def recipe(suite: str) -> list[str]:
-    """The command that builds the archive, without its target; it determines the image."""
-    if suite not in RELEASES:
-        raise LabError(f"There is no image of {suite}; expected one of {', '.join(RELEASES)}.")
-    release = RELEASES[suite]
-    return [
-        "mmdebstrap",
-        "--variant=minbase",
-        f"--include={','.join(package for package in SYSTEM + ROS if package not in release.without)}",
-        *(f"--dpkgopt=path-exclude={path}" for path in EXCLUDED),
-        *release.options,
-        *(f"--customize-hook={hook}" for hook in HOOKS),
-        suite,
-    ]
+@dataclass(frozen=True)
+class Image:
+    """An image: a release of Debian, with the packages of a robot or all."""
 
+    suite: str
+    full: bool
 
-def key(suite: str) -> str:
-    """The inputs by which the cache knows an image."""
-    return hashlib.sha256(json.dumps(recipe(suite)).encode()).hexdigest()[:12]
+    @property
+    def kind(self) -> str:
+        return f"{self.suite}-{'full' if self.full else 'robot'}"
+
+    @property
+    def base(self) -> Image | None:
+        """The image below this one."""
+        return Image(self.suite, full=False) if self.full else None
+
+    def recipe(self) -> list[str]:
+        """The command that builds the archive, without its base and its target."""
+        if self.suite not in RELEASES:
+            raise LabError(f"There is no image of {self.suite}; expected one of {', '.join(RELEASES)}.")
+        release = RELEASES[self.suite]
+        packages, hooks = (FULL, FULL_HOOKS) if self.full else (ROBOT, ROBOT_HOOKS)
+        return [
+            "mmdebstrap",
+            f"--variant={'custom' if self.full else 'minbase'}",
+            f"--include={','.join(package for package in packages if package not in release.without)}",
+            *(() if self.full else (f"--essential-hook={ESSENTIAL_HOOK}", *release.options)),
+            *(f"--customize-hook={hook}" for hook in [*hooks, *HOOKS]),
+            self.suite,
+        ]
+
+    @property
+    def name(self) -> str:
+        """The name by its inputs, for all checkouts."""
+        inputs = [self.recipe(), self.base.name if self.base else ""]
+        return f"{self.kind}-{hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:12]}"
+
+    @property
+    def tag(self) -> str:
+        """The name of this checkout."""
+        return f"{NAME}:{self.name}-{CHECKOUT}"
+
+    @property
+    def archive(self) -> Path:
+        return cache() / f"{self.name}.tar.zst"
 
 
 def cache() -> Path:
@@ -108,54 +146,102 @@ def cache() -> Path:
     return Path(base) / "rosfleet-multimaster"
 
 
-def _build(suite: str, archive: Path) -> None:
+def _build(wanted: Image) -> None:
+    """Make the archive of an image, on top of its base."""
+    if wanted.archive.exists():
+        return
     for tool in ("mmdebstrap", "zstd"):
         if not shutil.which(tool):
-            raise LabError(f"{tool} is not installed: run 'make setup'.")
-    print(f"image: building {suite} from Debian's packages (a minute or two) ...", flush=True)
+            raise LabError(f"{tool} is not installed: run 'make lab'.")
+    command = wanted.recipe()
+    if wanted.base:
+        _build(wanted.base)
+        unpack = f"tar --extract --xattrs --xattrs-include='*' --file {shlex.quote(str(wanted.base.archive))} --directory \"$1\""
+        command = [*command[:-1], f"--setup-hook={unpack}", command[-1]]
+    print(f"image: building {wanted.kind} from Debian's packages (a minute or two) ...", flush=True)
     started = time.monotonic()
-    unfinished = archive.with_name(f"unfinished-{archive.name}")
-    done = subprocess.run(
-        [*recipe(suite), str(unfinished)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
-    )
+    unfinished = wanted.archive.with_name(f"unfinished-{wanted.archive.name}")
+    done = subprocess.run([*command, str(unfinished)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
     if done.returncode:
         unfinished.unlink(missing_ok=True)
         raise LabError(f"mmdebstrap failed:\n{done.stdout.decode(errors='replace')[-3000:]}")
-    unfinished.rename(archive)
+    unfinished.rename(wanted.archive)
+    _forget_old(wanted.kind)
     print(f"image: built in {time.monotonic() - started:.0f} s", flush=True)
 
 
-def _forget_old(suite: str) -> None:
-    archives = sorted(cache().glob(f"{suite}-*.tar.zst"), key=lambda path: path.stat().st_mtime, reverse=True)
+def _forget_old(kind: str) -> None:
+    archives = sorted(cache().glob(f"{kind}-*.tar.zst"), key=lambda path: path.stat().st_mtime, reverse=True)
     for archive in archives[KEPT:]:
         archive.unlink()
 
 
-def ensure(suite: str = SUITE) -> str:
-    """Build and import the image where it is missing; return its name."""
-    tag, latest = f"{NAME}:{suite}-{key(suite)}", f"{NAME}:{suite}"
+@contextlib.contextmanager
+def _alone() -> Iterator[None]:
+    """One checkout at a time builds, names and removes images."""
     cache().mkdir(parents=True, exist_ok=True)
     with (cache() / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not podman("images", "--quiet", tag):
-            archive = cache() / f"{suite}-{key(suite)}.tar.zst"
-            if not archive.exists():
-                _build(suite, archive)
-            print(f"image: importing {archive.name} ...", flush=True)
-            settings = ['CMD ["/lib/systemd/systemd"]', "STOPSIGNAL SIGRTMIN+3"]
-            podman("import", *(word for change in settings for word in ("--change", change)), str(archive), tag)
-            _forget_old(suite)
-        podman("tag", tag, latest)
-    return tag
+        yield
+
+
+def _tags() -> list[str]:
+    """The names of the images, of all checkouts."""
+    return podman("images", "--format", "{{.Repository}}:{{.Tag}}", NAME).split()
+
+
+def _name(tag: str) -> str:
+    """The name of an image for all checkouts, of that of one."""
+    return tag.rpartition(":")[2].rpartition("-")[0]
+
+
+def _link(checkout: str) -> Path:
+    """The link that leads to a checkout."""
+    return cache() / "checkouts" / checkout
+
+
+def _make(wanted: Image) -> None:
+    """Build and import an image where it is missing, after its base."""
+    tags = _tags()
+    if wanted.tag in tags:
+        return
+    if wanted.base:
+        _make(wanted.base)
+    same = [tag for tag in tags if _name(tag) == wanted.name]
+    if same:
+        podman("tag", same[0], wanted.tag)
+        return
+    _build(wanted)
+    print(f"image: importing {wanted.archive.name} ...", flush=True)
+    settings = ['CMD ["/lib/systemd/systemd"]', "STOPSIGNAL SIGRTMIN+3"]
+    podman("import", *(word for change in settings for word in ("--change", change)), str(wanted.archive), wanted.tag)
+
+
+def ensure(suite: str = SUITE, *, full: bool = True) -> str:
+    """Build and import the image where it is missing; return its name."""
+    wanted = Image(suite, full)
+    with _alone():
+        link = _link(CHECKOUT)
+        link.parent.mkdir(exist_ok=True)
+        link.unlink(missing_ok=True)
+        link.symlink_to(ROOT)
+        _make(wanted)
+    return wanted.tag
 
 
 def remove() -> None:
-    """Remove the images and their archives, unless there is a lab; the next one builds them anew."""
-    if labelled("container", "rosfleet.lab"):
-        print("image: it stays, since labs of another checkout need it", flush=True)
-        return
-    names = podman("images", "--format", "{{.Repository}}:{{.Tag}}", NAME).split()
-    if names:
-        podman("rmi", "--force", *names)
-    shutil.rmtree(cache(), ignore_errors=True)
-    print(f"image: removed {len(names)} images and {cache()}", flush=True)
+    """Take this checkout's names off the images, and those of deleted checkouts; an image without a name goes, with its archive."""
+    with _alone():
+        gone = {link.name for link in _link("").glob("*") if not link.exists()} | {CHECKOUT}
+        ours = [tag for tag in _tags() if tag.rpartition("-")[2] in gone]
+        for tag in ours:
+            podman("rmi", tag, check=False)  # refused for the last name of an image that a container uses
+        staying = _tags()
+        kept = {_name(tag) for tag in staying}
+        for tag in ours:
+            if _name(tag) not in kept:
+                (cache() / f"{_name(tag)}.tar.zst").unlink(missing_ok=True)
+        for checkout in gone - {tag.rpartition("-")[2] for tag in staying}:
+            _link(checkout).unlink(missing_ok=True)
+    for name in sorted({_name(tag) for tag in ours}):
+        print(f"image: {f'{name} stays in use' if name in kept else f'removed {name}'}", flush=True)

@@ -81,9 +81,9 @@ def _parser() -> argparse.ArgumentParser:
             )
         return sub
 
-    command("image", "build images where they are missing", lab=False).add_argument(
-        "suite", nargs="*", help=f"Debian's releases (default: {' '.join(image.TESTED)})"
-    )
+    images = command("image", "build images where they are missing", lab=False)
+    images.add_argument("suite", nargs="*", default=[image.SUITE], help=f"Debian's releases (default: {image.SUITE})")
+    images.add_argument("--full", action="store_true", help="with all packages, as for the tests")
     command(
         "up", "start the computers of an inventory and write their connection variables", inventory=True
     ).add_argument(
@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     command("inventory", "write the connection variables of an inventory's computers", inventory=True).add_argument(
         "--print", action="store_true", help="print them instead, as an inventory script does"
     )
-    command("down", "remove a lab").add_argument("--all", action="store_true", help="remove every lab, and the image")
+    command("down", "remove a lab").add_argument("--all", action="store_true", help="remove every lab, and the images")
     command("restart", "reboot the computers").add_argument("host", nargs="?", help="only this one")
     command("shell", "open a shell on a computer").add_argument("host")
     return parser
@@ -105,8 +105,8 @@ def _parser() -> argparse.ArgumentParser:
 def run(options: argparse.Namespace) -> None:
     """Do one command."""
     if options.command == "image":
-        for suite in options.suite or image.TESTED:
-            print(image.ensure(suite))
+        for suite in options.suite:
+            print(image.ensure(suite, full=options.full))
     elif options.command in ("up", "inventory"):
         hosts = hosts_of(read_inventory(options.inventory), _extras(options))
         if options.command == "up":

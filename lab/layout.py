@@ -68,7 +68,7 @@ def read_inventory(inventory: Path) -> dict[str, Any]:
     beside = Path(sys.executable).with_name("ansible-inventory")
     program = str(beside) if beside.exists() else shutil.which("ansible-inventory")
     if not program:
-        raise LabError("ansible-inventory was not found: run 'make setup' and use .work/venv/bin/python.")
+        raise LabError("ansible-inventory was not found: run 'make lab' and use .work/venv/bin/python.")
     done = subprocess.run(
         [program, "-i", str(inventory), "--list"], capture_output=True, text=True, check=False, env=plain_environment()
     )

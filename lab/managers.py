@@ -77,6 +77,7 @@ class Manager:
 
     files: Callable[[Sequence[Interface]], Files]
     units: tuple[str, ...] = ()
+    full: bool = False  # it is in the full image alone
 
 
 _NETWORKD_UNITS = ("systemd-networkd.service", "systemd-networkd.socket", "systemd-networkd-wait-online.service")
@@ -89,8 +90,8 @@ _NETWORKMANAGER_UNITS = (
 MANAGERS: Mapping[str, Manager] = {
     "ifupdown": Manager(_ifupdown),  # its service runs everywhere, as on any Debian, for the loopback interface
     "networkd": Manager(_networkd, _NETWORKD_UNITS),
-    "networkmanager": Manager(_networkmanager, _NETWORKMANAGER_UNITS),
-    "netplan": Manager(_netplan, _NETWORKD_UNITS),
+    "networkmanager": Manager(_networkmanager, _NETWORKMANAGER_UNITS, full=True),
+    "netplan": Manager(_netplan, _NETWORKD_UNITS, full=True),
 }
 DEFAULT = "ifupdown"
 

@@ -10,6 +10,7 @@ the lab finds out and writes a configuration for podman, unless CONTAINERS_CONF 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import resource
@@ -23,6 +24,7 @@ from deferred import deferred
 
 ROOT = Path(__file__).resolve().parents[1]
 WORK = ROOT / ".work" / "lab"
+CHECKOUT = hashlib.sha256(str(ROOT).encode()).hexdigest()[:4]  # stands for this checkout in names
 
 
 class LabError(Exception):
@@ -68,7 +70,7 @@ def podman(
     `apart`: a signal to the whole group of processes, as of Ctrl+C, does not reach it.
     """
     if not shutil.which("podman"):
-        raise LabError("podman is not installed: run 'make setup'.")
+        raise LabError("podman is not installed: run 'make lab'.")
     # A command that is killed leaves what the next one stumbles over: half a container, a network without its file.
     whole = contextlib.nullcontext() if words[0] == "exec" else deferred()
     try:

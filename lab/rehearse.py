@@ -30,6 +30,7 @@ import rehearsal
 from deferred import ended_in_order
 from injected import Fault, cast_of, injected, judged
 from layout import Extra, Host, hosts_of, read_inventory, with_suites
+from managers import MANAGERS
 from podman import ROOT, LabError, podman
 from reading import environment, read
 
@@ -55,6 +56,11 @@ class Prepared:
     rehearsed: rehearsal.Rehearsed
     hosts: list[Host]
     faults: list[Fault]
+
+    @property
+    def full(self) -> bool:
+        """Say whether the computers need more packages than those of a demonstration."""
+        return bool(self.faults) or any(MANAGERS[host.manager].full for host in self.hosts)
 
 
 def machine() -> rehearsal.Machine:
@@ -129,7 +135,7 @@ class Rehearsal:
 
     def start(self) -> bool:
         """Start the containers, and what in the robots' world is not the collection's."""
-        containers.up(self.lab, self.prepared.hosts)
+        containers.up(self.lab, self.prepared.hosts, full=self.prepared.full)
         self.connection = containers.write_inventory(self.lab, self.prepared.hosts)
         for host, port in self.prepared.rehearsed.roscores.items():
             self.run(

@@ -16,6 +16,8 @@ sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "rehearse")]
 
 import rehearse  # noqa: E402
 import seeded  # noqa: E402
+from catalogue import Fault  # noqa: E402
+from layout import Host  # noqa: E402
 from podman import LabError  # noqa: E402
 from rehearsal import Rehearsed  # noqa: E402
 
@@ -54,6 +56,14 @@ def test_the_command_line():
         rehearse.parsed(["--inventory", ""])
     with pytest.raises(SystemExit):
         rehearse.parsed(["--inventory", "x", "--name", "a.b"])
+
+
+@pytest.mark.parametrize("manager, full", [("ifupdown", 0), ("networkd", 0), ("networkmanager", 1), ("netplan", 1)])
+def test_the_full_image_is_taken_where_a_manager_or_a_fault_needs_it(manager, full):
+    hosts = [Host("a", ()), Host("b", (), manager)]
+    fault = Fault("clock", "", (), (), (), (), (), quick=False)
+    assert rehearse.Prepared(Rehearsed({}, (), {}, {}), hosts, []).full == bool(full)
+    assert rehearse.Prepared(Rehearsed({}, (), {}, {}), hosts, [fault]).full
 
 
 def test_what_cannot_go_on_ends_the_steps(monkeypatch):
