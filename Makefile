@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup lab lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop checkout format house readme lock copies shipped
+.PHONY: help setup setup-lab lab lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop checkout format house readme lock copies shipped
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -13,10 +13,14 @@ LAYOUT := single_computer
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
-setup: ## what the rest needs: Debian packages, tools in .work/venv
-	@bash tools/setup.sh
+setup: ## what the tests need: Debian packages, tools in .work/venv
+	@bash tools/setup.sh tests
 
-lab: setup ## build the image of the lab's computers
+# What a demonstration or a rehearsal needs. Where the tests have more, it stays.
+setup-lab:
+	@bash tools/setup.sh lab
+
+lab: setup-lab ## build the image of the lab's computers
 	@$(PYTHON) lab/lab.py image
 
 # With the packages that tests alone need.
@@ -29,7 +33,7 @@ demo: lab ## robots on real systems, from nothing to a fleet that talks (LAYOUT=
 rehearse: lab ## your own inventory on real systems (INVENTORY=<folder>; FAULTS=no_forwarding,...; see docs/start/rehearse.md)
 	@$(PYTHON) lab/rehearse.py --inventory "$(INVENTORY)" --faults "$(FAULTS)" --suites "$(SUITES)" $(if $(OVERLAP),--overlap) $(if $(KEEP),--keep)
 
-lab-down: setup ## remove everything that the lab made: containers, networks, images that no other checkout uses; also of a rehearsal
+lab-down: setup-lab ## remove everything that the lab made: containers, networks, images that no other checkout uses; also of a rehearsal
 	@$(PYTHON) lab/lab.py down --all
 
 test: lab-tests ## every test
@@ -82,7 +86,7 @@ house: setup ## figures of the code: rooms, imports, long functions (REV=revisio
 readme: setup ## write the generated tables: variables, checks
 	@PYTHONPATH=.work/collections $(PYTHON) tools/readme.py
 
-lock: ## write requirements-dev.txt, with the hashes of all packages, out of requirements-dev.in (UPGRADE=yes: newer versions)
+lock: ## write requirements-lab.txt and -dev.txt, with the hashes of all packages, out of the files .in (UPGRADE=yes: newer versions)
 	@bash tools/lock.sh $(UPGRADE)
 
 copies: ## write the files that are copies of others, after these were edited

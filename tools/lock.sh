@@ -2,8 +2,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 #
-# Writes requirements-dev.txt out of requirements-dev.in: every package that is needed, with the hashes of all its files, so
-# for every machine and Python from 3.11 on. Versions that are in it already stay, unless 'make lock UPGRADE=yes'.
+# Writes requirements-lab.txt and requirements-dev.txt out of the files .in: every package that is needed, with the hashes of
+# all its files, so for every machine and Python from 3.11 on. Versions that are in it already stay, unless
+# 'make lock UPGRADE=yes'. What both have, both have in one version.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -14,12 +15,17 @@ options=(--quiet --universal --python-version 3.11 --generate-hashes --no-annota
 
 python3 -m venv --clear "$venv"
 "$venv/bin/python" -m pip install -qq --disable-pip-version-check "uv==$uv"
-touch requirements-dev.txt
-cp requirements-dev.txt "$venv/locked.txt"
-"$venv/bin/uv" pip compile "${options[@]}" --output-file "$venv/locked.txt" requirements-dev.in >/dev/null
-{
-  sed -n '1,2p' requirements-dev.in
-  printf '#\n# Written by make lock out of requirements-dev.in. Do not edit it.\n'
-  grep -v '^#' "$venv/locked.txt"
-} >requirements-dev.txt
+lock() { # NAME [OPTION...]
+  touch "$1.txt"
+  cp "$1.txt" "$venv/locked.txt"
+  "$venv/bin/uv" pip compile "${options[@]}" "${@:2}" --output-file "$venv/locked.txt" "$1.in" >/dev/null
+  {
+    sed -n '1,2p' "$1.in"
+    printf '#\n# Written by make lock out of %s.in. Do not edit it.\n' "$1"
+    grep -v '^#' "$venv/locked.txt"
+  } >"$1.txt"
+}
+
+lock requirements-dev
+lock requirements-lab --constraint requirements-dev.txt
 rm -rf "$venv"

@@ -2,21 +2,25 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 #
-# Puts in place what the tests and the lab need: Debian packages where they are missing, a virtual environment in .work/venv,
-# promtool, the path under which Ansible finds this checkout as the collection, and one limit of the kernel until the next boot.
-# Does nothing, quickly, when all is there.
+# Puts in place what the lab needs, or ("tests") what the tests need, too: Debian packages where they are missing, a virtual
+# environment in .work/venv, the path under which Ansible finds this checkout as the collection, and one limit of the kernel
+# until the next boot. Does nothing, quickly, when all is there.
+#
+#   setup.sh lab | tests
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-packages=(
-  git rsync shellcheck openssh-client nftables            # tests
-  podman netavark iptables runc conmon mmdebstrap zstd    # lab
-  wireguard-tools wireguard-go                            # the tunnel of docs/operate/hostile_networks.md, with any kernel
-  chromium-headless-shell                                 # the page of the report
+for_lab=(
+  podman netavark iptables runc conmon openssh-client     # the containers, and the way into them
+  mmdebstrap zstd                                         # their images
   python3-venv                                            # where python3 is Debian's
 )
-stamp=.work/venv/stamp
-inputs=$(sha256sum requirements-dev.txt)
+for_tests=(
+  git rsync shellcheck nftables
+  wireguard-tools wireguard-go                            # the tunnel of docs/operate/hostile_networks.md, with any kernel
+  chromium-headless-shell                                 # the page of the report
+)
+inputs=$(sha256sum requirements-lab.txt requirements-dev.txt)
 
 # A system with somebody logged in holds about a dozen; kernels allow a user 128, which thirteen systems exceed.
 instances=fs.inotify.max_user_instances
@@ -25,10 +29,10 @@ instances_wanted=1024
 say() { printf 'setup: %s\n' "$*"; }
 as_root() { if [[ $EUID -eq 0 ]]; then "$@"; else sudo "$@"; fi; }
 
-install_packages() {
+install_packages() { # PACKAGE...
   local missing=() package apt=(as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq)
-  command -v dpkg-query >/dev/null || { say "this is no Debian: you need podman, mmdebstrap, zstd, rsync and shellcheck"; return; }
-  for package in "${packages[@]}"; do
+  command -v dpkg-query >/dev/null || { say "this is no Debian: you need the programs of $*"; return; }
+  for package; do
     dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null | grep -qx installed || missing+=("$package")
   done
   [[ ${#missing[@]} -gt 0 ]] || return 0
@@ -59,15 +63,22 @@ find_python() {
 }
 
 make_venv() {
-  [[ -x .work/venv/bin/python && $(cat "$stamp" 2>/dev/null) == "$inputs" ]] && .work/venv/bin/python -c '' && return
+  [[ $(cat .work/venv/inputs 2>/dev/null) == "$inputs" ]] && .work/venv/bin/python -c '' && return
   local python
   python=$(find_python)
-  say "making .work/venv with $python and the tools of requirements-dev.txt (about half a minute) ..."
+  say "making .work/venv with $python ..."
   rm -rf .work/venv
   mkdir -p .work
   "$python" -m venv .work/venv
-  .work/venv/bin/python -m pip install -qq --disable-pip-version-check --require-hashes --requirement requirements-dev.txt
-  echo "$inputs" >"$stamp"
+  echo "$inputs" >.work/venv/inputs
+}
+
+install_tools() { # NAME OF THE REQUIREMENTS
+  [[ ! -e .work/venv/$1 ]] || return 0
+  say "installing the packages of $1.txt into .work/venv ..."
+  # Python compiles what is used at its first use; all of it would take longer than to fetch it.
+  .work/venv/bin/python -m pip install -qq --disable-pip-version-check --no-compile --require-hashes --requirement "$1.txt"
+  touch ".work/venv/$1"
 }
 
 # What looks at metrics, of Debian's package prometheus without its server. Without it one test is left out.
@@ -90,8 +101,23 @@ link_collection() {
   ln -sfn "$PWD" .work/collections/ansible_collections/rosfleet/multimaster
 }
 
-install_packages
+case ${1:-} in
+  lab)
+    install_packages "${for_lab[@]}"
+    make_venv
+    install_tools requirements-lab
+    ;;
+  tests)
+    install_packages "${for_lab[@]}" "${for_tests[@]}"
+    make_venv
+    install_tools requirements-lab
+    install_tools requirements-dev
+    get_promtool
+    ;;
+  *)
+    say "expected 'lab' or 'tests', but found '${1:-}'" >&2
+    exit 2
+    ;;
+esac
 raise_limit
-make_venv
-get_promtool
 link_collection
