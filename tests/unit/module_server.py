@@ -8,6 +8,7 @@ One process imports Ansible once, and forks for each run: `run(path, arguments, 
 """
 
 import atexit
+import contextlib
 import ctypes
 import functools
 import json
@@ -17,8 +18,10 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 import traceback
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import IO, NamedTuple
 
 _LIMIT = 60  # seconds of a run
 _NETWORK = 0x40000000  # CLONE_NEWNET (setns(2))
@@ -34,11 +37,20 @@ class Done(NamedTuple):
 
 def run(path: str, arguments: dict, namespace: str = "") -> Done:
     """Run a module, given by the path of its file, with the arguments of Ansible."""
+    return at_once(path, [arguments], namespace)[0]
+
+
+def at_once(path: str, many: list[dict], namespace: str = "", pauses: Iterable[float] = ()) -> list[Done]:
+    """Run a module several times at once, with arguments for each; each begins so many seconds after the one before it."""
     server = _server()
-    question = [str(path), arguments, namespace, dict(os.environ), os.getcwd()]
+    waits = [0.0, *pauses] if len(many) > 1 else [0.0]
+    question = [
+        [str(path), arguments, namespace, dict(os.environ), os.getcwd(), wait]
+        for arguments, wait in zip(many, waits, strict=True)
+    ]
     server.stdin.write(json.dumps(question) + "\n")
     server.stdin.flush()
-    return Done(*json.loads(server.stdout.readline()))
+    return [Done(*answer) for answer in json.loads(server.stdout.readline())]
 
 
 @functools.cache
@@ -55,14 +67,23 @@ def _serve() -> None:
     import ansible.module_utils.basic  # noqa: F401
 
     for line in sys.stdin:
-        with tempfile.TemporaryFile("w+") as output, tempfile.TemporaryFile("w+") as error:
-            child = os.fork()
-            if child == 0:
-                _become(json.loads(line), output.fileno(), error.fileno())
-            status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-            output.seek(0)
-            error.seek(0)
-            print(json.dumps([status, output.read(), error.read()]), flush=True)
+        with contextlib.ExitStack() as stack:
+            children = []
+            for question in json.loads(line):
+                output, error = (stack.enter_context(tempfile.TemporaryFile("w+")) for _stream in range(2))
+                time.sleep(question.pop())
+                child = os.fork()
+                if child == 0:
+                    _become(question, output.fileno(), error.fileno())
+                children.append((child, output, error))
+            print(json.dumps([_answer(*child) for child in children]), flush=True)
+
+
+def _answer(child: int, *streams: IO[str]) -> list:
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    for stream in streams:
+        stream.seek(0)
+    return [status, *(stream.read() for stream in streams)]
 
 
 def _become(question: list, output: int, error: int) -> None:

@@ -197,6 +197,18 @@ class Switch:
         self._stopped = True
         return True
 
+    def waits(self) -> bool:
+        """True while the way back has not begun, and nobody has confirmed."""
+        return self._mark() == "armed"
+
+    def rearm(self) -> None:
+        """Let the way back run once more, after the end of one that has begun. Raises Problem where that one hangs."""
+        self.look("")
+        try:
+            os.rename(self._path("rolled_back"), self._path("armed"))
+        except FileNotFoundError:
+            pass
+
     def roll_back_now(self) -> None:
         """Roll back at once, also after a release. Raises Problem where the script did not run to its end."""
         try:
@@ -305,8 +317,8 @@ class Guard:
             return self._try_out(run)
         elif run.runtime_changes and self.token and self.found == "none":
             raise Problem(
-                f"The change of the {self.what} can no longer be confirmed: the machine has been restarted meanwhile, or "
-                "the first run never got as far. It is as it was before: run the play again."
+                f"The change of the {self.what} can no longer be confirmed: the machine has been restarted meanwhile, a run "
+                "of another play has taken it back, or the first run never got as far. It is as it was before: run the play again."
             )
         run.apply()
         if self.found != "none":
@@ -318,8 +330,15 @@ class Guard:
         self.switch.arm(self.token, self.seconds, *undo)
         try:
             run.apply_runtime()
-        except Problem:
+            if not self.switch.waits():
+                raise RolledBack(
+                    f"The change of the {self.what} took longer than the {self.seconds} s of confirm_within, so the machine has "
+                    "taken it back and is as it was before: give confirm_within more time."
+                )
+        except Problem as problem:
+            self.switch.rearm()  # its timer may have rung while the change went on, and missed the rest of it
             self._roll_back()  # as the run has done already; its sentence has the failures
+            self.rolled_back = isinstance(problem, RolledBack)
             raise
         self.unconfirmed = True
 

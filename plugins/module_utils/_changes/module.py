@@ -10,6 +10,7 @@ A module's `main` makes the AnsibleModule and gives it to `run_module`, with the
 
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import lock
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
@@ -82,17 +83,36 @@ class Unguarded:
 
 
 def run_module(module: typing.Any, make: typing.Callable[[typing.Any], ModuleRun], guard: typing.Any = None) -> None:
-    """Run a module and end it.
+    """Run a module and end it. Two runs at once on one computer wait for each other.
 
     `make` makes the ModuleRun out of the memory of an earlier run, which only a guard (deadman.Guard) has.
     """
-    guard = guard or Unguarded(module)
+    folders = [] if module.check_mode else [module.params["records"]]
     try:
-        run = make(guard.begin())
+        with lock.held(folders, module._name) as unlocked:
+            run_locked(module, make, guard, unlocked)
+    except Problem as problem:  # of the lock
+        (guard or Unguarded(module)).fail(problem)
+
+
+def run_locked(
+    module: typing.Any,
+    make: typing.Callable[[typing.Any], ModuleRun],
+    guard: typing.Any = None,
+    unlocked: typing.Iterable[str] = (),
+) -> None:
+    """Run a module and end it, as `run_module`, where the lock is held already. `unlocked`: why it is not, see lock.held."""
+    guard = guard or Unguarded(module)
+
+    def planned() -> ModuleRun:
+        return make(guard.begin())
+
+    try:
+        run = lock.undisturbed(module.params["records"], planned) if module.check_mode else planned()
     except Problem as problem:
         return guard.fail(problem)
     try:
-        _carry_out(module, run, guard)
+        _carry_out(module, run, guard, unlocked)
     except Problem as problem:
         return guard.fail(problem, **run.failure(problem))
     result = run.result()
@@ -101,12 +121,13 @@ def run_module(module: typing.Any, make: typing.Callable[[typing.Any], ModuleRun
     return guard.exit(changed=run.changed, msg=run.summary(module.check_mode), **result)
 
 
-def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any) -> None:
+def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any, unlocked: typing.Iterable[str]) -> None:
     refusals = run.refusals
     if refusals:
         raise Problem(" ".join(refusals))
     warned = run.warnings
     _warn(module, warned)
+    _warn(module, unlocked if run.changed else ())
     if not module.check_mode:
         guard.apply(run)
         _warn(module, [sentence for sentence in run.warnings if sentence not in warned])

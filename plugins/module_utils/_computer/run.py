@@ -9,8 +9,8 @@ fails ends the run: those before it stay, those after it are not begun, and chan
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman, lock
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, run_locked
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import concerns
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import Concern, Options
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, ends
@@ -56,10 +56,10 @@ class Part:
         """End the concern with a failure."""
         raise Ended(dict(result, failed=True))
 
-    def carry_out(self) -> Fields:
-        """Carry the concern out; returns its result."""
+    def carry_out(self, unlocked: typing.Iterable[str]) -> Fields:
+        """Carry the concern out; returns its result. `unlocked`: see lock.held."""
         try:
-            run_module(self, lambda memory: self.code.make(self.params, memory, self.tools), self.guard)
+            run_locked(self, lambda memory: self.code.make(self.params, memory, self.tools), self.guard, unlocked)
         except Ended as end:
             return end.result
         raise AssertionError(f"{self.concern.name} has no end")
@@ -76,12 +76,24 @@ def carry_out(
         parts = [Part(module, concern, options, switches) for concern, options in asked]
     except Problem as problem:
         return ends.fail(module, f"{problem} Nothing was changed.")
+    folders = [] if module.check_mode else [part.params["records"] for part in parts]
+    try:
+        with lock.held(folders, "multimaster_computer") as unlocked:
+            return _carry_out(module, parts, unlocked, read_back)
+    except Problem as problem:
+        return ends.fail(module, str(problem))
+
+
+def _carry_out(module: typing.Any, parts: typing.Sequence[Part], unlocked: typing.List[str], read_back: bool) -> None:
+    """Carry out all concerns within one lock, and end the module."""
     results: typing.List[typing.Tuple[str, Fields]] = []
     differences: typing.List[typing.Any] = []
     for part in parts:
         if not part.concern.guarded and any(result.get("unconfirmed") for _name, result in results):
             break  # the run that confirms does the rest
-        result = part.carry_out()
+        result = part.carry_out(unlocked)
+        if result.get("changed"):
+            unlocked = []  # said once
         entry = result.pop("diff", [])
         differences += entry if isinstance(entry, list) else [entry]
         results.append((part.concern.name, result))

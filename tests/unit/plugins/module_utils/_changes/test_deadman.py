@@ -324,7 +324,11 @@ class FilesRun:
     def apply_runtime(self):
         if self.breaks == "runtime":
             raise Problem("The kernel refuses.")
+        if self.breaks.startswith("slow"):
+            becomes(self.runtime.parent / "run/rollback-test/rolled_back", "")
         self.runtime.write_text(self.wanted)
+        if self.breaks == "slow and refused":
+            raise Problem("The kernel refuses the rest.")
 
     def apply(self):
         self.apply_runtime()
@@ -469,6 +473,17 @@ def test_what_stands_against_it_meanwhile_takes_it_back(play):
 def test_a_run_time_that_is_refused_leaves_no_switch(play):
     result = play(confirm_within=HOUR, confirmation="t", breaks="runtime")
     assert (result.failed, result.rolled_back, play.state(), play.clean()) == (True, False, ("old", "old"), True)
+
+
+@pytest.mark.parametrize(
+    ("breaks", "said"),
+    [("slow", "took longer than the 1 s of confirm_within"), ("slow and refused", "The kernel refuses the rest.")],
+)
+def test_a_change_that_goes_on_beside_its_way_back_is_taken_back_whole(play, breaks, said):
+    failed = play(confirm_within=1, confirmation="t", breaks=breaks)
+    assert said in failed.msg
+    assert (failed.failed, failed.unconfirmed, failed.rolled_back) == (True, False, breaks == "slow")
+    assert (play.state(), play.clean()) == (("old", "old"), True)
 
 
 def test_a_restart_before_the_confirmation(play, switch, tmp_path):

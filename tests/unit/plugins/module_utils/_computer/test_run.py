@@ -18,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 OPTIONS = {"name": {"type": "str", "required": True}, "fails": {"type": "str", "default": ""}}
+OPTIONS["records"] = {"type": "str", "default": "none"}  # no absolute path, so there is no lock
 
 
 class Timer:

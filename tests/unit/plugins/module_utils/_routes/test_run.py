@@ -5,6 +5,7 @@
 
 import json
 import os
+import random
 import shutil
 import subprocess
 import sys
@@ -123,6 +124,12 @@ class Computer:
             done = module_server.run(MODULE, given["ANSIBLE_MODULE_ARGS"], f"/proc/{self.holder.pid}/ns/net")
         assert done.stdout, done.stderr
         return json.loads(done.stdout)
+
+    def at_once(self, lists, pause):
+        """Runs of the module at the same time, each with its list, the second one a pause after the first."""
+        many = [self.options(routes)["ANSIBLE_MODULE_ARGS"] for routes in lists]
+        ended = module_server.at_once(MODULE, many, f"/proc/{self.holder.pid}/ns/net", [pause])
+        return [json.loads(done.stdout) for done in ended]
 
     def full(self, routes):
         """The options with which the module makes its Run."""
@@ -403,6 +410,25 @@ def test_a_killed_run_can_be_followed_by_the_removal(computer, step):
     computer.ip("route add default via 192.168.11.1")
     routes, files = computer.routes(), computer.files()
     computer.sequence(((FOUR, SIX, HOLE), step), ((), 0))
+    assert (computer.routes(), computer.files()) == (routes, files)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_two_runs_at_once_leave_no_route_without_an_owner(computer, seed):
+    chance = random.Random(seed)
+    others(computer)
+    routes, files = computer.routes(), computer.files()
+    for _round in range(2):
+        lists = [
+            [{"destination": f"10.{100 + number}.0.0/16", "gateway": "192.168.11.7"} for number in numbers]
+            for numbers in (chance.sample(range(8), 4), chance.sample(range(8), 4))
+        ]
+        ended = computer.at_once(lists, chance.random() * 0.3)
+        assert [bool(result.get("failed")) for result in ended] == [False, False], ended
+        # One came after the other, so what it wanted is there and nothing else.
+        there = {line.split()[0] for line in computer.routes()} - {line.split()[0] for line in OTHERS}
+        assert there in [{route["destination"] for route in one} for one in lists]
+    assert not computer.run()["msg"].startswith("No routes are ours.")
     assert (computer.routes(), computer.files()) == (routes, files)
 
 

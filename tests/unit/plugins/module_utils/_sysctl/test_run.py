@@ -7,6 +7,7 @@ import errno
 import json
 import os
 import pathlib
+import random
 import shutil
 import signal
 import subprocess
@@ -619,6 +620,27 @@ def test_kernel_apply_again_and_back(namespace):
     assert namespace.held(BROADCASTS) == "0"
     assert namespace.run([])["changed"]
     assert {key: namespace.held(key) for key in keys} == before
+
+
+@as_root
+@pytest.mark.parametrize("seed", range(8))
+def test_two_runs_at_once_leave_no_value_without_an_owner(namespace, seed):
+    chance = random.Random(seed)
+    names = [f"net.ipv4.conf.eth0.{name}" for name in ("arp_announce", "arp_ignore", "log_martians", "medium_id")]
+    before = {name: namespace.held(name.replace(".", "/")) for name in names}
+    untouched = namespace.state()
+    for _round in range(3):
+        lists = [[{"name": name, "value": "1"} for name in chance.sample(names, 2)] for _run in range(2)]
+        many = [{**namespace.options(settings), "_ansible_check_mode": False} for settings in lists]
+        ended = module_server.at_once(MODULE, many, "/run/netns/" + namespace.prefix[-1], [chance.random() * 0.1])
+        assert [done.returncode for done in ended] == [0, 0], ended
+        there = {name for name in names if namespace.held(name.replace(".", "/")) != before[name]}
+        last = [{setting["name"] for setting in settings} for settings in lists]
+        assert there in last
+        assert all((f"{name} = 1" in namespace.drop_in.read_text()) == (name in there) for name in names)
+    namespace.run([])
+    assert {name: namespace.held(name.replace(".", "/")) for name in names} == before
+    assert namespace.state() == untouched
 
 
 @as_root

@@ -1,0 +1,181 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""One run at a time: a lock beside the records, held while a run reads, plans, changes and records.
+
+It is flock(2) on a file that only root may open. So the kernel frees it when a run is killed, and no ordinary user can hold
+it. The file goes with the run, and the next run removes the file of a killed one.
+
+Check mode takes no lock, since it makes no file. It waits for a run that works, and reads again where one began meanwhile.
+"""
+
+import contextlib
+import fcntl
+import os
+import time
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+
+NAME = "lock"  # of the file, in the folder of the records
+WAIT = 60.0  # seconds for a run before this one
+_PAUSE = 0.05
+_VANISHING = 1.0  # seconds in which the folder may come and go with runs of others
+_WORDS = 200  # bytes
+
+T = typing.TypeVar("T")
+
+
+@contextlib.contextmanager
+def held(folders: typing.Iterable[str], name: str) -> typing.Iterator[typing.List[str]]:
+    """Hold the locks of these folders of records; `name` is that of the module. Raises Problem where a run does not end.
+
+    Gives a sentence for each folder in which no lock can be had, as on a read-only file system.
+    """
+    deadline = time.monotonic() + WAIT
+    taken: typing.List[_Taken] = []
+    sentences: typing.List[str] = []
+    try:
+        # In one order, so that no two runs wait for each other.
+        for folder in sorted(set(filter(os.path.isabs, folders))):
+            try:
+                taken.append(_take(folder, name, deadline))
+            except OSError as problem:
+                sentences.append(
+                    f"{os.path.join(folder, NAME)} cannot be locked ({problem.strerror or problem}), so a run at the same time "
+                    "would not be noticed: let no two runs change this computer at once."
+                )
+        yield sentences
+    finally:
+        for lock in reversed(taken):
+            _free(lock)
+
+
+def undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
+    """Return what `read` returns while no run holds the lock. Raises Problem as `held`, and what `read` raises."""
+    deadline = time.monotonic() + WAIT
+    while True:
+        before = _trace(folder)  # first: a run may begin after the wait
+        _wait(os.path.join(folder, NAME), deadline)
+        try:
+            found = read()
+        except Problem:
+            if _trace(folder) == before or time.monotonic() > deadline:
+                raise
+            continue
+        if _trace(folder) == before or time.monotonic() > deadline:
+            return found
+
+
+class _Taken(typing.NamedTuple):
+    path: str
+    descriptor: int
+    made: typing.List[str]  # the folders made for it, outermost first
+
+
+def _take(folder: str, name: str, deadline: float) -> _Taken:
+    """Wait for the lock of a folder. Raises OSError where there can be none, Problem where a run does not end."""
+    path = os.path.join(folder, NAME)
+    made: typing.List[str] = []
+    vanishing = time.monotonic() + _VANISHING
+    while True:
+        try:
+            made += atomic.make_folders(folder)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        except (FileExistsError, FileNotFoundError):  # a run that ends removes the folder, and one that begins makes it
+            if time.monotonic() > vanishing:
+                raise
+            continue
+        except OSError:
+            _remove_folders(folder, made)
+            raise
+        lock = _Taken(path, descriptor, made)
+        try:
+            if _is_free(descriptor, fcntl.LOCK_EX, path, deadline) and _is_at(descriptor, path):
+                _sign(descriptor, name)
+                return lock
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)
+
+
+def _free(lock: _Taken) -> None:
+    """End a run: remove the file and what is empty then, and free the lock. The kernel does the last one in any case."""
+    with contextlib.suppress(OSError):
+        if _is_at(lock.descriptor, lock.path):
+            atomic.remove(lock.path)
+        _remove_folders(os.path.dirname(lock.path), lock.made)
+    os.close(lock.descriptor)
+
+
+def _remove_folders(folder: str, made: typing.Sequence[str]) -> None:
+    for place in [folder, *reversed(made)]:
+        if os.path.isdir(place) and not os.listdir(place):
+            atomic.remove_folder_if_empty(place)
+
+
+def _wait(path: str, deadline: float) -> None:
+    """Wait until no run holds the lock. Raises Problem."""
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError:  # no run, or none that this user may see
+            return
+        try:
+            if _is_free(descriptor, fcntl.LOCK_SH, path, deadline):
+                return
+        except OSError:  # a file system without locks
+            return
+        finally:
+            os.close(descriptor)
+
+
+def _is_free(descriptor: int, kind: int, path: str, deadline: float) -> bool:
+    """Try to lock a file. False where a run holds it, after a pause; raises Problem where it has held it for too long."""
+    try:
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+        return True
+    except BlockingIOError:
+        if time.monotonic() > deadline:
+            raise Problem(_busy(descriptor, path)) from None
+        time.sleep(_PAUSE)
+        return False
+
+
+def _is_at(descriptor: int, path: str) -> bool:
+    """True where the file is still that of the path: the run that held it before has removed its own."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.lstat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _sign(descriptor: int, name: str) -> None:
+    """Write which process holds the lock, for the sentence of a run that waits in vain."""
+    with contextlib.suppress(OSError):  # a full disk
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()} {name}".encode("utf-8", "replace")[:_WORDS], 0)
+
+
+def _busy(descriptor: int, path: str) -> str:
+    pid, _blank, name = os.pread(descriptor, _WORDS, 0).decode("utf-8", "replace").partition(" ")
+    since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(os.fstat(descriptor).st_mtime))
+    return (
+        f"The process {pid or 'that holds ' + path} ({name or 'a module'}) changes this computer since {since} and has not ended "
+        f"within {WAIT:g} s, so nothing was done here: wait for its end and run the play again; if it hangs, end it "
+        f"(kill {pid or '<process>'})."
+    )
+
+
+def _trace(folder: str) -> typing.List[typing.Tuple[int, int]]:
+    """What a run changes by taking and freeing the lock: the file, and its folder or the nearest one that is there."""
+    while not os.path.isdir(folder) and os.path.dirname(folder) != folder:
+        folder = os.path.dirname(folder)
+    found = []
+    for place in (folder, os.path.join(folder, NAME)):
+        with contextlib.suppress(OSError):
+            status = os.lstat(place)
+            found.append((status.st_ino, status.st_mtime_ns))
+    return found
