@@ -18,3 +18,8 @@ def difference(path: str, before: typing.Optional[bytes], after: typing.Optional
         "before": text(before),
         "after": text(after),
     }
+
+
+def of_mode(path: str, before: int, after: int) -> typing.Dict[str, str]:
+    """The entry for a file whose permissions alone change."""
+    return difference(path, f"mode {before:04o}\n".encode("ascii"), f"mode {after:04o}\n".encode("ascii"))

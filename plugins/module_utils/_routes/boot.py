@@ -8,7 +8,7 @@ import os
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference, of_mode
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, text_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.contract import Machine, Wanted
@@ -47,6 +47,9 @@ class Boot:
         self.before = {name: backend.read() for name, backend in self.backends.items()}
         self.owned: typing.Dict[str, typing.Set[str]] = {}
         self.wanted: typing.Dict[str, Wanted] = {}
+        self.modes: typing.Dict[str, int] = {}  # those of files of ours that somebody has changed
+        #: back end -> its places that change, or that a killed run has not told its manager about
+        self.changes: typing.Dict[str, typing.List[str]] = {}
         self.routes: typing.Dict[str, typing.List[Route]] = {}
 
     def _recorded_texts(self, backend: str) -> typing.Dict[str, typing.List[str]]:
@@ -96,25 +99,21 @@ class Boot:
             for interface, routes in listed.items():
                 _check_expressible(name, backend.cannot, routes)
                 self.routes.setdefault(backend.place(interface), []).extend(routes)
+        self._compare()
         for name in self.changes:
             self.backends[name].check(self.wanted[name])
         self.folders += [folder for folder in self._missing() if folder not in self.folders]
 
-    @property
-    def changes(self) -> typing.Dict[str, typing.List[str]]:
-        """Back end -> its places that change, or that a killed run has not told its manager about."""
-        changed = {}
+    def _compare(self) -> None:
+        """Find the places that change."""
         for name, wanted in self.wanted.items():
-            differ = {place for place, text in wanted.items() if self._differs(name, place, text)}
+            modes = {place: self.backends[name].wrong_mode(place) for place, text in wanted.items() if text is not None}
+            self.modes.update({place: mode for place, mode in modes.items() if mode is not None})
+            before = self.before[name]
+            differ = {place for place, text in wanted.items() if text != before.get(place) or place in self.modes}
             places = sorted(differ | set(self.pending.get(name, [])))
             if places:
-                changed[name] = places
-        return changed
-
-    def _differs(self, backend: str, place: str, text: typing.Optional[str]) -> bool:
-        if text != self.before[backend].get(place):
-            return True
-        return text is not None and self.backends[backend].wrong_mode(place)
+                self.changes[name] = places
 
     def is_new(self, backend: str, place: typing.Optional[str], route: Route) -> bool:
         """True where a route is new at its place, or where somebody has changed the place."""
@@ -122,20 +121,23 @@ class Boot:
             return False
         recorded = self.recorded.get(place, Place(backend, [], []))
         untouched = self.before[backend].get(place) in recorded.texts
-        return not untouched or self.backends[backend].wrong_mode(place) or route not in recorded.routes
+        return not untouched or place in self.modes or route not in recorded.routes
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
-        """The places that change, for `diff`."""
+        """The places that change, for `diff`; without those of which only a manager has not been told."""
 
         def content(text: typing.Optional[str]) -> typing.Optional[bytes]:
             return None if text is None else text.encode("utf-8")
 
-        return [
-            difference(place, content(self.before[name].get(place)), content(self.wanted[name].get(place)))
-            for name, places in self.changes.items()
-            for place in places
-        ]
+        found = []
+        for name, place in [(name, place) for name, places in self.changes.items() for place in places]:
+            before, after = self.before[name].get(place), self.wanted[name].get(place)
+            if before != after:
+                found.append(difference(place, content(before), content(after)))
+            elif place in self.modes:
+                found.append(of_mode(place, self.modes[place], self.backends[name].mode))
+        return found
 
     def _missing(self) -> typing.List[str]:
         """The missing folders of the wanted files, outermost first."""

@@ -117,8 +117,25 @@ def _options(route: Route) -> typing.List[str]:
 
 
 def text_of(route: Route) -> str:
-    """A route of ours as `ip route` writes it."""
-    return " ".join(words_of(route))
+    """A route of ours as `ip route` will write it, in the form of Held.text."""
+    version, length = route.version, "/128" if route.version == 6 else "/32"
+    raw = {
+        "type": route.type,
+        "dst": "default" if route.destination == DEFAULTS[version] else _without(route.destination, length),
+        "gateway": route.gateway,
+        "dev": route.device,
+        "protocol": PROTOCOL,
+        "scope": route.scope or usual_scope(route.type, route.gateway),
+        "prefsrc": route.source,
+        "metric": route.metric,
+        "flags": ["onlink"] if route.on_link else [],
+        "metrics": [{name: getattr(route, name) for name in PATH if getattr(route, name)}],
+    }
+    return held(raw, version, route.table).text
+
+
+def _without(text: str, end: str) -> str:
+    return text[: -len(end)] if text.endswith(end) else text
 
 
 def name_of(destination: str) -> str:

@@ -184,7 +184,15 @@ def _sorted_out(route: Route, there: typing.List[Held], entry: Entry) -> _There:
 
 def _is(held: Held, route: Route, entry: Entry) -> bool:
     """True where the kernel's route is the wanted one. What somebody else has made may say more than the wanted one does."""
-    return held.route.way == route.way or (held.route.way not in _ways(entry) and route.fits(held.route))
+    if held.route.way not in _ways(entry):
+        return route.fits(held.route)
+    return held.route.way == route.way and held.route.on_link == _on_link(held, route, entry)
+
+
+def _on_link(held: Held, route: Route, entry: Entry) -> bool:
+    """Whether a route of ours is to have on_link: as wanted; what a manager has added to it may stay."""
+    made = any(other.on_link for other in entry.made if other.way == held.route.way)
+    return route.on_link or (held.route.on_link and not made)
 
 
 def _ways(entry: Entry) -> typing.Set[typing.Tuple[typing.Any, ...]]:

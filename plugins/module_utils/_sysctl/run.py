@@ -13,7 +13,7 @@ import stat
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference, of_mode
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, Step, carry_out
@@ -112,10 +112,11 @@ class Run(ModuleRun):
         )
         self.taken_back = [dict(item._asdict()) for item in self.plan.taken_back]
         self.items = self._items()
+        self.wrong_mode = self._wrong_mode()
         # Anything to do: in the kernel, in the drop-ins, or in the record.
         text, final = self.plan.text, self.plan.final.plain()
         self.changed = bool(
-            self.plan.writes or self.stale or self.before != text or self._wrong_mode() or self.stored != final
+            self.plan.writes or self.stale or self.before != text or self.wrong_mode is not None or self.stored != final
         )
 
     def _with_enough(
@@ -154,10 +155,12 @@ class Run(ModuleRun):
             "move it away, or name another file in drop_in."
         )
 
-    def _wrong_mode(self) -> bool:
-        """True where our drop-in stays and not everybody may read it, or others than root may write it."""
-        kept = self.before is not None and self.plan.text is not None
-        return kept and stat.S_IMODE(os.lstat(self.file).st_mode) != _MODE
+    def _wrong_mode(self) -> typing.Optional[int]:
+        """The mode of our drop-in where it stays and not everybody may read it, or others than root may write it; else None."""
+        if self.before is None or self.plan.text is None:
+            return None
+        mode = stat.S_IMODE(os.lstat(self.file).st_mode)
+        return None if mode == _MODE else mode
 
     def _stale(self) -> typing.Dict[str, str]:
         """Our drop-ins under earlier names, with their texts. A file that is no longer ours stays."""
@@ -266,6 +269,8 @@ class Run(ModuleRun):
         files = [(self.drop_in, self.before, self.plan.text)]
         files += [(path, text, None) for path, text in self.stale.items()]
         found = [difference(path, _encoded(old), _encoded(new)) for path, old, new in files if old != new]
+        if self.wrong_mode is not None and self.before == self.plan.text:
+            found.append(of_mode(self.drop_in, self.wrong_mode, _MODE))
         keys = sorted({write.key for write in self.plan.writes})
         if keys:
             before, after = (
@@ -416,7 +421,7 @@ class Run(ModuleRun):
 
     def _write_files(self) -> None:
         text = self.plan.text
-        if text is not None and (text != self.before or self._wrong_mode()):
+        if text is not None and (text != self.before or self.wrong_mode is not None):
             atomic.make_folders(os.path.dirname(self.file))
             atomic.write_by_rename(self.file, text.encode("utf-8", "surrogateescape"))
         for path in self.stale:

@@ -132,7 +132,10 @@ class BackEnd:
             "set backend to none for the routes that belong there."
         )
 
-    def wrong_mode(self, place: str) -> bool:
-        """True where a file of ours has lost its permissions: run-parts(8) passes over a hook that is not executable."""
+    def wrong_mode(self, place: str) -> typing.Optional[int]:
+        """The mode of a file of ours that is not as it was written, else None: run-parts(8) passes over a hook that is not executable."""
         path = self.path(place)
-        return place.startswith("/") and os.path.isfile(path) and stat.S_IMODE(os.stat(path).st_mode) != self.mode
+        if not place.startswith("/") or not os.path.isfile(path):
+            return None
+        mode = stat.S_IMODE(os.stat(path).st_mode)
+        return None if mode == self.mode else mode

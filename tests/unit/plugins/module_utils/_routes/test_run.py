@@ -552,11 +552,81 @@ def test_a_hook_that_has_lost_its_permissions_gets_them_back(computer):
     computer.run(FOUR)
     hook = computer.root / HOOK
     hook.chmod(0o644)
-    assert computer.run(FOUR, _ansible_check_mode=True)["changed"] and not os.access(hook, os.X_OK)
+    checked = computer.run(FOUR, _ansible_check_mode=True)
+    assert checked["changed"] and not os.access(hook, os.X_OK)
     repaired = computer.run(FOUR)
+    assert (repaired["diff"], [(one["before"], one["after"]) for one in repaired["diff"]]) == (
+        checked["diff"],
+        [("mode 0644\n", "mode 0755\n")],
+    )
     assert repaired["changed"] and repaired["routes"][0]["state"] == "changed"
     assert os.access(hook, os.X_OK)
     assert not computer.run(FOUR)["changed"]
+
+
+def drawn(chance, number):
+    """A route of any kind, with a destination of its own."""
+    version = chance.choice((4, 6))
+    length = chance.choice((16, 24, 32)) if version == 4 else chance.choice((48, 64, 128))
+    address = f"10.{number}.0.0" if version == 4 else f"fd00:1{number:02}::"
+    route = {
+        "destination": f"{address}/{length}",
+        "metric": chance.choice((None, 7)),
+        "table": chance.choice((254, 77)),
+    }
+    if chance.random() < 0.2:
+        return {**route, "type": chance.choice(("blackhole", "unreachable", "prohibit", "throw"))}
+    near, own = ("192.168.11.9", "192.168.11.100") if version == 4 else ("fd00:11::9", "fd00:11::100")
+    if chance.random() < 0.7:
+        route.update(gateway=near, on_link=chance.random() < 0.4)
+    if "gateway" not in route or route["on_link"] or chance.random() < 0.3:
+        route["device"] = "eth0"
+    if chance.random() < 0.4:
+        route["source"] = own
+    if version == 4 and chance.random() < 0.5:
+        route["scope"] = "global" if "gateway" in route else chance.choice(("link", "host"))
+    for name, most in (("mtu", 1500), ("advmss", 1460), ("initcwnd", 30)):
+        if chance.random() < 0.5:
+            route[name] = chance.randrange(1280 if name == "mtu" else 4, most)
+    return route
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_check_mode_says_in_the_same_words_what_the_run_does(computer, seed):
+    chance = random.Random(seed)
+    lists = [[drawn(chance, number) for number in range(10, 22)] for _list in range(3)]
+    lists.append(
+        [{**route, "on_link": "gateway" in route, "device": "eth0"} for route in lists[-1] if "type" not in route]
+    )
+    for listed in [*lists, []]:
+        options = {"backends": {"eth0": "none", "eth1": "none"}}
+        checked = computer.run(*listed, **options, _ansible_check_mode=True)
+        assert "failed" not in checked, checked["msg"]
+        made = computer.run(*listed, **options)
+        for name in ("changed", "routes", "taken_back", "diff"):
+            assert made[name] == checked[name]
+        again = computer.run(*listed, **options)
+        assert (again["changed"], again["diff"], {item["state"] for item in again["routes"]} <= {"ok"}) == (
+            False,
+            [],
+            True,
+        )
+        assert [item["after"] for item in again["routes"]] == [item["after"] for item in made["routes"]]
+
+
+@pytest.mark.parametrize("route", [FOUR, SIX], ids=["IPv4", "IPv6"])
+def test_on_link_comes_and_goes_with_the_option(computer, route):
+    computer.run(route)
+    on_link = {**route, "device": "eth0", "on_link": True}
+    for listed, there in ((on_link, True), (route, False), (on_link, True)):
+        assert computer.run(listed)["routes"][0]["state"] == "changed"
+        assert [line.split("proto")[1].count("onlink") for line in computer.routes()] == [int(there)]
+        assert not computer.run(listed)["changed"]
+    # What a manager has added to a route of ours stays.
+    computer.run(route)
+    version = "-6" if ":" in route["gateway"] else "-4"
+    computer.ip(f"{version} route replace {computer.run(route)['routes'][0]['after']} onlink")
+    assert not computer.run(route)["changed"]
 
 
 FINE = {"destination": "10.5.0.0/16", "gateway": "192.168.11.101", "mtu": 1400, "advmss": 1360, "initcwnd": 20}

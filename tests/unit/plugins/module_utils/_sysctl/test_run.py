@@ -145,6 +145,15 @@ def test_diff_shows_the_file_and_the_values(machine):
     assert second["after"] == "net.ipv4.icmp_echo_ignore_broadcasts = 0\nnet.ipv4.ip_forward = 1\n"
 
 
+def test_diff_shows_permissions_that_come_back(machine):
+    machine.run(REPORT)
+    machine.drop_in.chmod(0o666)
+    checked = machine.run(REPORT, check=True)["diff"]
+    assert [(one["before"], one["after"]) for one in checked] == [("mode 0666\n", "mode 0644\n")]
+    assert machine.run(REPORT)["diff"] == checked
+    assert not machine.run(REPORT)["changed"]
+
+
 def test_what_is_changed_by_hand_comes_back(machine):
     machine.run(REPORT)
     good = machine.state()
