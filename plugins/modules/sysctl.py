@@ -16,6 +16,8 @@ description:
     and so is C(net.ipv4.conf.all.forwarding), which is another name of the same variable of the kernel.
   - The values from before are recorded. A setting that is no longer listed is taken back,
     so that an empty list takes back everything. A value that somebody else has changed since then is left and named.
+  - Check mode asks the kernel what it makes of values below V(net), in an empty network namespace, and fails where the run would.
+    Where that is not possible, as in most containers, a warning names the values that it cannot judge.
   - The kernel changes other keys beside some keys, for example those of every interface with C(net.ipv4.ip_forward),
     C(net.ipv4.conf.default.rp_filter) or C(net.ipv6.conf.all.disable_ipv6). This module knows them, writes such a key first, and
     so gives every listed key its own value.

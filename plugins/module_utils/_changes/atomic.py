@@ -16,7 +16,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
 
-_NEIGHBOUR = ".rosfleet-new"
+NEIGHBOUR = ".rosfleet-new"  # and the number of the process
 _ACL = "system.posix_acl_access"
 # What the kernel computes from the content: the value of the old file would condemn the new one.
 _COMPUTED = ("security.ima", "security.evm")
@@ -79,7 +79,7 @@ def write_by_rename(
     """
     remove_leftovers(path)
     kept = attributes(path) if kept is None else kept
-    neighbour = f"{path}{_NEIGHBOUR}-{os.getpid()}"
+    neighbour = f"{path}{NEIGHBOUR}-{os.getpid()}"
     descriptor = os.open(neighbour, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         with os.fdopen(descriptor, "wb") as stream:
@@ -91,8 +91,10 @@ def write_by_rename(
             stream.flush()
             os.fsync(stream.fileno())
         os.rename(neighbour, path)
-    except BaseException:
+    except BaseException as problem:
         remove(neighbour)
+        if isinstance(problem, OSError):
+            problem.filename, problem.filename2 = path, None  # a full disk is said without a file
         raise
     sync_folder(os.path.dirname(path))
 
@@ -105,7 +107,7 @@ def remove_leftovers(path: str) -> None:
 
 def leftovers(path: str) -> typing.List[str]:
     """The neighbours that a killed writer of this path left behind."""
-    return glob.glob(glob.escape(path + _NEIGHBOUR) + "-*")
+    return glob.glob(glob.escape(path + NEIGHBOUR) + "-*")
 
 
 def remove(path: str) -> None:

@@ -17,6 +17,13 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.prob
 Fields = typing.Dict[str, typing.Any]
 
 
+class Foreseen(typing.NamedTuple):
+    """What check mode knows of the change itself."""
+
+    refusals: typing.List[str]  # the sentences that say what would fail
+    unknown: typing.List[str]  # and those that say what cannot be known before
+
+
 class ModuleRun:
     """One run of a module. Making it reads the machine and plans; it changes nothing and raises Problem."""
 
@@ -27,6 +34,10 @@ class ModuleRun:
     def refusals(self) -> typing.List[str]:
         """The sentences that say why the plan is not carried out, also in check mode; none where it is."""
         return []
+
+    def foresee(self) -> "Foreseen":
+        """Try what the run would find out only when it changes something, without a change; asked for in check mode alone."""
+        return Foreseen([], [])
 
     @property
     def warnings(self) -> typing.List[str]:
@@ -105,6 +116,7 @@ def run_locked(
     guard = guard or Unguarded(module)
 
     def planned() -> ModuleRun:
+        _check_texts(module.params, "")
         return make(guard.begin())
 
     try:
@@ -121,13 +133,31 @@ def run_locked(
     return guard.exit(changed=run.changed, msg=run.summary(module.check_mode), **result)
 
 
+def _check_texts(value: typing.Any, place: str) -> None:
+    """Raise Problem for a text with half of a character, as JSON may have it: it is no text of any file."""
+    if isinstance(value, dict):
+        for name, part in value.items():
+            _check_texts(name, place)
+            _check_texts(part, f"{place}.{name}".lstrip("."))
+    elif isinstance(value, (list, tuple)):
+        for number, part in enumerate(value, 1):
+            _check_texts(part, f"{place} item {number}")
+    elif isinstance(value, str):
+        try:
+            value.encode("utf-8", "surrogateescape")
+        except UnicodeEncodeError:
+            raise Problem(
+                f"{place or 'An option'} has a text with half of a character (such as \\ud800), expected whole characters: correct it."
+            ) from None
+
+
 def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any, unlocked: typing.Iterable[str]) -> None:
     refusals = run.refusals
-    if refusals:
-        raise Problem(" ".join(refusals))
+    foreseen = run.foresee() if module.check_mode and not refusals else Foreseen([], [])
+    if refusals or foreseen.refusals:
+        raise Problem(" ".join([*refusals, *foreseen.refusals]))
     warned = run.warnings
-    _warn(module, warned)
-    _warn(module, unlocked if run.changed else ())
+    _warn(module, [*warned, *foreseen.unknown, *(unlocked if run.changed else ())])
     if not module.check_mode:
         guard.apply(run)
         _warn(module, [sentence for sentence in run.warnings if sentence not in warned])

@@ -3,11 +3,16 @@
 
 """Whether this process can replace a file: asked before anything changes, so also in check mode."""
 
+import errno
 import fcntl
 import os
+import re
 import stat
 import struct
 import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text
 
 # FS_IOC_GETFLAGS (ioctl_iflags(2)): _IOR('f', 1, long)
 _GET_FLAGS = 2 << 30 | struct.calcsize("l") << 16 | ord("f") << 8 | 1
@@ -31,6 +36,16 @@ def obstacle(path: str, in_place: bool = False) -> str:
                 f"{place} is {flag} (lsattr shows it), so not even root changes it; expected one without that: "
                 f"run 'chattr -{flag[0]} {place}', or leave the path to whoever locked it."
             )
+    longest = _longest_name(folder)
+    if len(os.fsencode(os.path.basename(path))) > longest:
+        return (
+            f"The name of {path} is longer than the {longest} bytes that a file there can have while it is replaced; expected a shorter "
+            "one: correct the path."
+        )
+    if _no_place(folder):
+        return f"{folder} is no place for files, but a view into the kernel; expected a folder on a disk: correct the path {path}."
+    if _mounted(path):
+        return f"Something is mounted at {path}, so it cannot be replaced; expected a file of its folder: unmount it, or correct the path."
     if not os.path.isdir(folder) or os.access(folder, os.W_OK | os.X_OK):
         return ""
     if os.statvfs(folder).f_flag & os.ST_RDONLY:
@@ -38,6 +53,35 @@ def obstacle(path: str, in_place: bool = False) -> str:
     if os.geteuid() != 0:
         return f"{folder} is not writable for the user {os.geteuid()}; expected a writable folder: run as root (become: true)."
     return f"{folder} is not writable, even for root; expected a writable folder: look at its mount and its security module."
+
+
+def _longest_name(folder: str) -> int:
+    """The bytes of a name beside which its neighbour, which replaces it, has a name as well (atomic.py)."""
+    try:
+        return os.pathconf(folder, "PC_NAME_MAX") - len(atomic.NEIGHBOUR) - len("-4194304")
+    except (OSError, ValueError):  # a folder that is none
+        return 255
+
+
+def _no_place(folder: str) -> bool:
+    """True for /proc, /sys and the like: no room for anything, and no file without a name can be made (open(2), O_TMPFILE)."""
+    try:
+        if os.statvfs(folder).f_blocks:
+            return False
+        os.close(os.open(folder, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o600))
+    except OSError as problem:
+        denied = (errno.EACCES, errno.EPERM) if os.geteuid() == 0 else ()
+        return problem.errno in (errno.EOPNOTSUPP, errno.EISDIR, errno.ENOENT, *denied)
+    return False
+
+
+def _mounted(path: str) -> bool:
+    """True for a file that is a mount point of its own, as in a container."""
+    if not os.path.isfile(path):
+        return False
+    octal = re.compile(r"\\([0-7]{3})")
+    places = [line.split()[4] for line in text("/proc/self/mountinfo").splitlines() if len(line.split()) > 4]
+    return os.path.realpath(path) in [octal.sub(lambda found: chr(int(found.group(1), 8)), place) for place in places]
 
 
 def obstacles(paths: typing.Iterable[str]) -> typing.List[str]:

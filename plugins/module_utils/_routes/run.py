@@ -10,14 +10,14 @@ record is on disk before either: after a killed run, the next one knows what is 
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, writable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import may_change_network, unwritable
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import may_change_network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan, record, wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot, Choice
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
@@ -209,9 +209,9 @@ class Run(ModuleRun):
     def _forbidden(self) -> typing.List[str]:
         files = [place for places in self.boot.changes.values() for place in places if place.startswith("/")]
         places = [os.path.join(self.options["root"], place.lstrip("/")) for place in files]
-        problem = unwritable([*places, self.record.path]) if self.changed else None
-        if problem:
-            return [problem]
+        locked = writable.obstacles([*places, self.record.path]) if self.changed else []
+        if locked:
+            return locked
         if self.plan.changes and not may_change_network():
             return [
                 f"routes: user {os.geteuid()} may not change the kernel's routes, expected root: run as root (become: true), in a "

@@ -9,6 +9,10 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import (
+    has_all_rights,
+    may_change_network,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import matches, name_of, normal
 
 Values = typing.Dict[str, typing.Optional[str]]  # key -> value in normal form, None where there is no such key
@@ -171,6 +175,8 @@ _SENTENCES = {
     "expected {wanted}: set it where the container is started, or give the container a writable /proc/sys.",
     "denied": "{name}: user {user} may not change {path} ({reason}), which holds {found}, expected {wanted}: "
     "run as root (become: true), in a container with the capability for it.",
+    "denied without a capability": "{name}: root may not change {path} here ({reason}), since this process is without {capability}, as in "
+    "a container; it holds {found}, expected {wanted}: give it that, or set the value where the container is started.",
     "denied to root": "{name}: nobody may change {path} ({reason}), not even root, and it holds {found}, expected {wanted}: "
     "take it off the settings, or give the container the capability for it.",
     "invalid": "{name}: the kernel refuses the value {wanted} ({reason}) and keeps {found}: "
@@ -179,26 +185,38 @@ _SENTENCES = {
 
 
 def refusal(path: str, setting: Setting, found: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
-    """The state and the sentence for a setting that the kernel refuses with this errno."""
+    """The state and the sentence for a setting that the kernel refuses with this errno. `found`: the value, None for no key."""
     state = _STATES.get(number, "invalid")
-    denied_to_root = state == "denied" and os.geteuid() == 0
-    return state, _SENTENCES["denied to root" if denied_to_root else state].format(
+    if state == "missing" and found is not None:
+        state = "invalid"  # the key is there, and the kernel knows nothing of the name that the value is
+    lacking = "the capability NET_ADMIN" if setting.key.startswith("net/") else "some capabilities of root"
+    kind = state
+    if state == "denied" and os.geteuid() == 0:
+        all_there = may_change_network() if setting.key.startswith("net/") else has_all_rights()
+        kind = "denied to root" if all_there else "denied without a capability"
+    return state, _SENTENCES[kind].format(
         name=name_of(setting.key),
         path=path,
         wanted=setting.value,
         found="nothing that can be read" if found is None else quoted(found),
         reason=os.strerror(number),
         user=os.geteuid(),
+        capability=lacking,
     )
 
 
 # The kernel
 
 
+PROC = "/proc/sys"
+# Root can open them for writing, and the write needs CAP_NET_ADMIN (net/ipv4/devinet.c).
+_FOR_NET_ADMIN = ("net/ipv4/ip_forward", "net/ipv4/conf/*/forwarding")
+
+
 class Kernel:
     """The kernel's settings, read and written through the folder /proc/sys."""
 
-    def __init__(self, proc: str = "/proc/sys") -> None:
+    def __init__(self, proc: str = PROC) -> None:
         self.proc = proc
 
     def path(self, key: str) -> str:
@@ -226,7 +244,8 @@ class Kernel:
             os.close(os.open(self.path(key), os.O_WRONLY))
         except OSError as problem:
             return Found(value, problem.errno or errno.EIO)
-        return Found(value, 0)
+        guarded = self.proc == PROC and any(matches(one, key) for one in _FOR_NET_ADMIN)
+        return Found(value, errno.EPERM if guarded and not may_change_network() else 0)
 
     def keys(self, pattern: str) -> typing.List[str]:
         """The keys of this kernel that a pattern matches; `*` stands for one whole level."""

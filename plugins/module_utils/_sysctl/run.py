@@ -9,17 +9,17 @@ after a killed run, the next one knows everything that it needs to repair.
 
 import errno
 import os
+import re
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, writable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference, of_mode
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Foreseen, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, Step, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import unwritable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import (
     Assignment,
@@ -31,6 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot 
     parse,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import (
+    PROC,
     Found,
     Kernel,
     Setting,
@@ -255,8 +256,29 @@ class Run(ModuleRun):
     @property
     def refusals(self) -> typing.List[str]:
         """The sentences that prevent the plan: refused settings, and conflicts unless they are to be reported only."""
-        unable = unwritable([self.file, self.record.path]) if self.changed and not self.problems else None
-        return self.problems + (self.conflicts if self.fails_on_conflict else []) + ([unable] if unable else [])
+        problems = self.problems
+        files = [self.file, *map(self._place, self.stale), self.record.path] if self.changed and not problems else []
+        return problems + (self.conflicts if self.fails_on_conflict else []) + writable.obstacles(files)
+
+    def foresee(self) -> Foreseen:
+        """What the kernel makes of the values, as far as it can be asked without a change."""
+        writes = {write.key: write.value for write in self.plan.writes if write in self.settings}
+        if self.kernel.proc != PROC or not writes:
+            return Foreseen([], [])
+        from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import trial
+
+        tried = trial.outcomes(self.kernel, writes)
+        refused = [
+            self._foreseen(Setting(key, writes[key]), *tried[key]) for key in tried if tried[key] != (0, writes[key])
+        ]
+        open_ = [key for key in writes if key not in tried and not _alike(writes[key], self.current[key])]
+        names = ", ".join(f"{name_of(key)} = {writes[key]}" for key in open_)
+        return Foreseen(refused, [f"Check mode cannot know whether the kernel takes {names}."] if names else [])
+
+    def _foreseen(self, setting: Setting, number: int, held: str) -> str:
+        if number:
+            return refusal(self.kernel.path(setting.key), setting, self.current[setting.key], number)[1]
+        return _otherwise(setting, held)
 
     @property
     def warnings(self) -> typing.List[str]:
@@ -390,16 +412,14 @@ class Run(ModuleRun):
 
     def _refused(self, setting: Setting, number: int) -> Problem:
         """What the run ends with where the kernel refuses a listed value; its item says so."""
-        state, text = refusal(self.kernel.path(setting.key), setting, self.current[setting.key], number)
+        # Read again: an interface may have gone with its keys.
+        state, text = refusal(self.kernel.path(setting.key), setting, self.kernel.look(setting.key).value, number)
         self._item_of(setting).update(state=state, problem=text, changed=False)
         return Problem(text)
 
     def _otherwise(self, setting: Setting) -> Problem:
         """What the run ends with where the kernel holds another value than it was given."""
-        text = (
-            f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {quoted(self.kernel.look(setting.key).value)}, "
-            "expected the same: write the value as the kernel says it."
-        )
+        text = _otherwise(setting, self.kernel.look(setting.key).value)
         self._item_of(setting).update(state="invalid", problem=text, changed=False)
         return Problem(text)
 
@@ -446,6 +466,20 @@ class Run(ModuleRun):
         """Remove the folders that we made for the drop-in and that are empty."""
         for folder in reversed(self.plan.interim.folders):
             atomic.remove_folder_if_empty(folder)
+
+
+def _otherwise(setting: Setting, held: typing.Optional[str]) -> str:
+    """The sentence for a value of which the kernel makes another one."""
+    return (
+        f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {quoted(held)}, expected the same: write the value as the "
+        "kernel says it."
+    )
+
+
+def _alike(value: str, found: typing.Optional[str]) -> bool:
+    """True for as many whole numbers as there are."""
+    forms = [[bool(re.fullmatch(r"-?[0-9]+", word)) for word in (text or "").split()] for text in (value, found)]
+    return forms[0] == forms[1] and all(forms[0])
 
 
 def _encoded(text: typing.Optional[str]) -> typing.Optional[bytes]:

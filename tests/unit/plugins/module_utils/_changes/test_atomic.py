@@ -75,3 +75,17 @@ def test_an_attribute_that_cannot_be_kept_is_named_and_nothing_changes(path, mon
 def test_a_link_and_a_missing_file_have_none(path):
     (path.parent / "link").symlink_to("file")
     assert atomic.attributes(str(path.parent / "link")) == atomic.attributes(str(path.parent / "none")) == {}
+
+
+@pytest.mark.parametrize("call", ["fdopen", "fchown", "fchmod", "fsync", "rename", "listxattr"])
+def test_a_failure_names_the_file_and_not_its_neighbour(tmp_path, monkeypatch, call):
+    def full(*_arguments, **_options):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = tmp_path / "file"
+    monkeypatch.setattr(atomic.os, call, full)
+    with pytest.raises(OSError, match="No space left") as problem:
+        atomic.write_by_rename(str(path), b"x", owner=(os.geteuid(), os.getegid()), kept={})
+    monkeypatch.undo()
+    assert problem.value.filename == str(path)
+    assert list(tmp_path.iterdir()) == []

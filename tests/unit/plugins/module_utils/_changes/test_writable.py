@@ -5,8 +5,10 @@
 
 import os
 import subprocess
+import sys
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.writable import locked, obstacle, obstacles
 
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives rights away")
@@ -64,3 +66,42 @@ def test_a_user_without_rights_is_told_to_become_root(tmp_path):
     os.waitpid(child, 0)
     said = os.read(reader, 1000).decode()
     assert "not writable for the user 65534" in said and said.endswith("run as root (become: true).")
+
+
+@pytest.mark.parametrize(
+    "path", ["/proc/x", "/proc/self/x", "/proc/sys/net/x", "/sys/x", "/sys/kernel/x/y", "/dev/pts/x"]
+)
+def test_a_view_into_the_kernel_is_no_place_for_files(path):
+    assert "is no place for files" in obstacle(path)
+
+
+def test_a_name_that_leaves_no_room_for_its_neighbour_is_too_long(tmp_path):
+    assert obstacle(str(tmp_path / ("x" * 200))) == ""
+    for length in (240, 255, 300):
+        path = tmp_path / ("x" * length)
+        assert "is longer than the" in obstacle(str(path))
+        with pytest.raises(OSError, match="File name too long"):
+            atomic.write_by_rename(str(path), b"")
+
+
+@needs_root
+def test_a_file_that_is_mounted_by_itself_cannot_be_replaced(tmp_path):
+    (tmp_path / "a file").touch()
+    program = (
+        "from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.writable import obstacle\n"
+        f"print(obstacle('{tmp_path}/a file'))"
+    )
+    mount = f'mount --bind /etc/passwd "{tmp_path}/a file" && exec "$@"'
+    done = subprocess.run(
+        ["unshare", "--mount", "sh", "-c", mount, "sh", sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if "permission denied" in done.stderr:
+        pytest.skip("needs the right to mount")
+    assert done.stdout == (
+        f"Something is mounted at {tmp_path}/a file, so it cannot be replaced; expected a file of its folder: unmount it, or "
+        "correct the path.\n"
+    )

@@ -631,6 +631,95 @@ def test_kernel_apply_again_and_back(namespace):
     assert {key: namespace.held(key) for key in keys} == before
 
 
+# name, value, the words that say what is wrong
+WRONG = [
+    ("ip_local_reserved_ports", "8080,8081", "the kernel was given 8080,8081 and holds 8080-8081"),
+    ("ip_local_port_range", "60999 40000", "the kernel refuses the value 60999 40000 (Invalid argument)"),
+    ("conf.eth0.rp_filter", "3000000000", "the kernel refuses the value 3000000000 (Invalid argument)"),
+    ("tcp_retries1", "many", "the kernel refuses the value many (Invalid argument)"),
+    ("tcp_retries1", "256", "the kernel refuses the value 256 (Invalid argument)"),
+]
+
+
+@as_root
+@pytest.mark.parametrize(("name", "value", "said"), WRONG)
+def test_check_mode_asks_the_kernel_what_it_makes_of_a_value(namespace, name, value, said):
+    settings = [{"name": f"net.ipv4.{name}", "value": value}]
+    untouched, held = namespace.state(), namespace.held(f"net.ipv4.{name}".replace(".", "/"))
+    messages = [namespace.run(settings, check=check)["msg"] for check in (True, False)]
+    assert [said in message for message in messages] == [True, True], messages
+    assert (namespace.state(), namespace.held(f"net.ipv4.{name}".replace(".", "/"))) == (untouched, held)
+
+
+@as_root
+def test_check_mode_takes_values_that_depend_on_others_as_the_run_does(namespace):
+    namespace.held("net/ipv4/ip_unprivileged_port_start", 80)
+    settings = [{"name": "net.ipv4.ip_local_port_range", "value": "100 200"}]
+    assert [namespace.run(settings, check=check).get("failed") for check in (True, False)] == [None, None]
+    namespace.run([])
+
+
+@as_root
+def test_a_value_that_the_kernel_does_not_know_is_no_missing_key(namespace):
+    settings = [{"name": "net.ipv4.tcp_congestion_control", "value": "nosuch"}]
+    checked = namespace.run(settings, check=True)
+    assert "cannot know whether the kernel takes net.ipv4.tcp_congestion_control = nosuch" in json.dumps(
+        checked["warnings"]
+    )
+    failed = namespace.run(settings)
+    assert "the kernel refuses the value nosuch (No such file or directory) and keeps" in failed["msg"]
+    assert [item["state"] for item in failed["settings"]] == ["invalid"]
+
+
+@as_root
+@pytest.mark.parametrize("seed", range(3))
+def test_what_check_mode_says_of_drawn_values_comes_true(namespace, seed):
+    chance = random.Random(seed)
+    names = [
+        "conf.eth0.rp_filter",
+        "conf.lo.arp_ignore",
+        "ip_default_ttl",
+        "tcp_retries2",
+        "ip_local_port_range",
+        "tcp_rmem",
+    ]
+    for _time in range(12):
+        numbers = [
+            str(chance.choice([-1, 0, 1, 64, 255, 300, 40000, 2**31, 2**40])) for _n in range(chance.randrange(1, 4))
+        ]
+        settings = [{"name": f"net.ipv4.{chance.choice(names)}", "value": chance.choice([" ", "  "]).join(numbers)}]
+        checked, done = (namespace.run(settings, check=check) for check in (True, False))
+        assert (checked.get("failed"), checked.get("changed")) == (done.get("failed"), done.get("changed")), (
+            settings,
+            checked,
+            done,
+        )
+    namespace.run([])
+
+
+@as_root
+@pytest.mark.parametrize("check", [True, False])
+def test_root_without_a_capability_is_told_so(namespace, check):
+    if shutil.which("setpriv") is None:
+        pytest.skip("needs setpriv")
+    namespace.prefix += ["setpriv", "--bounding-set=-net_admin", "--inh-caps=-net_admin"]
+    failed = namespace.run([REPORT[1]], check=check)
+    assert "this process is without the capability NET_ADMIN" in failed["msg"]
+
+
+@as_root
+@pytest.mark.parametrize("check", [True, False])
+def test_a_locked_drop_in_is_said_before_anything_changes(machine, check):
+    machine.run(REPORT)
+    locked = subprocess.run(["chattr", "+i", machine.drop_in], check=False, capture_output=True)
+    if locked.returncode:
+        pytest.skip("no flags here")
+    try:
+        assert f"run 'chattr -i {machine.drop_in}'" in machine.run(REPORT[:1], check=check)["msg"]
+    finally:
+        subprocess.run(["chattr", "-i", machine.drop_in], check=True)
+
+
 @as_root
 @pytest.mark.parametrize("seed", range(8))
 def test_two_runs_at_once_leave_no_value_without_an_owner(namespace, seed):

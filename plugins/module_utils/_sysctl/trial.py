@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Whether the kernel takes values, asked of the kernel itself: they are written in an empty network namespace, which goes at once.
+
+So check mode knows what the run would find out, and nothing of the machine changes. The namespace has a user namespace of its own
+(user_namespaces(7)), so that no value has the kernel load a module. Where none can be made, as in most containers, and for
+keys outside of net, nothing is known.
+"""
+
+import ctypes
+import errno
+import json
+import os
+import re
+import signal
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import Kernel
+
+_NEW = 0x10000000 | 0x40000000  # CLONE_NEWUSER | CLONE_NEWNET (unshare(2))
+_INTERFACE = re.compile(r"(net/ipv[46]/(?:conf|neigh))/(?!all/|default/)[^/]+/")
+# They say nothing about the value: the key or what it names is not in the namespace, or may not be changed there.
+_UNKNOWN = (errno.ENOENT, errno.ENOTDIR, errno.EPERM, errno.EACCES, errno.EROFS, errno.ENODEV)
+_LIMIT = 10  # seconds; it takes some hundredths
+
+Values = typing.Mapping[str, str]
+
+
+class Outcome(typing.NamedTuple):
+    """What the kernel makes of a value."""
+
+    number: int  # the errno with which it refuses it, 0 for none
+    held: str  # the value that it holds then
+
+
+def outcomes(kernel: Kernel, wanted: Values) -> typing.Dict[str, Outcome]:
+    """The outcome for each key of which one is known. The values beside the keys are those of this machine."""
+    wanted = {key: value for key, value in wanted.items() if key.startswith("net/")}
+    if not wanted:
+        return {}
+    beside = _beside(kernel, wanted)
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            signal.alarm(_LIMIT)
+            if ctypes.CDLL(None).unshare(_NEW) == 0:
+                os.write(writer, json.dumps(_tried(kernel, wanted, beside)).encode("utf-8"))
+        finally:
+            os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader, "rb") as stream:
+        said = stream.read()
+    os.waitpid(child, 0)
+    return {key: Outcome(*found) for key, found in json.loads(said.decode("utf-8")).items()} if said else {}
+
+
+def _there(key: str) -> str:
+    """The key in the namespace, whose only interface is lo."""
+    return _INTERFACE.sub(r"\1/lo/", key)
+
+
+def _beside(kernel: Kernel, wanted: Values) -> typing.Dict[str, str]:
+    """The values of all keys in the folders of these: some values depend on others, such as a range of ports."""
+    found = {}
+    for folder in sorted({os.path.dirname(key) for key in wanted}):
+        for name in sorted(os.listdir(kernel.path(folder))) if os.path.isdir(kernel.path(folder)) else ():
+            key = f"{folder}/{name}"
+            try:
+                if os.path.isfile(kernel.path(key)):
+                    found[key] = kernel.read(key)
+            except OSError:
+                continue
+    return found
+
+
+def _tried(kernel: Kernel, wanted: Values, beside: Values) -> typing.Dict[str, Outcome]:
+    """Write the values, in the namespace."""
+    for key, value in beside.items():
+        _put(kernel, key, value)
+    found: typing.Dict[str, Outcome] = {}
+    for _pass in range(2):  # the kernel refuses some values while another key has its present one
+        for key, value in wanted.items():
+            outcome = _put(kernel, key, value)
+            if outcome is not None and not (key in found and found[key] == Outcome(0, value)):
+                found[key] = outcome
+    return found
+
+
+def _put(kernel: Kernel, key: str, value: str) -> typing.Optional[Outcome]:
+    """Write one value and read it again; None where that says nothing about it."""
+    number = 0
+    try:
+        kernel.write(_there(key), value)
+    except OSError as problem:
+        number = problem.errno or errno.EIO
+    try:
+        return None if number in _UNKNOWN else Outcome(number, kernel.read(_there(key)))
+    except OSError:
+        return None
