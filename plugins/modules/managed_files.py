@@ -220,7 +220,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.modu
 def main() -> None:
     """Plan, and apply unless in check mode."""
     module = Module(argument_spec=OPTIONS, supports_check_mode=True)
-    run_module(module, lambda memory: ManagedFiles(module.params, module.run_command))
+    run_module(module, lambda memory: ManagedFiles(module.params))
 
 
 if __name__ == "__main__":

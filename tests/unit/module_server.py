@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import IO, NamedTuple
 
 _LIMIT = 60  # seconds of a run
@@ -40,10 +40,10 @@ def run(path: str, arguments: dict, namespace: str = "") -> Done:
     return at_once(path, [arguments], namespace)[0]
 
 
-def at_once(path: str, many: list[dict], namespace: str = "", pauses: Iterable[float] = ()) -> list[Done]:
+def at_once(path: str, many: list[dict], namespace: str = "", pauses: Sequence[float] = ()) -> list[Done]:
     """Run a module several times at once, with arguments for each; each begins so many seconds after the one before it."""
     server = _server()
-    waits = [0.0, *pauses] if len(many) > 1 else [0.0]
+    waits = [0.0, *pauses] if pauses else [0.0] * len(many)
     question = [
         [str(path), arguments, namespace, dict(os.environ), os.getcwd(), wait]
         for arguments, wait in zip(many, waits, strict=True)

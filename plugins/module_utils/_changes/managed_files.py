@@ -46,18 +46,15 @@ OPTIONS = dict(
 )
 
 _RELOADING = 60  # seconds
-
-# AnsibleModule.run_command
-RunCommand = typing.Callable[..., typing.Tuple[int, str, str]]
+_VALIDATING = 60
 
 
 class ManagedFiles(ModuleRun):
     """The run, planned from the options of the module."""
 
-    def __init__(self, options: typing.Mapping[str, typing.Any], run_command: RunCommand) -> None:
+    def __init__(self, options: typing.Mapping[str, typing.Any]) -> None:
         self.options = options
         self.bundle = options["bundle"]
-        self.run_command = run_command
         try:
             self.record = files.record_of("files", self.bundle, options["records"])
             self.wanted = files.wanted_files(options["files"])
@@ -88,18 +85,19 @@ class ManagedFiles(ModuleRun):
             ]
         if locked:
             return [*locked, "Nothing was changed."]
-        commands = {entry["path"]: entry["validate"] for entry in self.options["files"] if entry["validate"]}
+        checks = {entry["path"]: entry["validate"] for entry in self.options["files"] if entry["validate"]}
         for file in self.plan.writes:
-            refusal = self._refusal(file, commands[file.path]) if file.path in commands else ""
+            refusal = self._refusal(file, checks[file.path]) if file.path in checks else ""
             if refusal:
                 return [refusal]
         return []
 
     def _refusal(self, file: files.Wanted, command: typing.List[str]) -> str:
-        status, output, error = self.run_command(command, data=file.content, binary_data=True, handle_exceptions=False)
-        if status == 0:
+        answer = commands.run(command, limit=_VALIDATING, given=file.content)
+        if answer.status == 0:
             return ""
-        said = quoted((output + " " + error).strip(), LINE) or f"status {status}"
+        words = f"{answer.output.decode('utf-8', 'replace')} {answer.error}".strip()
+        said = quoted(words, LINE) or f"status {answer.status}"
         return (
             f"The content for {file.path} is refused by '{' '.join(command)}' ({said}); nothing was changed: "
             "correct the content."

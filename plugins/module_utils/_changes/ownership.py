@@ -19,11 +19,13 @@ _SHIFT = {"u": 6, "g": 3, "o": 0}
 _SPECIAL = {"u": 0o4000, "g": 0o2000, "o": 0o1000}
 
 
-def mode_of(given: typing.Union[str, int]) -> typing.Optional[int]:
+def mode_of(given: typing.Any) -> typing.Optional[int]:
     """Read a mode as Ansible takes it: octal text, the number that YAML makes of 0644, or symbolic; None for no mode."""
     if isinstance(given, int):
         # A number above 0777 is a mode that was written in decimal, as 644 is.
         return given if not isinstance(given, bool) and 0 <= given <= 0o777 else None
+    if not isinstance(given, str):
+        return None
     text = given.strip()
     if _OCTAL.fullmatch(text):
         mode = int(text, 8)

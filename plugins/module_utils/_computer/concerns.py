@@ -9,6 +9,7 @@ What is compiled costs more than what is done. So the code of a concern is impor
 import typing
 
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import NO_OBJECT
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 
 Options = typing.Mapping[str, typing.Any]
@@ -17,7 +18,6 @@ Options = typing.Mapping[str, typing.Any]
 class Tools(typing.NamedTuple):
     """What a run takes of its AnsibleModule."""
 
-    run_command: typing.Callable[..., typing.Tuple[int, str, str]]
     back_up: typing.Callable[[str], str]
 
 
@@ -58,7 +58,7 @@ def _hosts_entries() -> Code:
 def _managed_files() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import managed_files as run
 
-    return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedFiles(options, tools.run_command))
+    return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedFiles(options))
 
 
 def _managed_services() -> Code:
@@ -105,7 +105,10 @@ def asked_for(
 
 def validated(concern: Concern, specification: Options, options: Options) -> typing.Dict[str, typing.Any]:
     """Return the options of a concern as its module would have them. Raises Problem."""
-    found = ArgumentSpecValidator(specification).validate(options)
+    try:
+        found = ArgumentSpecValidator(specification).validate(options)
+    except TypeError as problem:
+        raise Problem(f"{concern.name}: {NO_OBJECT}") from problem
     if found.error_messages:
         raise Problem(f"{concern.name}: {'; '.join(found.error_messages)}.")
     result: typing.Dict[str, typing.Any] = found.validated_parameters

@@ -44,7 +44,7 @@ class Part:
         specification = dict(deadman.OPTIONS, **self.code.options) if concern.guarded else self.code.options
         self.params = concerns.validated(concern, specification, options)
         self.check_mode, self._diff, self.warn = module.check_mode, module._diff, module.warn
-        self.tools = concerns.Tools(module.run_command, module.backup_local)
+        self.tools = concerns.Tools(module.backup_local)
         switch = deadman.Switch(concern.name, switches)
         self.guard = deadman.Guard(self, concern.name, concern.guarded, switch) if concern.guarded else None
 

@@ -137,7 +137,7 @@ class Run(ModuleRun):
         left = f" Not put back: {', '.join(problem.left)}." if problem.left else ""
         cause = problem.cause
         return (
-            f"Cannot write {self.file.path} ({cause.strerror}: {cause.filename}), which has its old content; "
+            f"Cannot write {self.file.path} ({cause.strerror or cause}: {cause.filename or self.file.path}), which has its old content; "
             f"expected a writable file: {remedy(cause)}.{left}"
         )
 

@@ -62,7 +62,7 @@ def run(
                 start_new_session=True,
                 preexec_fn=become,
             )
-        except (OSError, subprocess.SubprocessError) as problem:
+        except (OSError, ValueError, subprocess.SubprocessError) as problem:  # ValueError: a word with a NUL
             return Answer(-1, b"", f"{argv[0]} could not be started: {problem}")
         late = threading.Event()
         # The time limit of subprocess looks again and again, up to 0.05 s apart, and that for each command.

@@ -71,7 +71,7 @@ class Packages(ModuleRun):
 
     def _record_of(self, names: typing.Sequence[str]) -> ManagedFiles:
         options = {"bundle": BUNDLE, "files": _record(names), "brief": [], "records": self.records}
-        return ManagedFiles(options, _no_command)
+        return ManagedFiles(options)
 
     @property
     def refusals(self) -> typing.List[str]:
@@ -115,10 +115,6 @@ def _record(names: typing.Sequence[str]) -> typing.List[typing.Dict[str, typing.
         return []
     content = "".join(f"{line}\n" for line in (_HEAD, *names))
     return [{"path": fkie.INSTALLED, "content": content, "mode": "0644", "owner": None, "group": None, "validate": []}]
-
-
-def _no_command(*words: typing.Any, **settings: typing.Any) -> typing.Tuple[int, str, str]:
-    raise Problem("The record of packages has no command that checks it.")
 
 
 def _apt(*words: str) -> None:

@@ -20,11 +20,6 @@ class Machine:
     def __init__(self, folder):
         self.root, self.records = folder / "root", folder / "records"
         self.root.mkdir(parents=True)
-        self.commands = []
-
-    def command(self, argv, data, **options):
-        self.commands.append((argv, data))
-        return (1, "line 1: no\n", "") if b"bad" in data else (0, "", "")
 
     def run(self, files, validate=(), reload=None):
         listed = [
@@ -32,7 +27,7 @@ class Machine:
             for name, content in files.items()
         ]
         options = {"bundle": "b", "files": listed, "brief": [], "records": str(self.records), "reload": reload}
-        return ManagedFiles(options, self.command)
+        return ManagedFiles(options)
 
     def apply(self, files):
         run = self.run(files)
@@ -94,7 +89,7 @@ def test_a_service_reads_its_files_again_where_one_of_them_changed(machine, syst
         told.clear()
         run = machine.run(files, reload={**reload, **more})
         run.apply()
-        assert run.result()["reloaded"] == ("x.service" if told else "") and run.due == run.changed
+        assert run.result()["reloaded"] == ("x.service" if told else "")
         return run.changed, told == [["systemctl", "reload", "x.service"]]
 
     assert apply({"etc/a": "A", "b": "B"}) == (True, True)
@@ -118,12 +113,32 @@ def test_a_service_that_is_not_reloaded_is_a_sentence(machine, systemctl):
 
 
 def test_a_content_that_its_command_refuses_is_a_sentence(machine):
-    run = machine.run({"a": "good", "b": "bad"}, validate=["check", "-"])
+    command = ["sh", "-c", "if grep -q bad; then echo 'line 1:'; echo no >&2; exit 1; fi"]
+    run = machine.run({"a": "good", "b": "bad"}, validate=command)
     assert run.refusals == [
-        f"The content for {machine.root / 'b'} is refused by 'check -' (\"line 1: no\"); nothing was changed: "
+        f"The content for {machine.root}/b is refused by '{' '.join(command)}' (\"line 1: no\"); nothing was changed: "
         "correct the content."
     ]
-    assert machine.commands == [(["check", "-"], b"good"), (["check", "-"], b"bad")]
+    assert machine.state() == {}
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (["/no/such/check"], "could not be started: [Errno 2] No such file or directory"),
+        (["/etc/passwd"], "Permission denied"),
+        (["a\0b"], "could not be started: embedded null byte"),
+        (["false"], "(status 1)"),
+        (["sh", "-c", "kill $$"], "(status -15)"),
+    ],
+)
+def test_a_command_that_cannot_check_is_a_sentence(machine, command, said):
+    (sentence,) = machine.run({"a": "x"}, validate=command).refusals
+    assert said in sentence and "nothing was changed" in sentence
+
+
+def test_a_command_may_leave_its_input_unread(machine):
+    assert machine.run({"a": "x" * 1_000_000}, validate=["true"]).refusals == []
 
 
 def test_a_machine_that_cannot_be_read_is_a_sentence(machine, monkeypatch):
@@ -197,7 +212,7 @@ def test_kill_at_any_call_leaves_what_the_next_run_repairs(tmp_path, killed_at, 
 def owned(machine, owner, mode="0640", content="A"):
     """A run with one file that has an owner."""
     listed = [{"path": str(machine.root / "a"), "content": content, "mode": mode, "validate": [], **owner}]
-    return ManagedFiles({"bundle": "b", "files": listed, "brief": [], "records": str(machine.records)}, machine.command)
+    return ManagedFiles({"bundle": "b", "files": listed, "brief": [], "records": str(machine.records)})
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")

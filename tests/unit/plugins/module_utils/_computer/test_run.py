@@ -84,7 +84,7 @@ class Module:
     """An AnsibleModule that keeps its end."""
 
     _diff = True
-    run_command = backup_local = None
+    backup_local = None
 
     def __init__(self, check_mode=False):
         self.check_mode, self.end, self.warned = check_mode, None, []
