@@ -35,7 +35,7 @@ options:
       - All files of the bundle; for example V([]) removes it.
     type: list
     elements: dict
-    required: true
+    default: []
     suboptions:
       path:
         description: The absolute path of the file, for example V(/etc/rosfleet-multimaster/master_sync.json).

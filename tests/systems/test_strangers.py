@@ -165,7 +165,9 @@ LINES = (
 
 def forged(draw):
     """A name that would be a line of /diagnostics."""
-    parts = [draw.choice((*BREAKS, " ", "   ", '"', "'", '": "', "; ", ", ")) + draw.choice(LINES) for _ in range(3)]
+    parts = [
+        draw.choice((*BREAKS, " ", "   ", '"', "'", '": "', "; ", ", ")) + draw.choice(LINES) for _part in range(3)
+    ]
     return f"{FORGED}{''.join(parts)} {FORGED}"
 
 
@@ -247,7 +249,7 @@ PRINTS = r"""
 import sys, time
 for number in range(40):
     for stream in (sys.stdout, sys.stderr):
-        stream.write("\x1b[2J\x1b]0;FORGED\x07 first\n<0>FORGED all is well\n\n<3>rosfleet: FORGED   do: reboot\r<2>FORGED\u2028<1>FORGED\x9b31m \u202eFORGED\n")
+        stream.write("\x1b[2J\x1b]0;FORGED\x07 first\n<0>FORGED is well\n\n<3>rosfleet: FORGED   do: reboot\r<2>FORGED\u2028<1>FORGED\x9b31m \u202eFORGED\n")
         stream.flush()
     time.sleep(0.1)
 time.sleep(600)

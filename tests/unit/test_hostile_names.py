@@ -115,7 +115,10 @@ def of_a_journal(name, there):
     """systemctl.py: the last lines that the unit's programs wrote."""
     shown = "Id=a.service\nActiveState=failed\nSubState=failed\nInvocationID=abc\n"
     texts = {"journalctl": f"one\n{name}\nlast", "systemctl": shown}
-    answers = lambda argv, **_more: systemctl.commands.Answer(0, texts[argv[0]].encode(), "")  # noqa: E731
+
+    def answers(argv, **_more):
+        return systemctl.commands.Answer(0, texts[argv[0]].encode(), "")
+
     there.patch.setattr(systemctl.commands, "run", answers)
     return systemctl.Systemd(1).explain("a.service")
 
