@@ -17,10 +17,10 @@ NODES = "roles/nodes/files/python/rosfleet_multimaster"
 
 #: copy -> original
 COPIES = {
-    "plugins/module_utils/_machine/plain_text.py": f"{NODES}/core/plain_text.py",
-    "plugins/module_utils/_verify/documents.py": f"{NODES}/edge/xml_rpc.py",
-    "plugins/plugin_utils/_fleet/filters.py": f"{NODES}/core/filters.py",
-    "plugins/plugin_utils/_fleet/plain_text.py": f"{NODES}/core/plain_text.py",
+    "plugins/module_utils/_machine/plain_text.py": f"{NODES}/protocol/plain_text.py",
+    "plugins/module_utils/_verify/documents.py": f"{NODES}/protocol/xml_rpc.py",
+    "plugins/plugin_utils/_fleet/filters.py": f"{NODES}/protocol/filters.py",
+    "plugins/plugin_utils/_fleet/plain_text.py": f"{NODES}/protocol/plain_text.py",
 }
 
 

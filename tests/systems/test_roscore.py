@@ -351,7 +351,7 @@ def test_the_unit_tests_of_its_core_pass_with_the_rosmaster_of_ros(lab):
     """Where ROS is not installed, they have a model of rosmaster."""
     library, inside = Path(pytest.__file__).parents[1], containers.container(lab.name, FIRST)
     lab.run(FIRST, "mkdir -p /tmp/checkout /tmp/pytest")
-    nodes = "tests/unit/nodes/conftest.py tests/unit/nodes/rosmaster_model.py tests/unit/nodes/edge/test_master.py"
+    nodes = "tests/unit/nodes/conftest.py tests/unit/nodes/rosmaster_model.py tests/unit/nodes/roscore/test_master.py"
     for folder, names, target in (
         (library, PYTEST, "/tmp/pytest"),
         (ROOT, f"roles/nodes/files/python {nodes}", "/tmp/checkout"),
@@ -364,7 +364,7 @@ def test_the_unit_tests_of_its_core_pass_with_the_rosmaster_of_ros(lab):
 
 
 EARLIER = r"""
-from rosfleet_multimaster.core import remembered
+from rosfleet_multimaster.roscore.core import remembered
 path = "/var/lib/multimaster-roscore/" + remembered.FILE
 head, _end, rest = open(path, "rb").read().partition(b"\n")
 open(path, "wb").write(remembered.head("an earlier boot") + rest)

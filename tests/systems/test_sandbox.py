@@ -78,7 +78,8 @@ def test_a_node_that_hangs_is_started_again(impatient, node):
 ASK = """
 import json, os, socket, sys
 sys.path.insert(0, "/usr/local/lib/rosfleet-multimaster/python")
-from rosfleet_multimaster.edge import connections, ending
+from rosfleet_multimaster.edge import connections
+from rosfleet_multimaster.sync import ending
 if sys.argv[1] != "root":
     os.setgroups([])
     os.setgid(int(sys.argv[1]))

@@ -28,13 +28,15 @@ ROOT = pathlib.Path(__file__).parents[2]
 NODES = "roles/nodes/files/python/rosfleet_multimaster"
 sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
 
-from rosfleet_multimaster.core import metrics  # noqa: E402
-from rosfleet_multimaster.core.health import Seen, Shown  # noqa: E402
-from rosfleet_multimaster.core.plain_text import is_plain  # noqa: E402
-from rosfleet_multimaster.edge import journal, systemd  # noqa: E402
+from rosfleet_multimaster.discovery.core import report as links  # noqa: E402
+from rosfleet_multimaster.discovery.core.health import Seen, Shown  # noqa: E402
+from rosfleet_multimaster.discovery.rpc_server import Refused, RpcServer  # noqa: E402
+from rosfleet_multimaster.discovery.served import OwnMaster, Served  # noqa: E402
+from rosfleet_multimaster.edge import journal  # noqa: E402
+from rosfleet_multimaster.edge.process import systemd  # noqa: E402
 from rosfleet_multimaster.edge.rpc_client import Rpc  # noqa: E402
-from rosfleet_multimaster.edge.rpc_server import Refused, RpcServer  # noqa: E402
-from rosfleet_multimaster.parts.served import OwnMaster, Served  # noqa: E402
+from rosfleet_multimaster.protocol import metrics  # noqa: E402
+from rosfleet_multimaster.protocol.plain_text import is_plain  # noqa: E402
 
 #: a way out -> the only files that use it, by tree
 DOORS = {
@@ -62,7 +64,7 @@ DOORS = {
         "FileHandler": set(),
         "basicConfig": set(),
         "DiagnosticStatus": {"edge/ros.py"},
-        "NOTIFY_SOCKET": {"edge/systemd.py"},
+        "NOTIFY_SOCKET": {"edge/process/systemd.py"},
         "logwarn": set(),
         "logerr": set(),
         "loginfo": set(),
@@ -215,8 +217,8 @@ def through_diagnostics(text):
     }
     with patch.dict(sys.modules, modules), patch.dict("os.environ"):
         sys.modules.pop("rosfleet_multimaster.edge.ros", None)
-        from rosfleet_multimaster.core.report import Diagnosis
         from rosfleet_multimaster.edge import ros
+        from rosfleet_multimaster.protocol.diagnosis import Diagnosis
 
         ros.hostname = lambda: "robot1"
         said = []
@@ -232,7 +234,7 @@ def through_diagnostics(text):
 
 def through_metrics(text):
     seen = Seen(text, "http://own:11311/", True, 100.0, 0.1, 0, None)
-    return metrics.text(metrics.of_links(Shown([seen]))).split("\n")
+    return metrics.text(links.of_links(Shown([seen]))).split("\n")
 
 
 def through_an_answer(text):

@@ -35,7 +35,11 @@ from tests.unit.test_hostile_texts import FRAGMENTS, MARK, masked
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "roles/nodes/files/python"))
 
-from rosfleet_multimaster.core import name_guard, outsiders, report, sync  # noqa: E402
+from rosfleet_multimaster.discovery.core import outsiders  # noqa: E402
+from rosfleet_multimaster.discovery.core.report import ignored  # noqa: E402
+from rosfleet_multimaster.protocol.messages import Registration  # noqa: E402
+from rosfleet_multimaster.roscore.core import name_guard  # noqa: E402
+from rosfleet_multimaster.sync.core import report, sync  # noqa: E402
 
 SEEDS = range(30)
 #: words that are no name: whoever has one of them as a name would have a word of ours
@@ -194,7 +198,7 @@ def _entries(entries):
 
 
 def ignored_by_nodes(name, _there):
-    told = report.ignored([outsiders.Outsider("10.0.0.6", name, f"http://{name}", "it is no robot of the fleet")])
+    told = ignored([outsiders.Outsider("10.0.0.6", name, f"http://{name}", "it is no robot of the fleet")])
     return " | ".join(_entries([told]))
 
 
@@ -230,7 +234,7 @@ PLACES = {
         {"memberships": [{"interface": name, "group": "226.0.0.0"}]}, "226.0.0.0"
     ),
     "a message": lambda name, _there: topics._topic("kobuki2", "/talk", {"text": name}, "expected")["error"],
-    "a registration": lambda name, _there: str(sync.Registration("publisher", name, name, "http://b:1/")),
+    "a registration": lambda name, _there: str(Registration("publisher", name, name, "http://b:1/")),
     "logs of a bundle": lambda name, _there: gather._lines({"problems": [name], "logs": {name: ["one", name]}}),
     "ROS of a robot": lambda name, _there: preflight._ros(
         types.SimpleNamespace(computer="kobuki1"), {"ros": {"problem": name}}
@@ -264,7 +268,7 @@ def test_a_foreign_name_stands_in_quotes_on_one_line(place, there):
 @pytest.mark.parametrize("word", WORDS)
 def test_a_name_that_is_a_word_of_ours_stands_in_quotes(word):
     assert quoted(word) == f'"{word}"' and routes_wanted._names([word]) == f'"{word}"'
-    assert str(sync.Registration("publisher", word, word, "http://b:1/")) == f'publisher "{word}" of "{word}"'
+    assert str(Registration("publisher", word, word, "http://b:1/")) == f'publisher "{word}" of "{word}"'
 
 
 @pytest.mark.parametrize(

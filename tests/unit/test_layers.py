@@ -43,15 +43,17 @@ ROOMS = {
         "_adopt": {"_fleet"},
     },
     NODES: {
-        "core": set(),
-        "edge": {"core"},
-        "parts": {"core", "edge"},
-        "": {"core", "edge", "parts"},
+        "protocol": set(),
+        "edge": {"protocol"},
+        "discovery": {"edge", "protocol"},
+        "sync": {"edge", "protocol"},
+        "roscore": {"edge", "protocol"},
+        "": {"discovery", "edge", "protocol", "roscore", "sync"},
     },
 }
 COLLECTION = "ansible_collections.rosfleet.multimaster."
 
-NOT_IN_THE_CORE = set(
+INPUT_AND_OUTPUT = set(
     """
     socket socketserver select selectors http xmlrpc subprocess signal os sys logging
     time datetime threading queue asyncio concurrent multiprocessing random secrets uuid
@@ -140,31 +142,65 @@ def test_the_halves_do_not_know_each_other():
 # The nodes
 
 
-@pytest.mark.parametrize("path", sources(NODES + "/core"), ids=lambda path: path.stem)
-def test_the_core_has_no_sockets_no_threads_no_clock_and_no_ros(path):
-    assert not {name.split(".")[0] for name in imports(path)} & (NOT_IN_THE_CORE | ROS)
+#: the format of XML-RPC is in a module of Python that has servers and clients, too
+FORMATS = {"protocol/xml_rpc.py": {"xmlrpc"}}
+MOST_FILES = 15  # beside each other
+
+
+def in_the_nodes(path):
+    """The path of a file in the tree of the nodes."""
+    return path.relative_to(ROOT / NODES).as_posix()
+
+
+def is_pure(name):
+    """True where there is no I/O: in `protocol` and in each folder `core`."""
+    folders = name.split("/")[:-1]
+    return folders[:1] == ["protocol"] or "core" in folders
+
+
+@pytest.mark.parametrize("path", [path for path in sources(NODES) if is_pure(in_the_nodes(path))], ids=in_the_nodes)
+def test_protocol_and_core_have_no_sockets_no_threads_no_clock_and_no_ros(path):
+    found = imports(path)
+    allowed = FORMATS.get(in_the_nodes(path), set())
+    assert not {name.split(".")[0] for name in found} & (INPUT_AND_OUTPUT | ROS) - allowed
+    ours = [
+        name.partition(".")[2].replace(".", "/") + ".py" for name in found if name.startswith("rosfleet_multimaster.")
+    ]
+    used = [name for name in ours if (ROOT / NODES / name).exists()]
+    assert all(map(is_pure, used)), used
+
+
+def test_no_folder_of_the_nodes_is_a_heap():
+    folders = {path.parent for path in sources(NODES)}
+    counts = {in_the_nodes(folder): len(list(folder.glob("*.py"))) for folder in folders}
+    assert max(counts.values()) <= MOST_FILES, counts
 
 
 @pytest.mark.parametrize("path", sources(NODES), ids=lambda path: path.stem)
 def test_ros_has_three_files(path):
     """One for nodes, one for the roscore, and one for messages that a robot may not have."""
-    if path.relative_to(ROOT / NODES).as_posix() not in ("edge/ros.py", "edge/master.py", "edge/diagnostic_classes.py"):
+    if in_the_nodes(path) not in (
+        "edge/ros.py",
+        "roscore/master.py",
+        "edge/diagnostic_classes.py",
+    ):
         assert not {name.split(".")[0] for name in imports(path)} & ROS
 
 
 #: what touches the outside -> the only files of the nodes that import it; wait_for_master.py runs alone, without these
 OUTSIDE = {
-    "socket": "addresses connections door ending lifeline loop master ros rpc_client rpc_server systemd tcpros udp",
-    "socketserver": "rpc_server",
+    "socket": "discovery/rpc_server discovery/udp edge/addresses edge/connections edge/lifeline edge/loop edge/process/systemd "
+    "edge/ros edge/rpc_client roscore/door roscore/master roscore/tcpros sync/ending",
+    "socketserver": "discovery/rpc_server",
     "select": "",
-    "selectors": "loop",
-    "http": "door rpc_client rpc_server",
-    "threading": "children counting door journal loop master notifier patience rpc_client rpc_server store "
-    "parts/changes parts/refusals parts/served parts/told",
-    "queue": "loop",
-    "time": "clock wait_for_master",
-    "signal": "parts/program publish_metrics run_plain",
-    "subprocess": "children",
+    "selectors": "edge/loop",
+    "http": "discovery/rpc_server edge/rpc_client roscore/door",
+    "threading": "discovery/rpc_server discovery/served discovery/told edge/counting edge/loop edge/patience edge/process/children "
+    "edge/journal edge/rpc_client roscore/changes roscore/door roscore/master roscore/notifier roscore/refusals roscore/store",
+    "queue": "edge/loop",
+    "time": "edge/clock wait_for_master",
+    "signal": "edge/process/program publish_metrics run_plain",
+    "subprocess": "edge/process/children",
     "asyncio": "",
     "concurrent": "",
     "multiprocessing": "",
@@ -172,9 +208,9 @@ OUTSIDE = {
 
 
 @pytest.mark.parametrize("module", OUTSIDE)
-def test_what_touches_the_outside_is_in_few_files_of_edge(module):
+def test_what_touches_the_outside_is_in_few_files(module):
     users = {
-        path.relative_to(ROOT / NODES).with_suffix("").as_posix().replace("edge/", "")
+        in_the_nodes(path.with_suffix(""))
         for path in sources(NODES)
         if module in {name.split(".")[0] for name in imports(path)}
     }
@@ -197,9 +233,7 @@ def test_no_setting_of_the_process_is_changed(path):
 
 MIRRORED = {
     "tests/unit/plugins": "plugins",
-    "tests/unit/nodes/core": NODES + "/core",
-    "tests/unit/nodes/edge": NODES + "/edge",
-    "tests/unit/nodes/parts": NODES + "/parts",
+    **{f"tests/unit/nodes/{room}": f"{NODES}/{room}" for room in ROOMS[NODES] if room},
 }
 
 

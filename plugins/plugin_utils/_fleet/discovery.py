@@ -22,7 +22,7 @@ def _tenths(rate: float) -> int:
 def default_offline_after(rate: float) -> float:
     """Return the seconds after which a lost robot is withdrawn: the time of two heartbeats, at least 5.
 
-    A robot that promises no heartbeat is asked, and given up after 65 s (the nodes' core/discovery.py).
+    A robot that promises no heartbeat is asked, and given up after 65 s (the nodes' discovery/core/discovery.py).
     """
     return max(5.0, math.ceil(200 / _tenths(rate)) / 10) if _tenths(rate) else 65.0
 

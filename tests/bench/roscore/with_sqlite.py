@@ -12,10 +12,10 @@ import sqlite3
 import threading
 import time
 
-from rosfleet_multimaster import roscore
-from rosfleet_multimaster.core.registry import Registry
-from rosfleet_multimaster.edge import store
-from rosfleet_multimaster.parts import program
+from rosfleet_multimaster.edge.process import program
+from rosfleet_multimaster.roscore import __main__ as roscore
+from rosfleet_multimaster.roscore import store
+from rosfleet_multimaster.roscore.core.registry import Registry
 
 FILE = "registrations.sqlite"
 THERE = ("publisher", "subscriber", "listener", "service")  # kinds of records that end with whether the thing is there
@@ -36,7 +36,7 @@ def thing(record):
 
 
 class Store:
-    """As edge/store.py has it."""
+    """As roscore/store.py has it."""
 
     def __init__(self, folder, lock, parts):
         os.makedirs(folder, exist_ok=True)
@@ -79,7 +79,7 @@ class Store:
 
 
 def read(folder):
-    """As edge/store.py has it."""
+    """As roscore/store.py has it."""
     if not os.path.exists(os.path.join(folder, FILE)):
         return None
     found = Registry()

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A model of rosmaster, where it is not installed: what edge/master.py replaces, calls, or is called by.
+"""A model of rosmaster, where it is not installed: what roscore/master.py replaces, calls, or is called by.
 
 It is as odd as the real one where that matters: a name that comes twice, services that another node has taken, parameters
-that are listened to. tests/systems/test_roscore.py runs the tests of edge/master.py with the real one.
+that are listened to. tests/systems/test_roscore.py runs the tests of roscore/master.py with the real one.
 """
 
 import importlib.util

@@ -14,18 +14,19 @@ import weakref
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.core.filters import InvalidPattern, Rules
-from rosfleet_multimaster.core.graph import Graph, build, document
-from rosfleet_multimaster.core.members import Members
-from rosfleet_multimaster.core.plain_text import is_plain
-from rosfleet_multimaster.edge import loop, rpc_client, rpc_server
+from rosfleet_multimaster.discovery import rpc_server
+from rosfleet_multimaster.discovery.rpc_server import Refused, RpcServer
+from rosfleet_multimaster.discovery.served import callers
+from rosfleet_multimaster.edge import loop, rpc_client
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.rpc_client import Rpc
-from rosfleet_multimaster.edge.rpc_server import Refused, RpcServer
-from rosfleet_multimaster.edge.xml_rpc import STATE as STATE_BYTES
-from rosfleet_multimaster.edge.xml_rpc import TooLarge, loads, unpacked
-from rosfleet_multimaster.parts.served import callers
+from rosfleet_multimaster.protocol.filters import InvalidPattern, Rules
+from rosfleet_multimaster.protocol.graph import Graph, build, document
+from rosfleet_multimaster.protocol.members import Members
+from rosfleet_multimaster.protocol.plain_text import is_plain
+from rosfleet_multimaster.protocol.xml_rpc import STATE as STATE_BYTES
+from rosfleet_multimaster.protocol.xml_rpc import TooLarge, loads, unpacked
 
 # Queues
 

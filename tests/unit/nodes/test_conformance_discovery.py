@@ -13,15 +13,18 @@ import urllib.request
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.core.discovery import Ask, Contact, Discovery, Event, Master, Say, Send, Settings
-from rosfleet_multimaster.core.filters import NAMES, Filters, InvalidPattern, Rules
-from rosfleet_multimaster.core.graph import Policy, State, build, document, graph_of, own_types, stamp_text, stamped
-from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, decode, encode
-from rosfleet_multimaster.core.pace import SAMPLES, SLOWEST, PollPace
-from rosfleet_multimaster.core.parameters import DISCOVERY, ParameterError, overlay
+from rosfleet_multimaster.discovery.core.discovery import Ask, Discovery, Event, Say, Send
+from rosfleet_multimaster.discovery.core.pace import SAMPLES, SLOWEST, PollPace
+from rosfleet_multimaster.discovery.core.peer import Contact
+from rosfleet_multimaster.discovery.rpc_server import PerCaller, Refused, RpcServer
+from rosfleet_multimaster.edge import own_roscore
+from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.edge.rpc_client import Rpc
-from rosfleet_multimaster.edge.rpc_server import PerCaller, Refused, RpcServer
-from rosfleet_multimaster.parts import own_roscore, program
+from rosfleet_multimaster.protocol.filters import NAMES, Filters, InvalidPattern, Rules
+from rosfleet_multimaster.protocol.graph import Policy, State, build, document, graph_of, own_types, stamp_text, stamped
+from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, decode, encode
+from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.parameters import DISCOVERY, ParameterError, Settings, overlay
 from virtual_time import Robot, World
 
 NODES = pathlib.Path(__file__).parents[3] / "roles/nodes/files/python"
@@ -98,8 +101,8 @@ def told(caller, **parameters):
 
 ON_THE_WIRE = """
 import socket
-from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, encode
-from rosfleet_multimaster.edge.udp import Udp
+from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, encode
+from rosfleet_multimaster.discovery.udp import Udp
 udp = Udp("226.0.0.0", 11511, "192.168.1.1", True)
 second = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # upstream's options
 second.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
@@ -408,7 +411,7 @@ def test_15_17_those_who_hear_of_it_forget_it_and_find_it_again():
 
 
 def test_13_no_clock_is_set_and_no_package_is_imported_for_others():
-    source = (NODES / "rosfleet_multimaster/parts/source.py").read_text(encoding="utf-8")
+    source = (NODES / "rosfleet_multimaster/discovery/source.py").read_text(encoding="utf-8")
     assert "setTime" not in source
     assert own_types(STATE) == {"std_msgs/String", "own_msgs/Key"}, "evil_msgs/Import is only named by another master"
 

@@ -18,14 +18,15 @@ import types
 
 import pytest
 import rosfleet_multimaster
-from rosfleet_multimaster.core import parameters
-from rosfleet_multimaster.core.filters import Filters
-from rosfleet_multimaster.core.graph import Node, State
-from rosfleet_multimaster.core.sync import MISSING, Announced, Sync
+from rosfleet_multimaster.discovery.rpc_server import Refused, RpcServer
 from rosfleet_multimaster.edge import patience
-from rosfleet_multimaster.edge.rpc_server import Refused, RpcServer
-from rosfleet_multimaster.parts import program
-from rosfleet_multimaster.parts.imports import IMPORTS
+from rosfleet_multimaster.edge.process import program
+from rosfleet_multimaster.protocol import parameters
+from rosfleet_multimaster.protocol.filters import Filters
+from rosfleet_multimaster.protocol.graph import Node, State
+from rosfleet_multimaster.protocol.imports import IMPORTS
+from rosfleet_multimaster.protocol.messages import Announced
+from rosfleet_multimaster.sync.core.sync import MISSING, Sync
 
 FOLDER = pathlib.Path(rosfleet_multimaster.__file__).parent
 R2 = "http://robot2:11311/"
@@ -432,12 +433,12 @@ def test_15_9_masters_of_one_name_do_not_take_each_other_away():
 
 def test_15_10_and_13_no_wall_clock_and_no_process_wide_time_limit():
     for name in (
-        "core/sync",
-        "core/message_types",
-        "core/losses",
+        "sync/core/sync",
+        "sync/core/message_types",
+        "sync/core/losses",
         "master_sync",
-        "parts/rounds",
-        "parts/program",
+        "sync/rounds",
+        "edge/process/program",
         "edge/connections",
     ):
         text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")

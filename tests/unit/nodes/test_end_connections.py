@@ -31,7 +31,7 @@ IN_A_NAMESPACE = textwrap.dedent(
     import errno, json, os, socket, subprocess, sys, time
     nodes, folder = sys.argv[1:]
     sys.path.insert(0, nodes)
-    from rosfleet_multimaster.edge import ending
+    from rosfleet_multimaster.sync import ending
 
     START = "import sys; sys.path.insert(0, sys.argv[1]); from rosfleet_multimaster.end_connections import main; main(*sys.argv[2:])"
     path = folder + "/socket"
@@ -121,8 +121,8 @@ def test_without_the_right_it_says_so():
         import os, sys
         sys.path.insert(0, sys.argv[1])
         from rosfleet_multimaster import end_connections
-        from rosfleet_multimaster.core.members import Members
-        from rosfleet_multimaster.core.permission import Permission
+        from rosfleet_multimaster.protocol.members import Members
+        from rosfleet_multimaster.sync.core.permission import Permission
 
         if os.geteuid() == 0:
             os.setgid(65534)

@@ -10,12 +10,15 @@ import xmlrpc.client
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from rosfleet_multimaster.core import discovery as discovery_core
-from rosfleet_multimaster.core.discovery import Ask, Contact, Discovery, Event, Master, Settings
-from rosfleet_multimaster.core.filters import Filters, InvalidPattern, Pattern, Rules
-from rosfleet_multimaster.core.graph import Graph, Malformed, State, build, document, parse, stamped
-from rosfleet_multimaster.core.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
-from rosfleet_multimaster.core.sync import View, Wanted, calls, plan, select
+from rosfleet_multimaster.discovery.core import discovery as discovery_core
+from rosfleet_multimaster.discovery.core.discovery import Ask, Discovery, Event
+from rosfleet_multimaster.discovery.core.peer import Contact
+from rosfleet_multimaster.protocol.filters import Filters, InvalidPattern, Pattern, Rules
+from rosfleet_multimaster.protocol.graph import Graph, Malformed, State, build, document, parse, stamped
+from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
+from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.parameters import Settings
+from rosfleet_multimaster.sync.core.sync import View, Wanted, calls, plan, select
 
 slow = settings(
     deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]

@@ -6,13 +6,15 @@ import pytest
 from fleet_of_one import ROUTER, TIBI, URI
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosfleet_multimaster.core.discovery import Ask, Discovery, Event, Say, Send, Settings
-from rosfleet_multimaster.core.filters import Filters
-from rosfleet_multimaster.core.graph import State
-from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, encode
-from rosfleet_multimaster.core.members import Members, Networks
-from rosfleet_multimaster.core.peer import Contact, Master
-from rosfleet_multimaster.core.sync import Announced, Sync
+from rosfleet_multimaster.discovery.core.discovery import Ask, Discovery, Event, Say, Send
+from rosfleet_multimaster.discovery.core.peer import Contact
+from rosfleet_multimaster.protocol.filters import Filters
+from rosfleet_multimaster.protocol.graph import State
+from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, encode
+from rosfleet_multimaster.protocol.members import Members, Networks
+from rosfleet_multimaster.protocol.messages import Announced, Master
+from rosfleet_multimaster.protocol.parameters import Settings
+from rosfleet_multimaster.sync.core.sync import Sync
 
 OWN = Master("own", "http://own:11311/", 1.0, 1.0, True, "/master_discovery", "http://192.168.1.202:11611")
 ADDRESS, ROGUE = "192.168.1.201", "192.168.1.66"

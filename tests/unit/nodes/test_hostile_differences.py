@@ -14,19 +14,21 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosfleet_multimaster.core.differences import applied
-from rosfleet_multimaster.core.filters import Filters
-from rosfleet_multimaster.core.graph import Malformed, Node, Policy, State, document
-from rosfleet_multimaster.core.members import Members
-from rosfleet_multimaster.core.pace import BURST, EARLY, RATE, WHOLE
-from rosfleet_multimaster.core.sync import Announced, Fetch, Sync
+from rosfleet_multimaster.discovery import told
+from rosfleet_multimaster.discovery.rpc_server import Ready, RpcServer
+from rosfleet_multimaster.discovery.served import OwnMaster, Served
+from rosfleet_multimaster.discovery.told import Told
 from rosfleet_multimaster.edge.rpc_client import Rpc
-from rosfleet_multimaster.edge.rpc_server import Ready, RpcServer
-from rosfleet_multimaster.edge.xml_rpc import STATE
-from rosfleet_multimaster.parts import fetcher, followed, told
-from rosfleet_multimaster.parts.followed import Answer, Surroundings, View
-from rosfleet_multimaster.parts.served import DIFFERENCES, PACKED, OwnMaster, Served
-from rosfleet_multimaster.parts.told import Told
+from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED, applied
+from rosfleet_multimaster.protocol.filters import Filters
+from rosfleet_multimaster.protocol.graph import Malformed, Node, Policy, State, document
+from rosfleet_multimaster.protocol.members import Members
+from rosfleet_multimaster.protocol.messages import Announced
+from rosfleet_multimaster.protocol.xml_rpc import STATE
+from rosfleet_multimaster.sync import fetcher, followed
+from rosfleet_multimaster.sync.core.pace import BURST, EARLY, RATE, WHOLE
+from rosfleet_multimaster.sync.core.sync import Fetch, Sync
+from rosfleet_multimaster.sync.followed import Answer, Surroundings, View
 
 URI, OWN = "http://robot2:11311/", "http://own:11311/"
 NODE = Node("http://robot2:5000/", URI, "local")

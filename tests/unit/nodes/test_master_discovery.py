@@ -8,15 +8,16 @@ import types
 
 import pytest
 import rosfleet_multimaster
-from rosfleet_multimaster.core import parameters
-from rosfleet_multimaster.core.discovery import Contact, Event, Send
-from rosfleet_multimaster.core.graph import State
-from rosfleet_multimaster.core.heartbeat import Kind, decode
-from rosfleet_multimaster.core.peer import Master
+from rosfleet_multimaster.discovery import datagrams
+from rosfleet_multimaster.discovery.core.discovery import Event, Send
+from rosfleet_multimaster.discovery.core.peer import Contact
+from rosfleet_multimaster.discovery.served import OwnMaster
 from rosfleet_multimaster.edge.addresses import Network
 from rosfleet_multimaster.edge.clock import monotonic
-from rosfleet_multimaster.parts import datagrams
-from rosfleet_multimaster.parts.served import OwnMaster
+from rosfleet_multimaster.protocol import parameters
+from rosfleet_multimaster.protocol.graph import State
+from rosfleet_multimaster.protocol.heartbeat import Kind, decode
+from rosfleet_multimaster.protocol.messages import Master
 
 URI = "http://robot1:11311/"
 CONTACT = Contact(2000.0, URI, "robot1", "/master_discovery")

@@ -9,8 +9,8 @@ from time import monotonic
 
 import pytest
 import rosfleet_multimaster.edge
-from rosfleet_multimaster.core import parameters
-from rosfleet_multimaster.core.sync import Announced
+from rosfleet_multimaster.protocol import parameters
+from rosfleet_multimaster.protocol.messages import Announced
 
 URI = "http://robot2:11311/"
 

@@ -84,16 +84,16 @@ def test_a_service_that_comes_later(master):
 
 def test_a_service_that_never_comes(master):
     status, error = wait(master.uri, "--service", "/nowhere", "--timeout", "0.5")
-    assert (status, error) == (1, f"the roscore at {master.uri} says: no provider (after 0.5 s)\n")
+    assert (status, error) == (1, f'the roscore at {master.uri} says: "no provider" (after 0.5 s)\n')
 
 
 #: what units use where ROS itself is of Python 2, and so no other module of the nodes -> what it imports of them
 OLD = {
-    "wait_for_master": ["edge.journal"],
-    "run_plain": ["edge.children", "edge.journal"],
-    "edge/children": [],
-    "edge/journal": ["core.plain_text"],
-    "core/plain_text": [],
+    "wait_for_master": ["edge.journal", "protocol.plain_text"],
+    "run_plain": ["edge.journal", "edge.process.children"],
+    "edge/process/children": [],
+    "edge/journal": ["protocol.plain_text"],
+    "protocol/plain_text": [],
 }
 
 

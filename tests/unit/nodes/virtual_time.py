@@ -6,7 +6,10 @@ import heapq
 import itertools
 import random
 
-from rosfleet_multimaster.core.discovery import Ask, Contact, Discovery, Event, Master, Send, Settings
+from rosfleet_multimaster.discovery.core.discovery import Ask, Discovery, Event, Send
+from rosfleet_multimaster.discovery.core.peer import Contact
+from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.parameters import Settings
 
 PORT, RPC = 11511, 11611
 LATENCY = 0.001  # seconds

@@ -169,7 +169,7 @@ TYPES = Check(
 
 # The flow
 
-MOST_REGISTRATIONS = 5000  # of one master: the same number as in the nodes' core/limits.py
+MOST_REGISTRATIONS = 5000  # of one master: the same number as in the nodes' sync/core/limits.py
 
 
 def _flow(case: Case) -> Judgement | None:

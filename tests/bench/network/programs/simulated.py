@@ -14,11 +14,11 @@ import time
 
 sys.path.insert(0, "/usr/local/lib/rosfleet-multimaster/python")
 
-from rosfleet_multimaster.core.graph import LOCAL, Node, Policy, State  # noqa: E402
-from rosfleet_multimaster.core.heartbeat import Heartbeat, Kind, Stamp, encode  # noqa: E402
-from rosfleet_multimaster.core.members import Members  # noqa: E402
-from rosfleet_multimaster.parts.served import OwnMaster, Served, callers, serve  # noqa: E402
-from rosfleet_multimaster.parts.told import Told  # noqa: E402
+from rosfleet_multimaster.discovery.served import OwnMaster, Served, callers, serve  # noqa: E402
+from rosfleet_multimaster.discovery.told import Told  # noqa: E402
+from rosfleet_multimaster.protocol.graph import LOCAL, Node, Policy, State  # noqa: E402
+from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, encode  # noqa: E402
+from rosfleet_multimaster.protocol.members import Members  # noqa: E402
 
 PORT, RPC_PORT, NODE_PORT = 11511, 11611, 45000
 GROUP, TOPICS = sys.argv[1], int(sys.argv[2])

@@ -13,8 +13,8 @@ import traceback
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.core.plain_text import is_plain
 from rosfleet_multimaster.edge import journal
+from rosfleet_multimaster.protocol.plain_text import is_plain
 
 CONFIG = pathlib.Path(journal.__file__).parents[1] / "logging.conf"
 FORGED = "gone\n<0>rosfleet: all is well\u2028\x85\x1b[2J\u202e"

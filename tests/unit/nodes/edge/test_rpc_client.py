@@ -12,7 +12,7 @@ import pytest
 from rosfleet_multimaster.edge import rpc_client as module
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.rpc_client import SAME, Last, Rpc
-from rosfleet_multimaster.edge.xml_rpc import loads
+from rosfleet_multimaster.protocol.xml_rpc import loads
 
 
 def test_a_server_that_drips_headers_is_not_waited_for():

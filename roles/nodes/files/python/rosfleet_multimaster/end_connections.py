@@ -3,7 +3,7 @@
 """The program that ends TCP connections for master_sync. It alone has the right to (CAP_NET_ADMIN), and it does little else.
 
 It ends what it is asked to end, where that is a connection with a computer of the fleet that neither a roscore nor
-discovery has (core/permission.py), and not too many of them. It runs on the system's Python (`python3 -I`), on files of
+discovery has (sync/core/permission.py), and not too many of them. It runs on the system's Python (`python3 -I`), on files of
 root alone, and without ROS.
 """
 
@@ -11,13 +11,14 @@ import json
 import logging
 from typing import Any, List
 
-from .core.members import Members
-from .core.permission import Permission
-from .edge import connections, ending
+from .edge import connections
 from .edge.addresses import network
 from .edge.clock import sleep
 from .edge.journal import plain_streams, say
-from .edge.systemd import notify, watchdog
+from .edge.process.systemd import notify, watchdog
+from .protocol.members import Members
+from .sync import ending
+from .sync.core.permission import Permission
 
 PER_SECOND = 256  # connections that are ended in a second; a request counts as one at least
 IDLE = 10.0  # seconds between two signs of life without a watchdog

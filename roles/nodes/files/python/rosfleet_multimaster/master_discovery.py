@@ -8,33 +8,37 @@
 import urllib.parse
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
-from .core import metrics, parameters, report
-from .core.differences import Stamps
-from .core.discovery import FAR, Ask, Discovery, Event, Say, Send, Settings
-from .core.graph import Policy, State
-from .core.health import Health, Shown
-from .core.members import Members, Networks
-from .core.mirror import Mirror
-from .core.outsiders import Outsider
-from .core.peer import Contact, Key, Master
-from .core.plain_text import quoted
-from .core.report import Diagnosis
-from .edge import memory, ros
+from .discovery import times
+from .discovery.contacts import Contacts
+from .discovery.core import report
+from .discovery.core.discovery import FAR, Ask, Discovery, Event, Say, Send
+from .discovery.core.health import Health, Shown
+from .discovery.core.outsiders import Outsider
+from .discovery.core.peer import Contact, Key
+from .discovery.datagrams import Datagrams
+from .discovery.poller import Poller
+from .discovery.rpc_server import Ready
+from .discovery.served import OwnMaster, Served, callers, serve
+from .discovery.source import Follower, Source, in_own_thread
+from .discovery.told import Told
+from .discovery.udp import Datagram
+from .edge import own_roscore, ros
 from .edge.addresses import networks
 from .edge.clock import monotonic, wall_clock
+from .edge.display import Display
 from .edge.loop import Ended, InLoop, Loop, Recurring, Workers
+from .edge.process import memory, program
+from .edge.process.systemd import notify
 from .edge.roscore import Roscore
-from .edge.rpc_server import Ready
-from .edge.systemd import notify
-from .edge.udp import Datagram
-from .parts import own_roscore, program, times
-from .parts.contacts import Contacts
-from .parts.datagrams import Datagrams
-from .parts.display import Display
-from .parts.poller import Poller
-from .parts.served import OwnMaster, Served, callers, serve
-from .parts.source import Follower, Source, in_own_thread
-from .parts.told import Told
+from .protocol import metrics, parameters
+from .protocol.diagnosis import Diagnosis
+from .protocol.differences import Stamps
+from .protocol.graph import Policy, State
+from .protocol.members import Members, Networks
+from .protocol.messages import Master
+from .protocol.mirror import Mirror
+from .protocol.parameters import Settings
+from .protocol.plain_text import quoted
 
 LOOKS = {True: 30.0, False: 1.0}  # seconds between two looks at the addresses, where the kernel tells of changes or not
 #: seconds from a change of own nodes to its announcement, and of others' nodes: changes come in bursts
@@ -246,7 +250,7 @@ class MasterDiscovery:
                 ("datagram",): self.core.malformed,
                 ("request",): self.malformed_requests,
             },
-            **metrics.of_links(self._links()),
+            **report.of_links(self._links()),
         }
 
     def _look_at_addresses(self) -> None:

@@ -8,26 +8,28 @@
 from collections import Counter
 from typing import Any, Dict, List, Optional, Set
 
-from .core import metrics, parameters, report
-from .core.filters import Filters
-from .core.members import Members
-from .core.message_types import TypeGuard
-from .core.plain_text import quoted
-from .core.report import Diagnosis
-from .core.sync import Announced, Refusal, Registration, Sync
-from .edge import memory, ros
+from .edge import own_roscore, ros
 from .edge.clock import monotonic
+from .edge.display import PUBLISH, Display
 from .edge.loop import InLoop, Loop, Recurring, Workers
+from .edge.process import memory, program
+from .edge.process.systemd import notify
 from .edge.roscore import Roscore
-from .edge.systemd import notify
-from .parts import own_roscore, program
-from .parts.display import PUBLISH, Display
-from .parts.fetcher import Fetcher
-from .parts.finder import Finder
-from .parts.lost import Lost
-from .parts.own_graph import OwnGraph
-from .parts.rounds import ROUND, Rounds
-from .parts.type_questions import TypeQuestions
+from .protocol import metrics, parameters
+from .protocol.diagnosis import Diagnosis
+from .protocol.filters import Filters
+from .protocol.members import Members
+from .protocol.messages import Announced, Registration
+from .protocol.plain_text import quoted
+from .sync.core import report
+from .sync.core.message_types import TypeGuard
+from .sync.core.sync import Refusal, Sync
+from .sync.fetcher import Fetcher
+from .sync.finder import Finder
+from .sync.lost import Lost
+from .sync.own_graph import OwnGraph
+from .sync.rounds import ROUND, Rounds
+from .sync.type_questions import TypeQuestions
 
 LINES = 50  # log lines about refusals at once
 STATUS = 1.0  # seconds between two lines of status
@@ -219,8 +221,8 @@ class MasterSync:
                 round_failures_total=rounds.failures,
             ),
             "multimaster_registration_changes_total": {(what,): rounds.made[what] for what in metrics.CHANGES},
-            **metrics.of_refusals(self.refused, self.refused_total),
-            **metrics.of_registrations(names, dict(rounds.held)),
+            **report.of_refusals(self.refused, self.refused_total),
+            **report.of_registrations(names, dict(rounds.held)),
         }
 
     def _round_over(self, problem: Optional[Exception]) -> None:

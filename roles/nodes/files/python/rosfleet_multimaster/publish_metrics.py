@@ -12,10 +12,10 @@ import signal
 import sys
 from typing import Dict, Mapping
 
-from .edge import textfile
 from .edge.clock import sleep
 from .edge.journal import plain_streams, say
-from .edge.systemd import notify, watchdog
+from .edge.process import textfile
+from .edge.process.systemd import notify, watchdog
 
 LOOK = 5.0  # seconds between two looks at the files of the nodes
 MOST = 1 << 20  # bytes of a file

@@ -16,8 +16,8 @@ import sys
 from functools import partial
 from typing import Sequence
 
-from .edge.children import Child
 from .edge.journal import plain_streams, say
+from .edge.process.children import Child
 
 
 def main(command: Sequence[str]) -> int:

@@ -14,8 +14,8 @@ import time
 import xmlrpc.client
 from typing import Any, Callable
 
-from .core.plain_text import quoted
 from .edge.journal import plain_streams, say
+from .protocol.plain_text import quoted
 
 CALLER = "/rosfleet_multimaster"
 PAUSE = 0.2  # seconds between two looks

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))
 
-from rosfleet_multimaster.core import filters, graph, parameters  # noqa: E402
+from rosfleet_multimaster.protocol import filters, graph, parameters  # noqa: E402
 
 VERIFY = "/multimaster_verify/*"
 

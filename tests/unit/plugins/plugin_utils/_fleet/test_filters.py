@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""One file for the nodes and the controller. What it does is tested in tests/unit/nodes/core/test_filters.py."""
+"""One file for the nodes and the controller. What it does is tested in tests/unit/nodes/protocol/test_filters.py."""
 
 import ast
 import pathlib
@@ -10,7 +10,7 @@ import sys
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports, filters
 
 ROOT = pathlib.Path(__file__).resolve().parents[5]
-NODES = "roles/nodes/files/python/rosfleet_multimaster/core/filters.py"
+NODES = "roles/nodes/files/python/rosfleet_multimaster/protocol/filters.py"
 
 
 def test_what_is_never_exchanged_is_what_the_nodes_never_exchange():

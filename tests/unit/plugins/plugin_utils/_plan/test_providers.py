@@ -26,7 +26,7 @@ from hypothesis import strategies as st
 ROOT = pathlib.Path(__file__).resolve().parents[5]
 GOLDEN = ROOT / "tests/unit/golden/providers"
 sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
-from rosfleet_multimaster.core import filters  # noqa: E402
+from rosfleet_multimaster.protocol import filters  # noqa: E402
 
 # A fleet with upstream on the robot tibi, which has two computers and declares what it gives.
 TIBI = {

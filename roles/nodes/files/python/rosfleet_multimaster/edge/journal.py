@@ -15,7 +15,7 @@ import threading
 import traceback
 from typing import Any, List, Optional, TextIO
 
-from ..core.plain_text import LINE, plain, plain_lines
+from ..protocol.plain_text import LINE, plain, plain_lines
 
 _PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 _TRACEBACK = 60  # lines of one

@@ -13,7 +13,7 @@ import threading
 from typing import Any, Callable, Optional, Tuple, Union
 
 from .clock import monotonic, sleep
-from .systemd import notify, watchdog
+from .process.systemd import notify, watchdog
 
 _MAX_POSTED = 4096  # calls that wait for the loop
 

@@ -24,11 +24,14 @@ import rospy  # noqa: E402
 import std_srvs.srv  # noqa: E402
 from fkie_multimaster_msgs import msg, srv  # noqa: E402
 
-from ..core.discovery import Link  # noqa: E402
-from ..core.peer import Master  # noqa: E402
-from ..core.plain_text import LINE, plain  # noqa: E402
-from ..core.report import Diagnosis  # noqa: E402
-from ..core.sync import Announced, Registration  # noqa: E402
+from ..protocol.diagnosis import Diagnosis  # noqa: E402
+from ..protocol.messages import (  # noqa: E402
+    Announced,
+    Link,  # noqa: E402
+    Master,  # noqa: E402
+    Registration,
+)
+from ..protocol.plain_text import LINE, plain  # noqa: E402
 from . import diagnostic_classes  # noqa: E402
 from .patience import within  # noqa: E402
 

@@ -5,12 +5,13 @@
 from typing import Any, List, Optional, Sequence, Tuple
 from xmlrpc.client import Fault
 
-from ..core.feed import packed, unpacked
-from ..core.plain_text import plain
+from ..protocol.bounded_json import packed, unpacked
+from ..protocol.plain_text import plain
+from ..protocol.xml_rpc import STATE
 from .rpc_client import SAME, Last, Rpc
-from .xml_rpc import STATE
 
 TOGETHER = "rosfleetTogether"
+KNOWN = 60.0  # seconds until a roscore that did not tell its changes is asked again whether it does
 
 
 class Roscore:

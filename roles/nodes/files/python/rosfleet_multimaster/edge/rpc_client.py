@@ -14,10 +14,10 @@ import urllib.parse
 import xmlrpc.client
 from typing import Any, Callable, List, Optional, Sequence, Tuple
 
-from ..core.plain_text import plain, quoted
+from ..protocol.plain_text import plain, quoted
+from ..protocol.xml_rpc import ANSWER, TooLarge, loads
 from .clock import monotonic
 from .counting import Count
-from .xml_rpc import ANSWER, TooLarge, loads
 
 SMALL = 1 << 19  # bytes of an answer, as it is sent: a larger one waits for those before it
 _HEAD = 1 << 15  # bytes of all lines of the head of an answer, and of those between its chunks

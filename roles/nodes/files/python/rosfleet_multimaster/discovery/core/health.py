@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The links to other masters, as people are shown them: on /diagnostics, and as metrics.
+
+Discovery knows who is there and how many heartbeats came. How long an answer takes, and how far two clocks are apart, is
+asked by getCurrentTime, which upstream has too: one master at a time, and the more there are, the less often each.
+"""
+
+import math
+from typing import Any, Dict, Iterable, Iterator, NamedTuple, Optional, Sequence, Set
+
+from ...protocol.members import Members, same_uri
+from ...protocol.messages import Link, Master
+from ...protocol.plain_text import plain, quoted
+
+EACH, ANY = 30.0, 5.0  # seconds from a question to one master to the next one to it, and to anybody
+LIMIT = 3.0  # seconds for an answer
+NAME = 100  # characters of a name
+MOST = 128  # links that are shown: more would be somebody's flood
+APART = (0.1, 0.5)  # seconds that two clocks are apart: tf extrapolates, and then messages are dropped
+
+
+class Answer(NamedTuple):
+    """The answer of a master to the question for its time."""
+
+    seconds: float  # from the question to it, the connection included
+    offset: float  # how far the clock there is ahead of the one here, in seconds
+
+    @property
+    def surely_apart(self) -> float:
+        """Seconds that the clocks are apart at least: when the answer was written is not known better."""
+        return max(0.0, abs(self.offset) - self.seconds / 2)
+
+
+class Seen(NamedTuple):
+    """The link to one master."""
+
+    name: str
+    uri: str
+    online: bool
+    quality: float  # per cent of the heartbeats that came, -1 where none are promised or it is not there
+    silent: Optional[float]  # seconds since it was heard; None for not at all
+    losses: int  # how often it was lost
+    answer: Optional[Answer]
+
+
+class Shown(NamedTuple):
+    """All links, or as many as are shown."""
+
+    links: Sequence[Seen]
+    left_out: int = 0
+
+
+def answer_of(value: Any, began: float, seconds: float) -> Answer:
+    """Read what getCurrentTime returned, which may be anybody's. `began`: the wall clock here. Raises ValueError."""
+    if not isinstance(value, list) or len(value) != 2 or not isinstance(value[1], float):
+        raise ValueError("it does not tell its time")
+    if not (math.isfinite(value[1]) and 0.0 <= value[1] < 2**32):
+        raise ValueError(f"its time is {value[1]:g}")
+    return Answer(seconds, value[1] - began - seconds / 2)
+
+
+class Health:
+    """The history of the links so far."""
+
+    def __init__(self, own_uri: str, members: Members) -> None:
+        self._own_uri, self._members = same_uri(own_uri), members
+        self._losses: Dict[str, int] = {}
+        self._answers: Dict[str, Answer] = {}
+        self._asked: Dict[str, float] = {}  # in the order of the questions
+        self._last = -ANY
+
+    def changed(self, change: str, before: Optional[Master], master: Master) -> None:
+        """Take an event of discovery. `before`: the master as it was."""
+        was_online = before is not None and before.online
+        if was_online and not master.online and self._is_other(master):
+            self._losses[master.uri] = self._losses.get(master.uri, 0) + 1
+        if not master.online:
+            self._answers.pop(master.uri, None)
+        if change == "removed":
+            self._asked.pop(master.uri, None)
+            if self._members.master(master.uri) is None:
+                self._losses.pop(master.uri, None)
+
+    def question(self, masters: Iterable[Master], now: float) -> Optional[Master]:
+        """The master to ask now for its time: the one whose turn it is."""
+        if now - self._last < ANY:
+            return None
+        there = [master for master in masters if master.online and self._is_other(master)]
+        due = [master for master in there if now - self._asked.get(master.uri, -EACH) >= EACH]
+        if not due:
+            return None
+        chosen = min(due, key=lambda master: self._asked.get(master.uri, -math.inf))
+        self._asked[chosen.uri] = self._last = now
+        return chosen
+
+    def answered(self, uri: str, answer: Optional[Answer]) -> None:
+        """Take an answer, or that there was none."""
+        if answer is None or uri not in self._asked:
+            self._answers.pop(uri, None)
+        else:
+            self._answers[uri] = answer
+
+    def links(self, masters: Iterable[Master], links: Iterable[Link]) -> Shown:
+        """The links to the masters that are listed, and to those of the fleet that are not there. No name is there twice."""
+        heard: Dict[str, Link] = {}
+        for link in links:  # a robot that is heard from two addresses has two
+            best = heard.get(link.uri)
+            heard[link.uri] = link if best is None or link.silent < best.silent else best
+        found = [self._seen(master, heard.get(master.uri)) for master in masters if self._is_other(master)]
+        found += self._missing({same_uri(link.uri) for link in found})
+        found.sort(key=lambda link: (self._members.master(link.uri) is None, link.name))  # those of the fleet first
+        shown: Dict[str, Seen] = {}
+        for seen in found:
+            if len(shown) < MOST:
+                shown.setdefault(seen.name, seen)
+        return Shown(list(shown.values()), len(found) - len(shown))
+
+    def _missing(self, there: Set[str]) -> Iterator[Seen]:
+        """The links to the masters of the fleet that are not listed."""
+        for robot in self._members.robots:
+            if robot.name and self._own_uri not in robot.uris and not there.intersection(robot.uris):
+                losses = sum(count for uri, count in self._losses.items() if same_uri(uri) in robot.uris)
+                yield Seen(plain(robot.name, NAME), min(robot.uris, default=""), False, -1.0, None, losses, None)
+
+    def _seen(self, master: Master, link: Optional[Link]) -> Seen:
+        quality = link.quality if link is not None and master.online else -1.0
+        silent = link.silent if link is not None else None
+        losses, answer = self._losses.get(master.uri, 0), self._answers.get(master.uri)
+        planned = self._members.master(master.uri) is not None
+        name = plain(master.name, NAME) if planned else quoted(master.name, NAME - 2)
+        return Seen(name, master.uri, master.online, quality, silent, losses, answer)
+
+    def _is_other(self, master: Master) -> bool:
+        return same_uri(master.uri) != self._own_uri

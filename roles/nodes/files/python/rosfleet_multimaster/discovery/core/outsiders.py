@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Senders that are not exchanged with: asked for their names, told of once, and else ignored.
+
+Anybody can write any sender into a datagram, so an address may be somebody's who has nothing to do with it. It is asked
+over TCP twice at most, whatever is heard from there.
+"""
+
+from dataclasses import dataclass
+from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
+
+from ...protocol.plain_text import quoted
+from .peer import LONG_AGO, Contact, Key
+
+TRIES = 2  # connections to an address from which nobody has said who it is,
+AGAIN = 30.0  # and seconds until there are two more, where it may be an allowed one that is still heard
+PAUSE = 5.0  # seconds between two questions to an outsider
+FORGET = 600.0  # seconds of silence
+MAX_OUTSIDERS, MAX_ASKED = 256, 4  # that are remembered; that are asked at the same time
+MAX_TRIED = 16384  # addresses; more are not asked
+
+
+class Budget:
+    """Connections to addresses from which nobody has said who it is."""
+
+    def __init__(self) -> None:
+        self._spent: Dict[str, Tuple[int, float]] = {}  # address -> how many, and when the last one was
+
+    def free(self, address: str, now: float) -> float:
+        """The time from which a connection may be made."""
+        count, last = self._spent.get(address, (0, LONG_AGO))
+        return now if count < TRIES else max(now, last + AGAIN)
+
+    def spend(self, address: str, now: float) -> None:
+        """Note a connection."""
+        count, last = self._spent.pop(address, (0, LONG_AGO))
+        self._spent[address] = (1 if now - last >= AGAIN else count + 1), now
+        while len(self._spent) > MAX_TRIED or now - next(iter(self._spent.values()))[1] > AGAIN:
+            del self._spent[next(iter(self._spent))]
+
+    def answered(self, address: str) -> None:
+        """Give back what was spent: somebody is there and has answered."""
+        self._spent.pop(address, None)
+
+
+class Outsider(NamedTuple):
+    """A sender that is ignored, as people are told of it."""
+
+    address: str
+    name: str  # "" where it has not said one
+    uri: str
+    why: str
+
+    def __str__(self) -> str:
+        who = (
+            f"{quoted(self.name)} ({quoted(self.uri)}) at {self.address}"
+            if self.uri
+            else f"the sender of heartbeats at {self.address}"
+        )
+        return f"{who} is ignored: {self.why}; add it to the inventory, or its address to multimaster_allow"
+
+
+@dataclass
+class _Outsider:
+    rpc_port: int
+    heard: float
+    due: Optional[float]  # when it is asked who it is; None for never again
+    asking: bool = False
+    told: Optional[Outsider] = None
+
+
+class Outsiders:
+    """The senders that are ignored, by their addresses."""
+
+    def __init__(self) -> None:
+        self.news: List[Outsider] = []  # to be told, each once
+        self._table: Dict[str, _Outsider] = {}  # in the order in which they were last heard
+        self._tries: Dict[str, Tuple[int, float]] = {}  # address -> how many, and when the last one was
+        self._asking = 0
+
+    def heard(self, address: str, rpc_port: int, now: float, may_ask: bool) -> None:
+        """Take a datagram of an outsider. `may_ask`: its address is one that this computer may connect to."""
+        entry = self._table.pop(address, None)
+        if entry is None:
+            entry = _Outsider(rpc_port, now, now if may_ask else None)
+            if not self._has_tries(address):
+                entry.due = None
+            self._make_room()
+        self._table[address], entry.heard = entry, now
+        if entry.due is None and entry.told is None and not entry.asking:
+            self._tell(entry, Outsider(address, "", "", "it is no robot of the fleet"))
+
+    def due(self, now: float) -> Iterator[Key]:
+        """The outsiders to ask now who they are."""
+        for address, entry in self._table.items():
+            if self._asking >= MAX_ASKED:
+                return
+            if entry.due is not None and entry.due <= now and not entry.asking and self._has_tries(address):
+                entry.asking, entry.due = True, None
+                self._asking += 1
+                self._tries[address] = self._tries.pop(address, (0, now))[0] + 1, now
+                yield address, 0, entry.rpc_port
+
+    def next_due(self) -> Optional[float]:
+        """The time of the next question."""
+        if self._asking >= MAX_ASKED:
+            return None
+        return min(
+            (entry.due for entry in self._table.values() if entry.due is not None and not entry.asking), default=None
+        )
+
+    def answered(self, key: Key, contact: Optional[Contact], why: str, now: float) -> None:
+        """Take the end of a question: who it is and why that is ignored, or None."""
+        entry = self._table.get(key[0])
+        if entry is None or not entry.asking:
+            return
+        entry.asking = False
+        self._asking -= 1
+        if contact is not None:
+            self._tell(entry, Outsider(key[0], contact.name, contact.uri, why))
+        elif self._has_tries(key[0]):
+            entry.due = now + PAUSE
+        else:
+            self._tell(entry, Outsider(key[0], "", "", "it does not say who it is"))
+
+    def refused(self, key: Key, contact: Contact, why: str, now: float) -> None:
+        """Note one that was asked otherwise, and is not who it should be."""
+        entry = self._table.pop(key[0], None)
+        if entry is None:
+            entry = _Outsider(key[2], now, None)
+            self._make_room()
+        self._table[key[0]], entry.heard = entry, now
+        self._tell(entry, Outsider(key[0], contact.name, contact.uri, why))
+
+    def forget(self, now: float) -> None:
+        """Forget those that have been silent for long."""
+        for address, entry in list(self._table.items()):
+            if now - entry.heard <= FORGET:
+                break
+            if not entry.asking:
+                del self._table[address]
+        while self._tries and now - next(iter(self._tries.values()))[1] > FORGET:
+            del self._tries[next(iter(self._tries))]
+
+    def shown(self) -> List[Outsider]:
+        """Those that people are told of."""
+        return [entry.told for entry in self._table.values() if entry.told is not None]
+
+    def _has_tries(self, address: str) -> bool:
+        if address not in self._tries and len(self._tries) >= MAX_TRIED:
+            return False
+        return self._tries.get(address, (0, 0.0))[0] < TRIES
+
+    def _make_room(self) -> None:
+        """Forget the longest silent one where there are too many; its tries stay spent."""
+        while len(self._table) >= MAX_OUTSIDERS:
+            first = next(address for address, entry in self._table.items() if not entry.asking)
+            del self._table[first]
+
+    def _tell(self, entry: _Outsider, outsider: Outsider) -> None:
+        if entry.told != outsider:
+            entry.told = outsider
+            self.news.append(outsider)

@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What people are shown of discovery: entries of /diagnostics about links, masters, clocks and strangers; metrics."""
+
+from typing import Any, Dict, Iterable, List, Sequence, Tuple
+
+from ...protocol import metrics
+from ...protocol.diagnosis import ERROR, OK, PREFIX, VALUES, WARN, Diagnosis, warning
+from .health import APART, Seen, Shown
+from .outsiders import Outsider
+
+FEW = 50.0  # per cent of the heartbeats: fewer are a bad link
+
+
+def ignored(outsiders: Iterable[Outsider]) -> Diagnosis:
+    """The entry about senders that are ignored."""
+    values = [(item.address, str(item)) for item in outsiders]
+    return warning("strangers", f"ignored, since they do not belong to the fleet: {len(values)}", values)
+
+
+# Links
+
+
+def roscore(uri: str, away: str, refused: Any = None) -> Diagnosis:
+    """The entry about the own roscore. `away`: why there is no state of it, "" where there is one.
+
+    `refused`: bound -> how many requests were beyond it since its start.
+    """
+    counts = refused if isinstance(refused, dict) else {}
+    values = [(f"refused requests, {bound}", f"{count}") for bound, count in sorted(counts.items())[:VALUES]]
+    return Diagnosis(f"{PREFIX}roscore", away or "it answers", [("uri", uri), *values], ERROR if away else OK)
+
+
+def links(shown: Shown) -> List[Diagnosis]:
+    """The entries about the masters of other robots: one for all, one for each link, and one for the clocks."""
+    online = sum(link.online for link in shown.links)
+    more = [("more", f"{shown.left_out} are not listed here")] if shown.left_out else []
+    level = OK if online == len(shown.links) else WARN
+    masters = Diagnosis(
+        f"{PREFIX}masters",
+        f"{online} of {len(shown.links)} are there",
+        [(link.name, "online" if link.online else "not there") for link in shown.links][:VALUES] + more,
+        level,
+    )
+    return [masters, *map(_link, shown.links), _clocks(shown.links)]
+
+
+def _link(link: Seen) -> Diagnosis:
+    level, message = _verdict(link)
+    values = [("uri", link.uri), ("lost", f"{link.losses} times")]
+    if link.silent is not None:
+        values.append(("last heard", f"{link.silent:.1f} s ago"))
+    if link.quality >= 0.0:
+        values.append(("heartbeats", f"{link.quality:.0f} %"))
+    if link.answer is not None:
+        values.append(("answer", f"{link.answer.seconds * 1000:.1f} ms"))
+    return Diagnosis(f"{PREFIX}link to {link.name}", message, values, level)
+
+
+def _verdict(link: Seen) -> Tuple[int, str]:
+    if not link.online:
+        return (ERROR, "lost") if link.silent is not None else (WARN, "not there")
+    if 0.0 <= link.quality < FEW:
+        return WARN, f"only {link.quality:.0f} % of its heartbeats come"
+    return OK, "online"
+
+
+def _clocks(shown: Sequence[Seen]) -> Diagnosis:
+    """The entry about clocks: a difference of which the time of the answer may be the reason is none."""
+    answers = [(link.name, link.answer) for link in shown if link.answer is not None]
+    values = [(name, f"{answer.offset:+.3f} s, give or take {answer.seconds / 2:.3f} s") for name, answer in answers]
+    most = max((answer.surely_apart for _name, answer in answers), default=0.0)
+    level = sum(most >= limit for limit in APART)
+    apart = [name for name, answer in answers if answer.surely_apart >= APART[0]]
+    message = f"set them by NTP, they differ: {', '.join(apart[:10])}" if apart else "they agree"
+    return Diagnosis(f"{PREFIX}clocks", message if answers else "not compared yet", values[:VALUES], level)
+
+
+# Metrics
+
+
+def of_links(shown: Shown) -> metrics.Samples:
+    """The samples about the links."""
+    links = shown.links
+
+    def each(values: Iterable[Tuple[str, float]]) -> Dict[metrics.Values, float]:
+        return {(name,): value for name, value in values}
+
+    return {
+        **metrics.one(masters_online=sum(link.online for link in links), links_left_out=shown.left_out),
+        "multimaster_link_up": each((link.name, link.online) for link in links),
+        "multimaster_link_lost_total": each((link.name, link.losses) for link in links),
+        "multimaster_link_silence_seconds": each((link.name, link.silent) for link in links if link.silent is not None),
+        "multimaster_link_heartbeats_ratio": each(
+            (link.name, link.quality / 100) for link in links if link.quality >= 0
+        ),
+        "multimaster_link_answer_seconds": each((link.name, link.answer.seconds) for link in links if link.answer),
+        "multimaster_clock_offset_seconds": each((link.name, link.answer.offset) for link in links if link.answer),
+    }

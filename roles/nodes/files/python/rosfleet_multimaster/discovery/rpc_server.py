@@ -1,0 +1,237 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The XML-RPC server: what other programs call."""
+
+import gzip
+import logging
+import socket
+import socketserver
+import threading
+import xmlrpc.client
+from http.server import BaseHTTPRequestHandler
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple, Union
+
+from ..edge.clock import monotonic
+from ..edge.counting import Count
+from ..protocol.plain_text import LINE, plain
+from ..protocol.xml_rpc import MAX_REQUEST, loads
+
+_log = logging.getLogger("rosfleet.rpc_server")
+
+# Half of all connections are for members of the fleet, where it is known who these are.
+_MAX_CONNECTIONS, _MAX_PER_ADDRESS = 64, 8
+_MAX_SECONDS = 15.0
+_KEPT, _KEPT_PER_ADDRESS = 256, 4  # connections that are kept for who waits for changes; not among the above
+_KEPT_SECONDS = 60.0 + _MAX_SECONDS  # for a question on one of them
+_COMPRESS = 700  # bytes
+
+
+class Refused(Exception):
+    """A method's way to answer with a fault: the text is the fault's sentence."""
+
+
+class PerCaller:
+    """A method whose answer depends on who calls: its first argument is the caller's address."""
+
+    def __init__(self, method: Callable[..., Any]) -> None:
+        self.method = method
+
+    def __call__(self, caller: str, *arguments: Any) -> Any:
+        return self.method(caller, *arguments)
+
+
+class Waiting(PerCaller):
+    """A method that may take its time, where its second argument says so. Then the connection is kept for the next call."""
+
+
+class Ready:
+    """An answer as it is sent, packed: one that many ask for is written once."""
+
+    def __init__(self, value: Any) -> None:
+        self.packed = gzip.compress(_written(value), 1)
+
+
+class Callers(NamedTuple):
+    """Who may call. Each is asked in the thread that takes connections."""
+
+    objection: Callable[[str, str], str] = lambda _caller, _here: ""  # (from, to: addresses) why not, "" for nothing
+    reserved: bool = False  # half of the connections are for members
+    is_member: Callable[[str], bool] = lambda _caller: True
+
+
+EVERYBODY = Callers()
+
+
+class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
+    """An XML-RPC server with bounds: connections, size of a request, and time of a connection."""
+
+    daemon_threads = True
+    block_on_close = False
+    allow_reuse_address = True
+    request_queue_size = 128
+
+    def __init__(
+        self,
+        address: str,
+        port: int,
+        methods: Mapping[str, Callable[..., Any]],
+        malformed: Callable[[str, str], None],
+        callers: Callers = EVERYBODY,
+    ) -> None:
+        """`malformed(host, why)` is told of every request that is none. Raises OSError where the port is taken."""
+        self.methods = dict(methods)
+        self.methods["system.listMethods"] = lambda: sorted(self.methods)
+        self.methods["system.methodHelp"] = lambda name: _help(self.methods.get(name))
+        self.methods["system.methodSignature"] = lambda name: "signatures not supported"
+        self.malformed, self._callers = malformed, callers
+        self.sent = Count()  # bytes of answers
+        self._open: Dict[socket.socket, Tuple[str, float]] = {}  # whose, and since when
+        self._kept: Dict[socket.socket, str] = {}  # those of them that are kept
+        self._keeping = threading.Lock()
+        super().__init__((address, port), _Handler)
+        threading.Thread(target=self.serve_forever, name="xml-rpc", kwargs={"poll_interval": 1.0}, daemon=True).start()
+
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Refuse what is too much at once."""
+        address = client_address[0]
+        objection = self._callers.objection(address, request.getsockname()[0]) or self._too_many(address)
+        if objection:
+            self.malformed(address, objection)
+            return False
+        self._open[request] = (address, monotonic())
+        return True
+
+    def _too_many(self, address: str) -> str:
+        there = [other for request, (other, _since) in list(self._open.items()) if request not in self._kept]
+        full = self._is_full(address, there, _MAX_CONNECTIONS, _MAX_PER_ADDRESS)
+        return "too many connections at once" if full else ""
+
+    def _is_full(self, address: str, there: List[str], most: int, per_address: int) -> bool:
+        """True where so many are there that there is no room for one more. Half of the room is for members."""
+        if self._callers.reserved and not self._callers.is_member(address):
+            there = [other for other in there if other == address or not self._callers.is_member(other)]
+            most //= 2
+        return len(there) >= most or there.count(address) >= per_address
+
+    def keep(self, request: Any, address: str) -> bool:
+        """Keep a connection for who waits for changes, beside the other ones. False where there are too many."""
+        with self._keeping:
+            if request not in self._kept:
+                if self._is_full(address, list(self._kept.values()), _KEPT, _KEPT_PER_ADDRESS):
+                    return False
+                self._kept[request] = address
+            self._open[request] = (address, monotonic())
+            return True
+
+    def service_actions(self) -> None:
+        """End the connections that take too long."""
+        for request, (_address, since) in list(self._open.items()):
+            if monotonic() - since > (_KEPT_SECONDS if request in self._kept else _MAX_SECONDS):
+                try:
+                    request.shutdown(socket.SHUT_RDWR)
+                except OSError:
+                    pass
+
+    def shutdown_request(self, request: Any) -> None:
+        """A connection has ended."""
+        self._open.pop(request, None)
+        self._kept.pop(request, None)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A connection that breaks is nobody's fault here."""
+        _log.debug("a connection of %s broke", client_address, exc_info=True)
+
+    def stop(self) -> None:
+        """Close the port."""
+        self.socket.shutdown(socket.SHUT_RDWR)  # wakes the thread that waits for connections
+        self.shutdown()
+        self.server_close()
+
+
+def _written(value: Any) -> bytes:
+    """An answer, or a fault, in XML."""
+    answer = value if isinstance(value, xmlrpc.client.Fault) else (value,)
+    return xmlrpc.client.dumps(answer, methodresponse=True, allow_none=True).encode("utf-8", "replace")
+
+
+def _help(method: Any) -> str:
+    function = getattr(method, "method", method)
+    return (getattr(getattr(function, "func", function), "__doc__", "") or "").strip()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: RpcServer
+    timeout = 5.0
+    _kept = False  # whether another request may follow on this connection
+    wbufsize = -1
+    disable_nagle_algorithm = True
+
+    def do_POST(self) -> None:  # the name is the standard library's
+        if self.path not in ("/", "/RPC2"):
+            self.send_error(404)
+            return
+        self._kept = False
+        try:
+            name, arguments = self._request()
+        except Exception as problem:  # expat, xmlrpc, gzip and int have a dozen
+            self.server.malformed(self.client_address[0], plain(f"{type(problem).__name__}: {problem}"))
+            self.send_error(400)
+            return
+        try:
+            found = self._call(name, arguments)
+            body = found if isinstance(found, Ready) else _written(found)
+        except Refused as refusal:
+            body = _written(xmlrpc.client.Fault(1, plain(refusal, LINE)))
+        except Exception as problem:
+            _log.debug("%s failed", name, exc_info=True)
+            text = plain(f"{name[:100]} failed: {type(problem).__name__}: {problem}")
+            self.server.malformed(self.client_address[0], text)
+            body = _written(xmlrpc.client.Fault(1, text))
+        self._answer(body)
+
+    def _request(self) -> Tuple[str, Tuple[Any, ...]]:
+        length = int(self.headers["Content-Length"] or "")
+        if not 0 < length <= MAX_REQUEST:
+            raise ValueError(f"a request of {length} bytes")
+        body = self.rfile.read(length)
+        packed = self.headers.get("Content-Encoding", "identity").lower() == "gzip"
+        arguments, name = loads(body, MAX_REQUEST, packed)
+        if not name:
+            raise ValueError("no method is named")
+        return name, arguments
+
+    def _call(self, name: str, arguments: Tuple[Any, ...]) -> Any:
+        method = self.server.methods.get(name)
+        if method is None:
+            raise Refused(f"there is no method {name[:100]}")
+        if isinstance(method, Waiting):
+            self._kept = self.request_version == "HTTP/1.1" and self.server.keep(self.request, self.client_address[0])
+            arguments = (self._kept, *arguments)
+        if isinstance(method, PerCaller):
+            arguments = (self.client_address[0], *arguments)
+        try:
+            return method(*arguments)
+        except TypeError as problem:
+            raise Refused(plain(f"{name}: {problem}")) from None
+
+    def _answer(self, body: Union[bytes, Ready]) -> None:
+        self.protocol_version = "HTTP/1.1" if self._kept else "HTTP/1.0"
+        self.close_connection = not self._kept
+        self.send_response(200)
+        self.send_header("Content-Type", "text/xml")
+        packs = "gzip" in self.headers.get("Accept-Encoding", "")
+        if isinstance(body, Ready):
+            body, packed = (body.packed, True) if packs else (gzip.decompress(body.packed), False)
+        else:
+            packed = packs and len(body) > _COMPRESS
+            body = gzip.compress(body, 1) if packed else body
+        if packed:
+            self.send_header("Content-Encoding", "gzip")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+        self.server.sent.add(len(body))
+
+    def log_message(self, format: str, *arguments: Any) -> None:  # the name is the standard library's
+        _log.debug("%s " + format, self.client_address[0], *arguments)

@@ -1,0 +1,176 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the state of the own master is from: its roscore tells what changes, or it is read again and again.
+
+A roscore that tells has the method rosfleetChanges(caller, epoch, revision, wait), which system.listMethods names: the
+managed one. Any other one is polled (poller.py). Each failure begins with the question which of the two it is.
+"""
+
+from typing import Any, Callable, Optional
+from xmlrpc.client import Fault
+
+from ..edge.clock import monotonic, wall_clock
+from ..edge.loop import Ended, in_thread
+from ..edge.own_roscore import Identity
+from ..edge.process import program
+from ..edge.roscore import KNOWN
+from ..edge.rpc_client import Rpc
+from ..protocol import imports
+from ..protocol.bounded_json import unpacked
+from ..protocol.differences import Stamps
+from ..protocol.graph import Malformed, State
+from ..protocol.mirror import CHANGES, REFUSED, Mirror
+from ..protocol.plain_text import quoted
+from ..protocol.xml_rpc import STATE
+from .core.pace import PollPace
+from .poller import GET_SYNC_INFO, Poller
+
+WAIT, TIMEOUT = 50.0, 10.0  # seconds that an answer may take, and besides
+RETRY = 0.1  # seconds until a roscore that does not answer is asked again
+AGAIN = 10.0  # the same where it tells them, and that was not enough: sync that starts anew looks like a foreign one at first
+
+
+class PollInstead(Exception):
+    """The answers of the roscore are not enough."""
+
+
+class Follower:
+    """The state as the roscore tells it."""
+
+    def __init__(self, uri: str, caller: str, mirror: Mirror, identity: Identity, stamps: Stamps) -> None:
+        self._rpc, self._caller = Rpc(uri, WAIT + TIMEOUT, STATE, own=True), caller
+        self._mirror, self._identity, self._stamps = mirror, identity, stamps
+        self._epoch, self._revision = "", 0
+        self.do_not_sync: Any = None
+        self.refused: Any = None
+
+    def next(self) -> State:
+        """The next state. Raises as Poller.poll, and PollInstead."""
+        service = self._identity.service
+        answer = self._rpc.call(CHANGES, self._caller, self._epoch, self._revision, WAIT, True)
+        if not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
+            raise PollInstead(f"{self._rpc.uri} does not tell its changes: {answer!r:.200}")
+        self._epoch, self._revision, whole, records = answer[2]
+        self._mirror.take(whole, unpacked(records))
+        if service[0]:
+            self._identity.check_service(service, self._mirror.service_uris.get(service[0]))
+        record = imports.read(self._mirror.parameters.get(imports.IMPORTS))
+        self._mirror.belong(
+            {key: master for master, nodes in record.get("imports", {}).items() for key in nodes.items()}
+        )
+        self._refuse_foreign(record)
+        self.do_not_sync = self._mirror.parameters.get("/do_not_sync")
+        self.refused = self._mirror.parameters.get(REFUSED)
+        return self._stamps.of(self._mirror.state(), wall_clock())
+
+    def _refuse_foreign(self, record: Any) -> None:
+        """Another implementation of master_sync must be asked what it registered: the poller does."""
+        ours = record.get("node") if self._mirror.uri_of(record.get("node") or "") == record.get("uri") else None
+        for service, users in self._mirror.state().services.items():
+            if service.endswith(GET_SYNC_INFO) and users[0] != ours and self._mirror.is_local(users[0]):
+                raise PollInstead(f"{quoted(users[0])} synchronises, too")
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._rpc.close()
+
+
+class Source:
+    """The states of the own master, one after the other."""
+
+    def __init__(self, poller: Poller, follower: Callable[[], Follower], period: float) -> None:
+        """`period`: seconds between two polls at least."""
+        self._poller, self._make, self._pace = poller, follower, PollPace(period)
+        self._local_stamp = 0.0  # of the last state that was polled
+        self._follower: Optional[Follower] = None
+        self._known_until = 0.0  # until then it is known whether the roscore tells its changes
+        self.pause = 0.0  # seconds until `next` is to be called again
+
+    @property
+    def do_not_sync(self) -> Any:
+        """The parameter /do_not_sync."""
+        return self._poller.do_not_sync if self._follower is None else self._follower.do_not_sync
+
+    @property
+    def refused(self) -> Any:
+        """How many requests the roscore has refused, by reason; None where it does not tell."""
+        follower = self._follower
+        return None if follower is None else follower.refused
+
+    def next(self) -> State:
+        """The state, as soon as there is another one or after a while. Raises as Poller.poll."""
+        self.pause = 0.0
+        try:
+            if self._follower is None and monotonic() >= self._known_until:
+                self._follower = self._make() if self._poller.tells(CHANGES) else None
+                self._known_until = monotonic() + KNOWN
+            if self._follower is not None:
+                return self._follower.next()
+        except (PollInstead, Malformed, Fault) as problem:
+            program.LOG.info("the roscore is read instead of listened to: %s", problem)
+            self._drop()
+            self._known_until = monotonic() + AGAIN
+        except Exception:
+            self._drop()
+            self._known_until = 0.0  # the next one may be another roscore
+            raise
+        return self._poll()
+
+    def _poll(self) -> State:
+        began, changed = monotonic(), False
+        try:
+            state = self._poller.poll()
+            before, self._local_stamp = self._local_stamp, state.local_stamp
+            changed = before != state.local_stamp
+            return state
+        except Exception:
+            self._known_until = 0.0
+            raise
+        finally:
+            now = monotonic()
+            self.pause = self._pace.pause(now, now - began, changed)
+
+    def _drop(self) -> None:
+        if self._follower is not None:
+            self._follower.close()
+        self._follower = None
+
+
+def in_own_thread(
+    source: Source,
+    ended: Ended,
+    told: Callable[[State, Any], None],
+    failed: Callable[[str, float], None],
+    give_up: Callable[[str], None],
+) -> None:
+    """Hand on states until `ended`. The callbacks are called in a thread of its own.
+
+    `told(state, do_not_sync)`. `failed(why, since)`: the roscore does not answer since that time. `give_up(why)`: it is
+    another one.
+    """
+
+    def follow() -> None:
+        failing: Optional[float] = None
+        before: Any = None
+        secret: Any = None
+        while not ended:
+            started = monotonic()
+            try:
+                state = source.next()
+                if (
+                    state is not before or source.do_not_sync != secret or failing is not None
+                ):  # nobody is woken for nothing
+                    before, secret = state, source.do_not_sync
+                    told(state, secret)
+                failing = None
+            except program.Fatal as problem:
+                give_up(str(problem))
+                return
+            except Exception as problem:  # a roscore that does not answer, or answers nonsense
+                if not isinstance(problem, program.FAILURES):
+                    program.LOG.debug("the roscore's state cannot be read", exc_info=True)
+                failing = (started if source.pause else monotonic()) if failing is None else failing
+                failed(str(problem) or type(problem).__name__, failing)
+            ended.wait(RETRY if failing is not None else source.pause)
+
+    in_thread("source", follow)

@@ -1,0 +1,30 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Questions to other masters for their time: how long the answer takes, and how far the clock there is ahead."""
+
+from typing import Any
+
+from ..edge.clock import monotonic, wall_clock
+from ..edge.loop import Workers
+from ..edge.rpc_client import Rpc
+from ..protocol.messages import Master
+from .core.health import LIMIT, Answer, Health, answer_of
+
+
+def ask(master: Master, workers: Workers, health: Health) -> None:
+    """Ask a master in a worker, and tell what came of it."""
+    workers.submit(lambda: _answer(master.monitor_uri), lambda answer, _problem: health.answered(master.uri, answer))
+
+
+def _answer(monitor_uri: str) -> Answer:
+    rpc = Rpc(monitor_uri, LIMIT)
+    began, wall = monotonic(), wall_clock()
+
+    def read(value: Any) -> Answer:
+        return answer_of(value, wall, monotonic() - began)
+
+    try:
+        answer: Answer = rpc.call("getCurrentTime", read=read)
+        return answer
+    finally:
+        rpc.close()

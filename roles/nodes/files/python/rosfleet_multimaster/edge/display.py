@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The face of a node: entries on /diagnostics, and metrics in a file."""
+
+from typing import Any, Callable, List, Mapping, Optional
+
+from ..protocol import metrics
+from ..protocol.diagnosis import Diagnosis
+from ..protocol.members import Members
+from . import rpc_client
+from .clock import monotonic, wall_clock
+from .loop import Loop
+from .process import program, textfile
+
+#: seconds between two messages where somebody listens: diagnostic_aggregator calls an entry stale after five
+PUBLISH = 2.0
+WRITE = 15.0  # seconds between two files: Prometheus asks about as often
+EARLY = 0.5  # a look comes so much early, where the loop is awake
+
+
+class Display:
+    """Publishes and writes where it is due. What there is to show is worked out only then."""
+
+    def __init__(
+        self,
+        values: Mapping[str, Any],
+        of: str,
+        node: str,
+        loop: Loop,
+        limited: program.Limited,
+        entries: Callable[[], List[Diagnosis]],
+        samples: Callable[[], metrics.Samples],
+    ) -> None:
+        """`values` are the parameters of the node, `of` is the URI of the own master, `node` the name of the node."""
+        self.diagnoses, self._path = values["diagnostics"], values["metrics"]
+        own = Members.of(values).master(of)
+        self._robot = "" if own is None else own.robot
+        self._node, self._loop, self._limited = node, loop, limited
+        self._entries, self._samples = entries, samples
+        self._stale = True  # something is another than it was published
+        self._publish_due = self._write_due = 0.0
+
+    @property
+    def wanted(self) -> bool:
+        """True where anybody is shown anything."""
+        return bool(self.diagnoses or self._path)
+
+    def changed(self) -> None:
+        """Publish with the next look."""
+        self._stale = True
+
+    def look(self, topic: Optional[Any]) -> None:
+        """Show what is due. `topic`: the publisher of /diagnostics, where there is one."""
+        now = monotonic()
+        if topic is not None and self._publishes(now, topic):
+            self._stale, self._publish_due = False, now + PUBLISH - EARLY
+            topic.publish(self._entries(), wall_clock(), self._robot)
+        if self._path and now >= self._write_due:
+            self._write_due = now + WRITE - EARLY
+            self._write()
+
+    def _publishes(self, now: float, topic: Any) -> bool:
+        return self._stale or (now >= self._publish_due and bool(topic.has_listeners()))
+
+    def _write(self) -> None:
+        common = metrics.of_node(self._node, wall_clock(), self._loop.waiting, rpc_client.RECEIVED.value)
+        try:
+            textfile.write(self._path, metrics.text({**common, **self._samples()}))
+        except OSError as problem:
+            self._limited.say("warning", "metrics", f"the metrics cannot be written to {self._path}: {problem}")
+
+    def end(self) -> None:
+        """Take the file back: old values are worse than none."""
+        if self._path:
+            textfile.remove(self._path)

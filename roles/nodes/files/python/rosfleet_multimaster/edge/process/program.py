@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Start and end of a program: its log, arguments, parameters and signals."""
+
+import argparse
+import faulthandler
+import json
+import logging
+import os
+import signal
+import sys
+import warnings
+import xmlrpc.client
+from functools import partial
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+
+from ...protocol import parameters
+from .. import journal
+from ..clock import monotonic
+from ..loop import Loop, after
+from ..roscore import Roscore
+from . import memory
+from .systemd import notify
+
+FAILURES = (OSError, ValueError, xmlrpc.client.Fault)  # what a call to another program may end with
+
+LOG = logging.getLogger("rosfleet")
+
+_LEVELS = {"WARN": "WARNING", "FATAL": "CRITICAL"}
+_EVERY = 60.0  # seconds between two lines about one thing
+_LINES = 60  # limited lines in that time, whatever they are about
+
+
+class Fatal(Exception):
+    """The program ends with this sentence."""
+
+
+def start_log(level: str = "INFO") -> None:
+    """Write the log of the program to standard error, from this level on."""
+    if not LOG.handlers:
+        handler = journal.Handler(sys.stderr)
+        handler.setFormatter(journal.Format())
+        LOG.addHandler(handler)
+        LOG.propagate = False
+    LOG.setLevel(_LEVELS.get(level, level))
+
+
+class Limited:
+    """A log that says one thing once a minute, and then how often it has not said it; and not too many things at all."""
+
+    def __init__(self) -> None:
+        self._said: Dict[str, Tuple[Optional[float], int]] = {}
+        self._minute, self._lines, self._dropped = -_EVERY, 0, 0
+
+    def say(self, level: str, topic: str, text: str) -> None:
+        """Log a line, unless one of this topic was logged a short while ago, or very many of other ones."""
+        now = monotonic()
+        at, silent = self._said.get(topic, (None, 0))
+        if at is not None and now - at < _EVERY:
+            self._said[topic] = (at, silent + 1)
+            return
+        if now - self._minute >= _EVERY:
+            if self._dropped:
+                LOG.warning("%d more lines were not logged", self._dropped)
+            self._minute, self._lines, self._dropped = now, 0, 0
+        if self._lines >= _LINES:
+            self._dropped += 1
+            return
+        if len(self._said) > 1000:
+            self._said.clear()
+        self._said[topic] = (now, 0)
+        self._lines += 1
+        LOG.log(getattr(logging, level.upper()), "%s%s", text, f" ({silent} more since)" if silent else "")
+
+
+# Arguments and parameters
+
+
+def arguments(description: str) -> argparse.Namespace:
+    """The program's arguments; what ROS has to say (`name:=value`) is left to ROS."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument(
+        "--parameters", metavar="FILE.json", help="private parameters; they replace those on the parameter server"
+    )
+    return parser.parse_args([word for word in sys.argv[1:] if ":=" not in word])
+
+
+def read_parameters(
+    path: Optional[str], table: Mapping[str, parameters.Parameter]
+) -> Optional[Tuple[Dict[str, Any], List[str]]]:
+    """The parameters of a file, or None without one. Raises Fatal."""
+    if path is None:
+        return None
+    try:
+        with open(path, encoding="utf-8") as file:
+            given = json.load(file)
+    except (OSError, ValueError) as problem:
+        raise Fatal(f"{path} cannot be read as JSON: {problem}") from None
+    if not isinstance(given, dict):
+        raise Fatal(f"{path} holds no mapping of parameters")
+    return _overlay(table, given, path)
+
+
+def _overlay(
+    table: Mapping[str, parameters.Parameter], given: Mapping[str, Any], where: str
+) -> Tuple[Dict[str, Any], List[str]]:
+    try:
+        return parameters.overlay(table, given)
+    except parameters.ParameterError as problem:
+        raise Fatal(f"{where}: {problem}") from None
+
+
+def settle_parameters(
+    roscore: Roscore,
+    node: str,
+    read: Optional[Tuple[Dict[str, Any], List[str]]],
+    table: Mapping[str, parameters.Parameter],
+) -> Dict[str, Any]:
+    """The parameters in force. Those of a file replace the node's whole namespace; else they are read from there.
+
+    Starts the log again at their level, and says there what is wrong with them. Raises Fatal.
+    """
+    if read is None:
+        read = _from_roscore(roscore, node, table)
+    else:
+        roscore.ask(("setParam", node, {name: value for name, value in read[0].items() if value is not None}))
+    values, warnings = read
+    start_log(values["log_level"])
+    for warning in warnings:
+        LOG.warning("%s", warning)
+    return values
+
+
+def _from_roscore(
+    roscore: Roscore, node: str, table: Mapping[str, parameters.Parameter]
+) -> Tuple[Dict[str, Any], List[str]]:
+    given, do_not_sync = roscore.ask(("getParam", node), ("getParam", "/do_not_sync"))
+    given = given if isinstance(given, dict) else {}
+    if do_not_sync and "do_not_sync" not in given:
+        given["do_not_sync"] = do_not_sync
+    return _overlay(table, given, "the parameter server")
+
+
+# The end
+
+
+def on_signals(loop: Loop, end: Callable[[], None]) -> None:
+    """Have `end` called in the loop on SIGTERM and SIGINT."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda _number, _frame: loop.post(end))
+
+
+def on_request(loop: Loop, job: Callable[[], None]) -> None:
+    """Have `job` called in the loop on SIGUSR1."""
+    signal.signal(signal.SIGUSR1, lambda _number, _frame: loop.post(job))
+
+
+def on_request_at_once(job: Callable[[], None]) -> None:
+    """Have `job` called on SIGUSR1 while there is no loop yet."""
+    signal.signal(signal.SIGUSR1, lambda _number, _frame: job())
+
+
+def leave_process(status: int) -> None:
+    """End the process now, whatever threads of ROS are still waiting for."""
+    sys.stderr.flush()
+    sys.stdout.flush()
+    os._exit(status)
+
+
+def leave_after(seconds: float) -> None:
+    """End the process after a while, whatever still hangs then."""
+    after(seconds, partial(leave_process, 0))
+
+
+def run(main: Callable[[], int]) -> None:
+    """Run a program, and end it with one sentence where it cannot go on."""
+    # Python would say something about each questionable pattern that a stranger sends.
+    warnings.filterwarnings("ignore", "Possible (nested set|set )", FutureWarning)
+    warnings.filterwarnings("ignore", "Flags not at the start", DeprecationWarning)
+    memory.give_back()
+    journal.plain_streams()
+    start_log()
+    faulthandler.enable(2)  # the watchdog's SIGABRT shows where each thread hangs
+    try:
+        status = main()
+    except Fatal as problem:
+        start_log()  # whatever ~log_level says
+        LOG.error("%s", problem)
+        notify(f"STATUS={problem}")
+        status = 1
+    except KeyboardInterrupt:
+        status = 0
+    except FAILURES as problem:  # while it started
+        start_log()
+        LOG.error("starting again: %s", problem)
+        status = 1
+    except Exception as problem:  # ROS's threads would keep a broken program alive
+        start_log()
+        LOG.exception("the program cannot go on: %s", problem)
+        status = 1
+    leave_process(status)

@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Messages to systemd about the state of the service (sd_notify(3)), and its watchdog."""
+
+import logging
+import os
+import socket
+import struct
+from typing import List, Optional
+
+from ...protocol.plain_text import LINE, plain
+
+_log = logging.getLogger("rosfleet.systemd")
+
+
+def notify(*assignments: str) -> None:
+    """Tell systemd (sd_notify): "READY=1", "STATUS=...", "STOPPING=1". Does nothing outside a service.
+
+    Each assignment is one line, whatever stands in it: a text of others adds none of its own.
+    """
+    path, lines = os.environ.get("NOTIFY_SOCKET", ""), [plain(text, LINE) for text in assignments]
+    if path:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            try:
+                sender.sendto("\n".join(lines).encode(), "\0" + path[1:] if path.startswith("@") else path)
+            except OSError as problem:
+                _log.warning("systemd cannot be told %s: %s", lines[0], problem)
+
+
+def watchdog() -> Optional[float]:
+    """The seconds within which systemd wants to hear of this process, again and again; None where it does not."""
+    try:
+        microseconds = int(os.environ.get("WATCHDOG_USEC", ""))
+    except ValueError:
+        return None
+    meant = os.environ.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
+    return microseconds / 1e6 if meant and microseconds > 0 else None
+
+
+def keep(name: str, held: socket.socket) -> None:
+    """Have systemd hold a socket while this service is started again (sd_pid_notify_with_fds(3), FDSTORE=1)."""
+    path = os.environ.get("NOTIFY_SOCKET", "")
+    if path:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            try:
+                sender.connect("\0" + path[1:] if path.startswith("@") else path)
+                rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, struct.pack("i", held.fileno()))]
+                sender.sendmsg([f"FDSTORE=1\nFDNAME={name}".encode()], rights)
+            except OSError as problem:
+                _log.warning("systemd cannot be given the socket: %s", problem)
+
+
+def kept(name: str) -> List[socket.socket]:
+    """The sockets of this name that systemd held (sd_listen_fds(3))."""
+    if os.environ.pop("LISTEN_PID", "") != str(os.getpid()):
+        return []
+    names = os.environ.pop("LISTEN_FDNAMES", "").split(":")
+    found = []
+    for number in range(int(os.environ.pop("LISTEN_FDS", "0"))):
+        if number < len(names) and names[number] == name:
+            held = socket.socket(fileno=3 + number)
+            os.set_inheritable(held.fileno(), False)
+            found.append(held)
+    return found

@@ -1,0 +1,244 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Differences between two states of a master, as far as somebody may see them.
+
+The serving side remembers what each change replaced (`History`). So it can tell the former and the present state of the
+names that changed (`excerpt`), make the document of both by the rules of the caller as it makes every document, and tell
+what is another (`difference`). What the rules hide is in neither, so it is in no difference.
+
+The asking side replaces the rows that it is told (`applied`). Types, nodes and providers go with who used them.
+Free of sockets, threads and clocks.
+"""
+
+import hashlib
+import json
+from collections import deque
+from dataclasses import replace
+from itertools import chain
+from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+
+from .graph import Malformed, State, parse, stamped
+
+DIFFERENCES = "rosfleetDifferences"
+PACKED = "rosfleetDifferencesPacked"  # the same, its answers as texts of JSON
+PARTS = ("publishers", "subscribers", "services", "types", "nodes", "providers")  # of a state, as in its document
+_FIRST = 4  # element of the document that is the first part
+_USED = 3  # parts with names that are used; the other ones say more about them
+MOST_NAMES, MOST_RECORDS = 20_000, 1_000  # of a history
+
+Undo = Mapping[str, Mapping[str, Any]]  # part -> name -> what it was, None where it was not there
+
+
+class Names(NamedTuple):
+    """The topics and services that a change is about."""
+
+    topics: Set[str]
+    services: Set[str]
+
+    def __bool__(self) -> bool:
+        return bool(self.topics or self.services)
+
+
+class Difference(NamedTuple):
+    """The rows that are new or others, as a document, and the names that are gone: publishers, subscribers, services."""
+
+    document: List[Any]
+    gone: List[List[str]]
+
+    def __bool__(self) -> bool:
+        return any(self.document[_FIRST:]) or any(self.gone)
+
+
+# Two states
+
+
+def changes(before: State, after: State) -> Dict[str, Dict[str, Any]]:
+    """The changes: part -> name -> what it was. Quick where both states share their parts."""
+    found = {}
+    for part in PARTS:
+        old, new = getattr(before, part), getattr(after, part)
+        if old is new:
+            continue
+        changed = {name: old.get(name) for name, _row in old.items() ^ new.items()}
+        if changed:
+            found[part] = changed
+    return found
+
+
+def names_of(undo: Undo, after: State) -> Names:
+    """The names that changes are about, those of nodes that became others too."""
+    topics = {name for part in ("publishers", "subscribers", "types") for name in undo.get(part, ())}
+    services = {name for part in ("services", "providers") for name in undo.get(part, ())}
+    moved = {node for node, was in undo.get("nodes", {}).items() if was is not None and node in after.nodes}
+    if moved:
+        for table, names in ((after.publishers, topics), (after.subscribers, topics), (after.services, services)):
+            names.update(name for name, users in table.items() if not moved.isdisjoint(users))
+    return Names(topics, services)
+
+
+def excerpt(state: State, names: Names, undo: Undo) -> State:
+    """The part of a state about some names; with an undo, as it was before."""
+
+    def picked(part: str, wanted: Iterable[str]) -> Dict[str, Any]:
+        now, was = getattr(state, part), undo.get(part, {})
+        rows = ((name, was[name] if name in was else now.get(name)) for name in sorted(wanted))
+        return {name: row for name, row in rows if row is not None}
+
+    publishers, subscribers = picked("publishers", names.topics), picked("subscribers", names.topics)
+    services = picked("services", names.services)
+    return replace(
+        state,
+        publishers=publishers,
+        subscribers=subscribers,
+        services=services,
+        types=picked("types", names.topics),
+        nodes=picked("nodes", _users(publishers, subscribers, services)),
+        providers=picked("providers", names.services),
+    )
+
+
+def _users(*tables: Mapping[str, Sequence[str]]) -> Set[str]:
+    return set(chain.from_iterable(chain.from_iterable(table.values() for table in tables)))
+
+
+class Stamps:
+    """The stamps of the states of one master, one state after the other: only what changed is looked at."""
+
+    def __init__(self) -> None:
+        self.last: Optional[State] = None
+
+    def of(self, state: State, wall: float) -> State:
+        """The state with its stamps (see graph.stamped); the one before where nothing is another."""
+        last = self.last
+        if last is None:
+            self.last = stamped(state, None, wall)
+            return self.last
+        undo = changes(last, state)
+        if undo:
+            names = names_of(undo, state)
+            before = replace(excerpt(state, names, undo), stamp=last.stamp, local_stamp=last.local_stamp)
+            now = stamped(excerpt(state, names, {}), before, wall)
+            self.last = last = replace(state, stamp=now.stamp, local_stamp=now.local_stamp)
+        return last
+
+
+# The serving side
+
+
+class History:
+    """The rows that the latest changes replaced, as far back as there is room."""
+
+    def __init__(self) -> None:
+        self.revision = 1
+        self._records: Deque[Tuple[int, Undo]] = deque()  # number of the change, what it replaced
+        self._size = 0
+
+    def add(self, undo: Undo) -> None:
+        """Note a change. One that replaced nothing has a number, too: stamps may be others."""
+        self.revision += 1
+        self._records.append((self.revision, undo))
+        self._size += _size(undo)
+        while self._size > MOST_NAMES or len(self._records) > MOST_RECORDS:
+            self._size -= _size(self._records.popleft()[1])
+
+    def since(self, revision: int) -> Optional[Undo]:
+        """The rows that all changes after this one replaced; None where it is not known any more."""
+        if revision > self.revision or revision < self.revision - len(self._records):
+            return None
+        merged: Dict[str, Dict[str, Any]] = {}
+        for number, undo in reversed(self._records):
+            if number <= revision:
+                break
+            for part, rows in undo.items():
+                merged.setdefault(part, {}).update(rows)
+        return merged
+
+
+def _size(undo: Undo) -> int:
+    return sum(map(len, undo.values()))
+
+
+def told(state: State, undo: Undo, view: Callable[[State], Sequence[Any]]) -> Optional[Difference]:
+    """The meaning of changes to somebody who sees a state as `view(state)`, a document; None where it takes the whole."""
+    names = names_of(undo, state)
+    return difference(view(excerpt(state, names, undo)), view(excerpt(state, names, {})))
+
+
+def difference(before: Sequence[Any], after: Sequence[Any]) -> Optional[Difference]:
+    """The difference of two documents. None where that cannot be told: something is gone, and who used it is not."""
+    rows_told: List[Any] = list(after[:_FIRST])
+    gone: List[List[str]] = []
+    used: Set[str] = set()
+    for number, (old_rows, rows) in enumerate(zip(before[_FIRST:], after[_FIRST:])):
+        old, new = {row[0]: row for row in old_rows}, {row[0] for row in rows}
+        rows_told.append([row for row in rows if old.get(row[0]) != row])
+        lost = [name for name in old if name not in new]
+        if number < _USED:
+            gone.append(lost)
+            used.update(new, (node for _name, nodes in rows for node in nodes))
+        elif not used.isdisjoint(lost):
+            return None
+    return Difference(rows_told, gone)
+
+
+def nothing_new(state: State, stamps: Sequence[Any]) -> Difference:
+    """An answer without any change, with these stamps as the document writes them."""
+    return Difference([*stamps, state.uri, state.name, *([] for _part in PARTS)], [[] for _part in PARTS[:_USED]])
+
+
+def digest(state: State) -> str:
+    """A text that is another one for another state, of what travels of it; the stamps do not matter."""
+    found = hashlib.sha256()
+    for part in PARTS:
+        table = getattr(state, part)
+        for name in sorted(table):
+            found.update(json.dumps([part, name, table[name]]).encode())
+    return found.hexdigest()[:32]
+
+
+# The asking side
+
+
+def applied(state: State, document: Any, gone: Any) -> State:
+    """The state after a difference. Raises Malformed."""
+    new = parse(document)
+    if new.uri != state.uri:
+        raise Malformed(f"it is about {new.uri}, and not about {state.uri}")
+    lost = _gone(gone)
+    tables: Dict[str, Any] = {}
+    for number, part in enumerate(PARTS):
+        away = {row[0] for row in document[_FIRST + number]}  # also what is not taken, such as an odd type
+        away.update(lost[number] if number < _USED else ())
+        tables[part] = _merged(getattr(state, part), getattr(new, part), away)
+    if any(lost) or any(tables[part] is not getattr(state, part) for part in PARTS[:_USED]):
+        _tidy(tables)
+    return replace(state, name=new.name, stamp=new.stamp, local_stamp=new.local_stamp, **tables)
+
+
+def _tidy(tables: Dict[str, Any]) -> None:
+    """Leave out the types, nodes and providers that nobody uses any more."""
+    endpoints = [tables[part] for part in PARTS[:_USED]]
+    topics = endpoints[0].keys() | endpoints[1].keys()
+    for part, used in (("types", topics), ("nodes", _users(*endpoints)), ("providers", endpoints[2].keys())):
+        if not tables[part].keys() <= used:
+            tables[part] = {name: row for name, row in tables[part].items() if name in used}
+
+
+def _merged(before: Mapping[str, Any], new: Mapping[str, Any], away: Set[str]) -> Mapping[str, Any]:
+    """Rows with others in their place; the same object where none is another."""
+    away = {name for name in away if name in before and name not in new}
+    others = {name: row for name, row in new.items() if before.get(name) != row}
+    if not others and not away:
+        return before
+    merged = {**before, **others}
+    for name in away:
+        del merged[name]
+    return merged
+
+
+def _gone(value: Any) -> List[Set[str]]:
+    if not isinstance(value, list) or len(value) != _USED:
+        raise Malformed("what is gone is no array of three")
+    if not all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in value):
+        raise Malformed("what is gone are no arrays of names")
+    return [set(names) for names in value]

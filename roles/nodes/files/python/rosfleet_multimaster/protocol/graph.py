@@ -1,0 +1,360 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The state of a master: from the roscore's answers to the document that other masters read, and back.
+
+Locality is decided by origin. What a node of this robot registered is of this master and "local", on whichever computer
+it runs; what master_sync registered for another master carries that master's URI and is "remote".
+"""
+
+import math
+import re
+from dataclasses import dataclass, field, replace
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+
+from .filters import HIDDEN, NOTHING, Pattern, Rules
+
+LOCAL, REMOTE = "local", "remote"
+END = 2**31 - 1  # seconds: what the record of a heartbeat can hold
+LONGEST = 1024  # characters of a name or URI
+Endpoints = Mapping[str, Tuple[str, ...]]  # topic or service -> nodes
+Origins = Mapping[Tuple[str, str], str]  # (node, URI of the node) -> URI of the master that it is of
+
+
+class Malformed(ValueError):
+    """The document is no state of a master; the text says where."""
+
+
+class Node(NamedTuple):
+    """A node, and where it is from."""
+
+    uri: Optional[str]
+    origin: str
+    locality: str
+    pid: Optional[int] = None
+
+
+class Provider(NamedTuple):
+    """The provider of a service, and where it is from."""
+
+    uri: Optional[str]
+    origin: str
+    locality: str
+    type: str = ""
+
+
+@dataclass(frozen=True)
+class State:
+    """The state of one master."""
+
+    uri: str
+    name: str
+    stamp: float = 0.0  # wall clock, when the state was first seen as it is
+    local_stamp: float = 0.0  # the same for what is of this master
+    publishers: Endpoints = field(default_factory=dict)
+    subscribers: Endpoints = field(default_factory=dict)
+    services: Endpoints = field(default_factory=dict)
+    types: Mapping[str, str] = field(default_factory=dict)
+    nodes: Mapping[str, Node] = field(default_factory=dict)
+    providers: Mapping[str, Provider] = field(default_factory=dict)
+    left_out: int = 0  # registrations that the master offers besides: too many (sync/core/limits.py)
+
+
+# From the roscore
+
+
+class Graph(NamedTuple):
+    """The answers of a roscore to getSystemState and getTopicTypes."""
+
+    publishers: Dict[str, Tuple[str, ...]]
+    subscribers: Dict[str, Tuple[str, ...]]
+    services: Dict[str, Tuple[str, ...]]
+    types: Dict[str, str]
+
+    def nodes(self) -> Set[str]:
+        """The names of all nodes."""
+        return {node for endpoints in self[:3] for nodes in endpoints.values() for node in nodes}
+
+
+def graph_of(system_state: Sequence[Any], topic_types: Sequence[Any]) -> Graph:
+    """The graph from the values of getSystemState and getTopicTypes."""
+    publishers, subscribers, services = (
+        {str(name): tuple(sorted(map(str, nodes))) for name, nodes in part} for part in system_state
+    )
+    return Graph(publishers, subscribers, services, {str(topic): str(kind) for topic, kind in topic_types})
+
+
+def build(
+    uri: str,
+    name: str,
+    graph: Graph,
+    node_uris: Mapping[str, str],
+    service_uris: Mapping[str, str],
+    origins: Origins,
+) -> State:
+    """The state of a master, without stamps. `origins` names the nodes that are of other masters."""
+
+    def origin(node: str) -> str:
+        return origins.get((node, node_uris.get(node, "")), uri)
+
+    def locality(of: str) -> str:
+        return LOCAL if of == uri else REMOTE
+
+    nodes = {node: Node(node_uris.get(node), origin(node), locality(origin(node))) for node in graph.nodes()}
+    providers = {
+        service: Provider(service_uris.get(service), origin(users[0]), locality(origin(users[0])))
+        for service, users in graph.services.items()
+        if users
+    }
+    used = {topic: graph.types[topic] for topic in {**graph.publishers, **graph.subscribers} if topic in graph.types}
+    return State(
+        uri=uri,
+        name=name,
+        publishers=graph.publishers,
+        subscribers=graph.subscribers,
+        services=graph.services,
+        types=used,
+        nodes=nodes,
+        providers=providers,
+    )
+
+
+def stamped(state: State, before: Optional[State], wall: float) -> State:
+    """The state with its stamps: `wall` (Unix time, seconds) where it changed, else those from before."""
+    wall = max(1.0, wall % END)
+    if before is None:
+        return replace(state, stamp=wall, local_stamp=wall)
+    if replace(state, stamp=before.stamp, local_stamp=before.local_stamp) == before:
+        return before
+    stamp = _other(wall, before.stamp)
+    same = own(replace(state, stamp=before.stamp, local_stamp=before.local_stamp)) == own(before)
+    return replace(state, stamp=stamp, local_stamp=before.local_stamp if same else stamp)
+
+
+def _other(wall: float, before: float) -> float:
+    """A stamp that differs from the one before, even if the clock has stepped back to exactly that one."""
+    return wall if abs(wall - before) > 1e-6 else wall + 1e-5
+
+
+def own(state: State) -> State:
+    """The part of a state that belongs to its own master."""
+
+    def mine(endpoints: Endpoints) -> Dict[str, Tuple[str, ...]]:
+        left = {name: tuple(node for node in users if node in nodes) for name, users in endpoints.items()}
+        return {name: users for name, users in left.items() if users}
+
+    nodes = {name: node for name, node in state.nodes.items() if node.origin == state.uri}
+    publishers, subscribers, services = mine(state.publishers), mine(state.subscribers), mine(state.services)
+    return replace(
+        state,
+        publishers=publishers,
+        subscribers=subscribers,
+        services=services,
+        types=dict(_pick(state.types, {**publishers, **subscribers})),
+        nodes=nodes,
+        providers=dict(_pick(state.providers, services)),
+    )
+
+
+def offered(state: State) -> State:
+    """The part of a state that other robots may want: what is of its own master, and who else its own subscribers hear.
+
+    What a master has of others is with these. In a fleet of many robots it is nearly everything that each one has.
+    """
+    mine = own(state)
+    if len(mine.nodes) == len(state.nodes):
+        return state
+    heard = {topic: state.publishers[topic] for topic in mine.subscribers if topic in state.publishers}
+    used = {node for users in heard.values() for node in users}
+    return replace(
+        mine,
+        publishers={**mine.publishers, **heard},
+        nodes={name: node for name, node in state.nodes.items() if name in mine.nodes or name in used},
+    )
+
+
+# What is told to whom
+
+
+@dataclass(frozen=True)
+class Policy:
+    """Rules about what others are told. This computer itself is told everything."""
+
+    hidden: Rules = Rules()
+    exports: Optional[Mapping[str, Rules]] = None  # by address, "*" for all others; None: everything to everybody
+
+    @classmethod
+    def of(cls, parameters: Mapping[str, Any]) -> "Policy":
+        """The policy in the parameters of master_discovery, which have been checked."""
+
+        def pattern(name: str) -> Pattern:
+            value = parameters.get(name) or []
+            return Pattern.of([value] if isinstance(value, str) else value, name)
+
+        filters = {**HIDDEN, "do_not_sync": "do_not_sync"}
+        hidden = Rules(**{rule: pattern(name) for name, rule in filters.items()})
+        exports = parameters.get("exports")
+        return cls(hidden, None if exports is None else _exports(exports))
+
+    def view(self, state: State, caller: Optional[str], also: Iterable[Rules] = ()) -> Tuple[State, List[Rules]]:
+        """The state and the rules by which a caller (an address; None for this computer) is told of it."""
+        if caller is None:
+            return state, []
+        if self.exports is None:
+            return state, [self.hidden, *also]
+        return own(state), [self.hidden, self.exports.get(caller, self.exports["*"]), *also]
+
+
+def _exports(entries: Sequence[Mapping[str, Any]]) -> Dict[str, Rules]:
+    """The rules for each address that is named, and for all others."""
+    addresses = dict.fromkeys(["*", *(address for entry in entries for address in entry["to"])])
+    return {
+        address: _given([entry for entry in entries if "*" in entry["to"] or address in entry["to"]])
+        for address in addresses
+    }
+
+
+def _given(entries: Sequence[Mapping[str, Any]]) -> Rules:
+    topics, services = (
+        Pattern.of([item for entry in entries for item in entry.get(what, ())], what) for what in ("topics", "services")
+    )
+    return Rules(sync_topics=topics or NOTHING, sync_services=services or NOTHING)
+
+
+def own_types(state: State, rules: Iterable[Rules] = ()) -> Set[str]:
+    """The types that own nodes have named, of topics that the rules want.
+
+    The roscore keeps the type that the last publisher named. Where only imported publishers are, that is one of theirs.
+    """
+    mine = own(state)
+    _stamp, _local, _uri, _name, publishers, subscribers = document(mine, rules)[:6]
+    topics = {topic for topic, _nodes in publishers}
+    topics |= {topic for topic, _nodes in subscribers if topic in mine.publishers or topic not in state.publishers}
+    return {state.types[topic] for topic in topics if topic in state.types}
+
+
+# The document
+
+
+def stamp_text(stamp: float) -> str:
+    """A stamp as masterInfo and masterContacts write it."""
+    return f"{stamp:.9f}"
+
+
+def document(state: State, rules: Iterable[Rules] = ()) -> List[Any]:
+    """The ten elements of masterInfo. A thing that any of the rules refuses is left out."""
+    every = list(rules)
+
+    def published(node: str, topic: str) -> bool:
+        return all(rule.topic(node, topic, state.types.get(topic, ""), True) for rule in every)
+
+    def subscribed(node: str, topic: str) -> bool:
+        return all(rule.topic(node, topic, state.types.get(topic, ""), False) for rule in every)
+
+    def offered(node: str, service: str) -> bool:
+        return all(rule.service(node, service) for rule in every)
+
+    publishers = _allowed(state.publishers, published)
+    subscribers = _allowed(state.subscribers, subscribed)
+    provided = _allowed(state.services, offered)
+    names = dict.fromkeys(name for name, _nodes in publishers + subscribers)
+    used = dict.fromkeys(node for _name, nodes in publishers + subscribers + provided for node in nodes)
+    return [
+        stamp_text(state.stamp),
+        stamp_text(state.local_stamp),
+        state.uri,
+        state.name,
+        publishers,
+        subscribers,
+        provided,
+        [[topic, state.types[topic]] for topic in names if topic in state.types],
+        [[name, node.uri, node.origin, node.pid, node.locality] for name, node in _pick(state.nodes, used)],
+        [
+            [name, provider.uri, provider.origin, provider.type, provider.locality]
+            for name, provider in _pick(state.providers, (service for service, _nodes in provided))
+        ],
+    ]
+
+
+def _allowed(endpoints: Endpoints, allows: Callable[[str, str], bool]) -> List[List[Any]]:
+    """The names with those of their nodes that are allowed; names without any are left out."""
+    left = ([name, [node for node in users if allows(node, name)]] for name, users in endpoints.items())
+    return [entry for entry in left if entry[1]]
+
+
+def _pick(table: Mapping[str, Any], names: Iterable[str]) -> List[Tuple[str, Any]]:
+    return [(name, table[name]) for name in names if name in table]
+
+
+def parse(value: Any) -> State:
+    """The state in a document from another computer. Raises Malformed."""
+    if not isinstance(value, (list, tuple)) or len(value) != 10:
+        raise Malformed("not an array of ten elements")
+    try:
+        stamp, local_stamp = float(value[0]), float(value[1])
+    except (TypeError, ValueError, OverflowError):
+        raise Malformed("its stamps are no numbers") from None
+    if not (abs(stamp) < math.inf and abs(local_stamp) < math.inf):
+        raise Malformed("its stamps are no times")
+    uri, name = _text(value[2], "the URI"), _text(value[3], "the name")
+    return State(
+        uri=uri,
+        name=name,
+        stamp=stamp,
+        local_stamp=local_stamp,
+        publishers=_endpoints(value[4], "publishers"),
+        subscribers=_endpoints(value[5], "subscribers"),
+        services=_endpoints(value[6], "services"),
+        types={
+            topic: kind
+            for topic, kind in _named(_rows(value[7], 2, "topic types"), "a topic")
+            if _VISIBLE.match(_text(kind, "a type"))
+        },
+        nodes={
+            node: Node(_uri(where, "http://"), _text(origin, "an origin"), _text(locality, "a locality"))
+            for node, where, origin, _pid, locality in _named(_rows(value[8], 5, "nodes"), "a node")
+        },
+        providers={
+            service: Provider(
+                _uri(where, "rosrpc://"),
+                _text(origin, "an origin"),
+                _text(locality, "a locality"),
+                _text(kind, "a type"),
+            )
+            for service, where, origin, kind, locality in _named(_rows(value[9], 5, "service providers"), "a service")
+        },
+    )
+
+
+_VISIBLE = re.compile(r"[!-~]{1,255}\Z")  # what types consist of, and URIs,
+_NAME = re.compile(r"/[!-~]{1,254}\Z")  # and names: others are left out, since one odd name must not stop an exchange
+
+
+def _rows(value: Any, width: int, what: str) -> List[Any]:
+    if not isinstance(value, (list, tuple)) or any(
+        not isinstance(row, (list, tuple)) or len(row) != width for row in value
+    ):
+        raise Malformed(f"its {what} are no array of arrays of {width}")
+    return list(value)
+
+
+def _named(rows: Iterable[Any], what: str) -> List[Any]:
+    return [row for row in rows if _NAME.match(_text(row[0], what))]
+
+
+def _text(value: Any, what: str) -> str:
+    if not isinstance(value, str) or len(value) > LONGEST:
+        raise Malformed(f"{what} is no text of at most {LONGEST} characters")
+    return value
+
+
+def _uri(value: Any, scheme: str) -> Optional[str]:
+    return value if isinstance(value, str) and value.startswith(scheme) and _VISIBLE.match(value) else None
+
+
+def _endpoints(value: Any, what: str) -> Dict[str, Tuple[str, ...]]:
+    found = {}
+    for name, nodes in _named(_rows(value, 2, what), what):
+        if not isinstance(nodes, (list, tuple)):
+            raise Malformed(f"the nodes of {what} are no array")
+        found[name] = tuple(node for node in nodes if _NAME.match(_text(node, "a node")))
+    return found

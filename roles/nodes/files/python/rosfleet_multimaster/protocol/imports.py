@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The record of imports: a parameter of the roscore that says what master_sync registered, and for whom.
+
+It is JSON: {"node": name of master_sync, "uri": its URI, "imports": {URI of a master: {node: URI of the node}}}. It
+lives on the parameter server, so it lives as long as the registrations do.
+"""
+
+import json
+from typing import Any, Dict
+
+from . import bounded_json
+from .messages import NodeKey
+
+IMPORTS = "/rosfleet_multimaster/imports"
+
+Claims = Dict[NodeKey, str]  # nodes that we registered -> URI of the master that they are of
+
+
+def write(node: str, uri: str, claims: Claims) -> str:
+    """The text of the record. `node` and `uri` are those of master_sync."""
+    imports: Dict[str, Dict[str, str]] = {}
+    for (name, node_uri), master in sorted(claims.items()):
+        imports.setdefault(master, {})[name] = node_uri
+    return json.dumps({"node": node, "uri": uri, "imports": imports})
+
+
+def read(text: Any) -> Dict[str, Any]:
+    """The record in a value of the parameter server; empty where it is none."""
+    try:
+        found = bounded_json.read(text) if isinstance(text, str) else {}
+        return found if isinstance(found, dict) and isinstance(found.get("imports"), dict) else {}
+    except ValueError:
+        return {}
+
+
+def claims_of(text: Any) -> Claims:
+    """The claims in the record of an earlier life; none where it is damaged."""
+    imports = read(text).get("imports", {})
+    try:
+        return {
+            (node, uri): master
+            for master, nodes in imports.items()
+            for node, uri in nodes.items()
+            if isinstance(uri, str)
+        }
+    except (AttributeError, TypeError):
+        return {}

@@ -1,0 +1,226 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The private parameters of the two nodes: names, defaults, types, and the sentences about wrong ones."""
+
+import difflib
+import ipaddress
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
+
+from .filters import HIDDEN, HOSTS, NAMES, Filters, InvalidPattern, Pattern
+from .members import ALLOW, IGNORE, problem_of
+
+SHORTEST = 2.0  # seconds of ~offline_after: less leaves no time to ask
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The parameters that the core of discovery needs, with upstream's names and defaults (times in seconds)."""
+
+    heartbeat_hz: float = 0.02
+    offline_after: float = 5.0
+    active_request_after: float = 60.0
+    remove_after: float = 300.0
+    measurement_intervals: int = 5
+    robot_hosts: Sequence[str] = ()
+    send_mcast: bool = True
+    listen_mcast: bool = True
+
+
+class ParameterError(ValueError):
+    """One sentence: which parameter, what was found, what is expected."""
+
+
+class Parameter(NamedTuple):
+    """A parameter: its default (None: worked out at the start) and what is accepted."""
+
+    default: Any
+    kind: str
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _port(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 < value < 65536
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(item, str) for item in value)
+
+
+def _patterns(value: Any) -> bool:
+    return isinstance(value, (str, list, dict))
+
+
+def _entries(value: Any) -> bool:
+    return value is None or (isinstance(value, list) and all(isinstance(entry, dict) for entry in value))
+
+
+KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
+    "text": ("a text", lambda value: isinstance(value, str)),
+    "flag": ("true or false", lambda value: isinstance(value, bool)),
+    "port": ("a port number from 1 to 65535", _port),
+    "rate": ("a number above 0", lambda value: _number(value) and value > 0),
+    "seconds": ("a number of seconds", _number),
+    "count": ("a whole number of at least 1", lambda value: isinstance(value, int) and value >= 1),
+    "texts": ("a list of texts", _texts),
+    "names": ("a pattern, or a list of patterns", lambda value: isinstance(value, str) or _texts(value)),
+    "patterns": ("a list of patterns, or a mapping from a master's name to one", _patterns),
+    "exports": ("nothing at all, or a list of entries such as {to: [192.168.1.2], topics: [/pose]}", _entries),
+    "strangers": (f"{IGNORE} or {ALLOW}", lambda value: value in (IGNORE, ALLOW)),
+    "networks": ("a list of IPv4 addresses and networks", lambda value: _texts(value) and all(map(_is_network, value))),
+    "members": ("a list of robots", lambda value: isinstance(value, list)),
+    "level": ("DEBUG, INFO, WARN, ERROR or FATAL", lambda value: value in ("DEBUG", "INFO", "WARN", "ERROR", "FATAL")),
+}
+
+# Who belongs to the fleet: of both nodes.
+_BELONGING: Mapping[str, Parameter] = {
+    "strangers": Parameter(ALLOW, "strangers"),
+    "allow": Parameter([], "networks"),
+    "members": Parameter([], "members"),
+}
+
+# What people are shown: of both nodes.
+_SHOWN: Mapping[str, Parameter] = {
+    "diagnostics": Parameter(True, "flag"),
+    "metrics": Parameter("", "text"),
+}
+
+_SETTINGS = Settings()  # has the defaults of what the core of discovery needs
+
+DISCOVERY: Mapping[str, Parameter] = {
+    "name": Parameter("", "text"),
+    "mcast_group": Parameter("226.0.0.0", "text"),
+    "mcast_port": Parameter(11511, "port"),
+    "interface": Parameter("", "text"),
+    "rpc_port": Parameter(None, "port"),
+    "rpc_addr": Parameter("", "text"),
+    "rosmaster_hz": Parameter(12.5, "rate"),
+    "heartbeat_hz": Parameter(_SETTINGS.heartbeat_hz, "rate"),
+    "measurement_intervals": Parameter(_SETTINGS.measurement_intervals, "count"),
+    "offline_after": Parameter(_SETTINGS.offline_after, "seconds"),
+    "remove_after": Parameter(_SETTINGS.remove_after, "seconds"),
+    "active_request_after": Parameter(_SETTINGS.active_request_after, "seconds"),
+    "robot_hosts": Parameter([], "texts"),
+    "send_mcast": Parameter(_SETTINGS.send_mcast, "flag"),
+    "listen_mcast": Parameter(_SETTINGS.listen_mcast, "flag"),
+    **{name: Parameter([], "names") for name in HIDDEN},
+    "exports": Parameter(None, "exports"),
+    "do_not_sync": Parameter([], "names"),
+    "differences": Parameter(True, "flag"),
+    **_BELONGING,
+    **_SHOWN,
+    "log_level": Parameter("INFO", "level"),
+}
+
+SYNC: Mapping[str, Parameter] = {
+    **{name: Parameter([], "patterns") for name in (*HOSTS, *NAMES)},
+    "sync_topics_on_demand": Parameter(False, "flag"),
+    "sync_remote_nodes": Parameter(False, "flag"),
+    "resync_on_reconnect": Parameter(True, "flag"),
+    "resync_on_reconnect_timeout": Parameter(0.0, "seconds"),
+    "end_lost_connections": Parameter(True, "flag"),
+    "differences": Parameter(True, "flag"),
+    **_BELONGING,
+    **_SHOWN,
+    "log_level": Parameter("INFO", "level"),
+}
+
+# Parameters of upstream that these nodes do not need, and why.
+WITHOUT_EFFECT: Mapping[str, str] = {
+    "change_notification_count": "a change is always announced three times",
+    "check_host": "what belongs to this master is known by its origin",
+    "interface_url": "filters are parameters here: give the lists themselves",
+    "timeout_factor": "~offline_after says after which silence a master is offline",
+}
+
+
+def overlay(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> Tuple[Dict[str, Any], List[str]]:
+    """All parameters, and a warning for every name that is not known. Raises ParameterError."""
+    values: Dict[str, Any] = {name: parameter.default for name, parameter in table.items()}
+    warnings = []
+    for name, value in given.items():
+        if name in table:
+            expected, accepts = KINDS[table[name].kind]
+            if not accepts(value):
+                raise ParameterError(f"~{name} is {value!r}, but {expected} is expected")
+            values[name] = value
+        elif name in WITHOUT_EFFECT:
+            warnings.append(f"~{name} has no effect: {WITHOUT_EFFECT[name]}")
+        elif table is SYNC and isinstance(value, dict) and set(value) <= {*NAMES, *HOSTS}:
+            values[name] = value  # the filters of one host
+        else:
+            near = difflib.get_close_matches(name, table, n=1, cutoff=0.5)
+            warnings.append(
+                f"~{name} is no parameter of this node and is ignored" + (f"; did you mean ~{near[0]}?" if near else "")
+            )
+    _check(table, values)
+    return values, warnings
+
+
+def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
+    try:
+        Filters(values).check()
+        for name in HIDDEN:
+            value = values.get(name) or []
+            Pattern.of([value] if isinstance(value, str) else value, name)
+    except InvalidPattern as problem:
+        raise ParameterError(f"~{problem}") from None
+    for number, entry in enumerate(values["members"], 1):
+        if problem_of(entry):
+            raise ParameterError(f"entry {number} of ~members: {problem_of(entry)}")
+    if table is DISCOVERY:
+        _check_group(values["mcast_group"])
+        for number, entry in enumerate(values["exports"] or [], 1):
+            _check_export(f"entry {number} of ~exports", entry)
+        if not (values["offline_after"] <= 0 or values["offline_after"] >= SHORTEST):
+            raise ParameterError(
+                f"~offline_after is {values['offline_after']}, but at least {SHORTEST:g} seconds are expected, or 0 for"
+                " ~active_request_after alone"
+            )
+
+
+def _check_group(value: str) -> None:
+    group = value.partition("@")[0]
+    try:
+        multicast = ipaddress.IPv4Address(group).is_multicast
+    except ValueError:
+        multicast = False
+    if not multicast:
+        raise ParameterError(f"~mcast_group is {value!r}, but an IPv4 multicast group is expected, such as 226.0.0.0")
+
+
+def _check_export(what: str, entry: Mapping[str, Any]) -> None:
+    unknown = sorted(str(key) for key in entry if key not in ("to", "topics", "services"))
+    if unknown:
+        raise ParameterError(f"{what} has {unknown[0]!r}, but only to, topics and services are expected")
+    for key, value in entry.items():
+        if not _texts(value):
+            raise ParameterError(f"{what} has {value!r} as its {key}, but a list of texts is expected")
+    if not entry.get("to"):
+        raise ParameterError(f"{what} says not to whom: addresses are expected as its to, or '*' for everybody")
+    for address in entry["to"]:
+        if address != "*" and not _is_address(address):
+            raise ParameterError(f"{what} is for {address!r}, but an IPv4 address or '*' is expected")
+    for key in ("topics", "services"):
+        try:
+            Pattern.of(entry.get(key, []), f"{what}, {key}")
+        except InvalidPattern as problem:
+            raise ParameterError(str(problem)) from None
+
+
+def _is_network(text: str) -> bool:
+    try:
+        ipaddress.IPv4Network(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_address(text: str) -> bool:
+    try:
+        return str(ipaddress.IPv4Address(text)) == text
+    except ValueError:
+        return False

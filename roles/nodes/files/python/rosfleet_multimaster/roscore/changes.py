@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The method rosfleetChanges: who follows the roscore asks what changed, and waits for the answer.
+
+    rosfleetChanges(caller_id, epoch, revision, wait) -> [1, text, [epoch, revision, whole, records]]
+    rosfleetChanges(caller_id, epoch, revision, wait, True)   the same, the records in texts of JSON, a few in each
+
+It answers at once where something changed since that revision, and else within `wait` seconds, with no records. Whoever
+names another epoch or a revision from long ago gets the whole state, which replaces what he has.
+"""
+
+import threading
+from typing import Any, Callable, ContextManager, Iterable, List, Sequence, Tuple
+
+from ..edge.clock import monotonic
+from ..protocol.bounded_json import packed
+from .core.feed import Feed
+from .core.registry import Record, told, told_whole
+
+LONGEST = 60.0  # seconds of waiting
+WAITING = 8  # callers that wait at once
+LOOK = 1.0  # seconds between two looks whether a caller is still there
+
+_WHOLE_LATER = ("refused", "parameter")  # records that are told as they are
+
+
+class Changes:
+    """The feed, and those who wait for it."""
+
+    def __init__(
+        self,
+        epoch: str,
+        lock: ContextManager[Any],
+        registrations: Callable[[], Iterable[Record]],
+        parameters: Callable[[], Iterable[Tuple[str, Any]]],
+        caller: Callable[[], Any],
+    ) -> None:
+        """What there is, and the parameters that are told, are asked for with the lock of the registrations held.
+
+        `caller()`: who makes this call.
+        """
+        self._feed, self._lock, self._caller = Feed(epoch), lock, caller
+        self._registrations, self._parameters = registrations, parameters
+        self._changed = threading.Condition()
+        self._waiting = 0
+
+    def add(self, records: Sequence[Record]) -> None:
+        """Take the changes of one call. The lock of the registrations is held."""
+        found = [record if record[0] in _WHOLE_LATER else told(record) for record in records]
+        records = [record for record in found if record]
+        if records:
+            with self._changed:
+                self._feed.add(records)
+                self._changed.notify_all()
+
+    def answer(self, *arguments: Any) -> List[Any]:
+        """The method."""
+        try:
+            _caller_id, epoch, revision, wait, *more = arguments
+            seconds = min(max(float(wait), 0.0), LONGEST)
+            if not isinstance(epoch, str) or not isinstance(revision, int) or more not in ([], [False], [True]):
+                raise ValueError
+            sent = packed if more == [True] else _sent
+        except (TypeError, ValueError):
+            return [-1, "expected: caller_id, epoch (text), revision (int), wait (seconds), packed (bool, optional)", 0]
+        caller = self._caller()
+        if not caller.own:
+            return [-1, "only programs of this computer are told", 0]
+        with self._changed:
+            records = self._feed.since(epoch, revision)
+            if records == [] and seconds:
+                if self._waiting >= WAITING:
+                    return [-1, f"{WAITING} callers wait already", 0]
+                self._waiting += 1
+                try:
+                    records = self._wait(epoch, revision, monotonic() + seconds, caller)
+                finally:
+                    self._waiting -= 1
+            if records is not None:
+                return [1, "changes", [self._feed.epoch, self._feed.revision, False, sent(records)]]
+        return self._whole(sent)
+
+    def _wait(self, epoch: str, revision: int, end: float, caller: Any) -> Any:
+        """Wait for records until then. The lock of the feed is held, but not while this sleeps."""
+        records: Any = []
+        while records == [] and monotonic() < end and not caller.gone():
+            self._changed.wait(min(LOOK, max(0.0, end - monotonic())))
+            records = self._feed.since(epoch, revision)
+        return records
+
+    def _whole(self, sent: Callable[[Sequence[Record]], Any]) -> List[Any]:
+        with self._lock:
+            found, revision = told_whole(self._registrations(), self._parameters()), self._feed.revision
+        return [1, "whole state", [self._feed.epoch, revision, True, sent(found)]]
+
+
+def _sent(records: Sequence[Record]) -> List[Record]:
+    """Records as they travel. XML-RPC has no None: a parameter that is not set has no value there."""
+    return [record[:-1] if record[-1] is None else record for record in records]

@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The things that `roscore` brings along beside rosmaster: the parameters that roslaunch reads, and the node rosout."""
+
+import logging
+import os
+import uuid
+from typing import Any, Callable, Dict
+from urllib.parse import urlsplit
+
+from ..edge.process.children import Child, node_path, output
+
+_log = logging.getLogger("rosfleet.roscore")
+
+CALLER = "/roslaunch"
+ROSOUT = "/rosout"
+PATIENCE = 30.0  # seconds for rosversion
+PAUSE, LONGEST = 1.0, 30.0  # seconds until rosout is started again, doubled up to
+
+Call = Callable[..., Any]  # (method, arguments...) of the master
+
+
+def run_id(call: Call) -> None:
+    """Set /run_id, unless it is known from before."""
+    if not call("hasParam", CALLER, "/run_id")[2]:
+        call("setParam", CALLER, "/run_id", str(uuid.uuid1()))
+
+
+def parameters(call: Call, uri: str) -> None:
+    """Say where this program is, as a roslaunch says it."""
+    parts = urlsplit(uri)
+    host = "".join(
+        letter if letter.isalnum() and letter.isascii() else "_" for letter in (parts.hostname or "").lower()
+    )
+    call("setParam", CALLER, f"/roslaunch/uris/host_{host}__{parts.port}", uri)
+
+
+def versions(call: Call) -> None:
+    """Set /rosversion and /rosdistro. It takes a second, so it runs in a thread."""
+    for name, command in (("/rosversion", ["rosversion", "roslaunch"]), ("/rosdistro", ["rosversion", "-d"])):
+        value = output(command, PATIENCE)
+        if value and call("getParam", CALLER, name)[2] != value:
+            call("setParam", CALLER, name, value)
+
+
+class Rosout:
+    """The node rosout: started where nobody has its name, and again when it has ended."""
+
+    def __init__(self, lookup: Callable[[str], str]) -> None:
+        """`lookup(name)`: the URI of a node, "" where there is none."""
+        self._lookup, self._child = lookup, Child(lambda line: _log.info("rosout says: %s", line))
+        self._due, self._pause, self._started = 0.0, PAUSE, 0
+        self._missing = False
+
+    def tick(self, now: float) -> float:
+        """Start it where it is missing; the time of the next look."""
+        if self._child.runs():
+            self._pause = PAUSE
+        elif now >= self._due and not self._lookup(ROSOUT):
+            self._due, self._pause = now + self._pause, min(2 * self._pause, LONGEST)
+            self._start()
+        return now + 0.1 if not self._started else now + 1.0
+
+    def _start(self) -> None:
+        try:
+            self._child.start([*node_path("rosout", "rosout"), "__name:=rosout"])
+            self._started += 1
+        except OSError as problem:
+            if not self._missing:
+                _log.warning("rosout cannot be started: %s", problem)
+            self._missing = True
+            self._started += 1
+
+    def processes(self) -> Any:
+        """As roslaunch lists its processes."""
+        own = [["rosout-1", max(self._started - 1, 0)]]
+        return [1, "processes on parent machine", [own, []] if self._child.runs() else [[], own]]
+
+    def end(self) -> None:
+        """End it."""
+        self._child.end(1.0)
+
+
+def roslaunch_methods(rosout: Rosout) -> Dict[str, Callable[..., Any]]:
+    """The methods of the XML-RPC server that `roscore` has as a roslaunch: tools list its processes."""
+    return {
+        "list_processes": rosout.processes,
+        "get_pid": lambda: [1, "", os.getpid()],
+        "get_node_names": lambda: [1, "node names", [ROSOUT]],
+    }

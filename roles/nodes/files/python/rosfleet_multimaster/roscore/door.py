@@ -1,0 +1,349 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The door of the roscore: connections, requests and answers of anybody, each with a bound and all of them together.
+
+It answers what xmlrpc.server would answer. What is beyond a bound is answered as a call that failed: [-1, a sentence, 0].
+"""
+
+import contextlib
+import gzip
+import logging
+import socket
+import threading
+import xmlrpc.client
+import zlib
+from http.server import BaseHTTPRequestHandler
+from typing import Any, BinaryIO, Callable, Dict, Iterator, List, NamedTuple, Tuple
+
+from ..edge.clock import monotonic
+from ..protocol.plain_text import LINE, plain
+from ..protocol.xml_rpc import Document, TooLarge
+from .core.bounds import BOUNDS, Beyond, beyond, weight
+
+_log = logging.getLogger("rosfleet.door")
+
+PATIENCE = 30.0  # seconds for a request from its head to its end, and for an answer to be taken
+ROOM = 10.0  # seconds that a large request or answer waits for others to end
+_PIECE = 1 << 16  # bytes
+_SMALL = 1 << 16  # bytes of a request or an answer that is not counted: there are at most as many as connections
+_THROWN_AWAY = 1 << 28  # bytes of a request that is too long and read nevertheless, so that its sender hears why
+_COMPRESS = 1400  # bytes of an answer
+_ANSWER, _PACKED = 2, 20  # times as much memory as its values count, and as a packed request has bytes
+_IN_A_CALL = ("/", "/RPC2", "/pydoc.css")  # the paths of xmlrpc.server
+
+Socket = socket.socket
+
+
+class Caller(NamedTuple):
+    """Who makes the call of this thread."""
+
+    address: str = ""
+    here: str = ""  # the address at which it reached us
+    gone: Callable[[], bool] = lambda: False
+    ends: Tuple[Tuple[str, int], Tuple[str, int]] = (("", 0), ("", 0))  # its connection: there, and here
+
+    @property
+    def own(self) -> bool:
+        """True where it is on this computer."""
+        return self.address.startswith("127.") or self.address in ("::1", self.here)
+
+
+class UnderWay:
+    """The memory that requests and answers take together. Others than programs of this computer have half of it."""
+
+    def __init__(self, most: int) -> None:
+        self._most, self._used, self._foreign = most, 0, 0
+        self._freed = threading.Condition()
+
+    @contextlib.contextmanager
+    def take(self, size: int, own: bool) -> Iterator[None]:
+        """Have so much of it, or wait for it. Raises Beyond where others do not end."""
+        if size <= _SMALL:
+            yield
+            return
+        with self._freed:
+            if not self._freed.wait_for(lambda: self._fits(size, own), ROOM):
+                raise beyond("under way", "what is asked for now, with what others ask for,")
+            self._add(size, own)
+        try:
+            yield
+        finally:
+            with self._freed:
+                self._add(-size, own)
+                self._freed.notify_all()
+
+    def _fits(self, size: int, own: bool) -> bool:
+        return self._used + size <= self._most and (own or self._foreign + size <= self._most // 2)
+
+    def _add(self, size: int, own: bool) -> None:
+        self._used += size
+        self._foreign += 0 if own else size
+
+
+class _Line:
+    """An open connection."""
+
+    def __init__(self, own: bool) -> None:
+        self.own, self.busy, self.since = own, False, monotonic()
+
+
+class Lines:
+    """The open connections. Where there are too many, the one ends that has been idle longest: of another computer first."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._open: Dict[Socket, _Line] = {}
+
+    def opened(self, connection: Socket, own: bool) -> bool:
+        """One more. False where there is no room, since all of them are busy."""
+        if len(self._open) >= self._most:
+            idle = [(line.own, line.since, other) for other, line in list(self._open.items()) if not line.busy]
+            if not idle:
+                return False
+            longest = min(idle, key=lambda found: found[:2])[2]
+            self._open.pop(longest, None)
+            with contextlib.suppress(OSError):
+                longest.shutdown(socket.SHUT_RDWR)
+        self._open[connection] = _Line(own)
+        return True
+
+    def used(self, connection: Socket, busy: bool) -> None:
+        """A call begins or ends."""
+        line = self._open.get(connection)
+        if line is not None:
+            line.busy, line.since = busy, monotonic()
+
+    def closed(self, connection: Socket) -> None:
+        """A connection has ended."""
+        self._open.pop(connection, None)
+
+
+class Door:
+    """All that the handlers of the connections share."""
+
+    def __init__(
+        self, dispatch: Callable[[str, Tuple[Any, ...]], Any], refused: Callable[[Beyond], None], calls: threading.local
+    ) -> None:
+        """`refused(why)` is told of each request that is beyond a bound; `calls.caller` is set before each call."""
+        self.dispatch, self.refused, self.calls = dispatch, refused, calls
+        self.under_way = UnderWay(BOUNDS["under way"].most)
+        self.lines = Lines(BOUNDS["connections"].most)
+
+
+class _Head:
+    """The file of a connection, whose lines are bounded: the head of a request has few."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self.left = file, 0
+
+    def readline(self, size: int = -1) -> bytes:
+        """A line of the head."""
+        line = self._file.readline(self.left + 1 if size < 0 else min(size, self.left + 1))
+        self.left -= len(line)
+        if self.left < 0:
+            raise ConnectionAbortedError("the head of a request is too long")
+        return line
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+class Handler(BaseHTTPRequestHandler):
+    """A connection."""
+
+    door: Door
+    wbufsize = -1
+    disable_nagle_algorithm = True
+    rfile: Any
+
+    def setup(self) -> None:
+        """Begin."""
+        super().setup()
+        self.rfile = _Head(self.rfile)
+        there, here = self.client_address[:2], self.connection.getsockname()[:2]
+        self._caller = Caller(there[0], here[0], self._gone, (there, here))
+
+    def handle_one_request(self) -> None:
+        """A request."""
+        self.rfile.left = BOUNDS["head"].most
+        try:
+            super().handle_one_request()
+        finally:
+            self.door.lines.used(self.connection, False)
+
+    def log_message(self, *_arguments: Any) -> None:
+        """Say nothing of it."""
+
+    def do_POST(self) -> None:  # the name is the standard library's
+        """A call."""
+        self.door.lines.used(self.connection, True)
+        self.door.calls.caller = self._caller
+        if self.path not in _IN_A_CALL:
+            self.close_connection = True
+            self.send_error(404)
+            return
+        try:
+            value = self._value()
+            with self._room(value):
+                self._send(_written(value))
+        except Beyond as problem:
+            self.door.refused(problem)
+            self._send(_written((-1, plain(problem, LINE), 0)))
+        finally:
+            self.connection.settimeout(None)
+
+    # The request
+
+    def _value(self) -> Any:
+        """Read a call, and make it: its result, or a Fault."""
+        try:
+            name, arguments = self._request()
+            return self.door.dispatch(name, arguments)
+        except (Beyond, OSError):
+            raise
+        except xmlrpc.client.Fault as fault:
+            return fault
+        except Exception as problem:  # expat, xmlrpc, zlib and rosmaster have a dozen
+            return _fault(problem)
+
+    def _request(self) -> Tuple[str, Tuple[Any, ...]]:
+        """The method and its arguments. Raises Beyond, OSError, or what expat and xmlrpc have."""
+        length, packed = self.headers.get("Content-Length", ""), self._is_packed()
+        if not length.isdecimal() or len(length) > 15 or packed is None:
+            self.close_connection = True  # nobody knows where the next one begins
+            raise ValueError("a request without its length, or in an encoding that is not known")
+        left, most = int(length), BOUNDS["request"].most
+        self._until = monotonic() + PATIENCE
+        if left > most:
+            self._throw_away(left)
+            raise beyond("request", f"a request of {left:,} bytes")
+        with self.door.under_way.take(min(left * _PACKED, 2 * most) if packed else 2 * left, self._caller.own):
+            body = self._body(left)
+            document = Document(most, BOUNDS["values"].most, BOUNDS["text"].most, plain_types=False)
+            try:
+                for piece in _unpacked(body, most) if packed else body:
+                    document.feed(piece)
+                arguments, name = document.close()
+            except TooLarge as problem:
+                self._throw_away_rest(body)
+                raise Beyond(f"a request is more than the roscore takes: {problem}", "request") from None
+            except Exception:
+                self._throw_away_rest(body)
+                raise
+        self.connection.settimeout(None)
+        if not isinstance(name, str):
+            raise ValueError("no method is named")
+        return name, arguments
+
+    def _is_packed(self) -> Any:
+        encoding = self.headers.get("Content-Encoding", "identity").lower()
+        return {"identity": False, "gzip": True}.get(encoding)
+
+    def _body(self, left: int) -> Iterator[bytes]:
+        while left > 0:
+            self.connection.settimeout(max(0.01, self._until - monotonic()))
+            piece = self.rfile.read1(min(left, _PIECE))
+            if not piece or monotonic() > self._until:
+                self.close_connection = True
+                raise ConnectionAbortedError("a request that does not end")
+            left -= len(piece)
+            yield piece
+
+    def _throw_away(self, left: int) -> None:
+        """Read what is too long, so that its sender comes to the answer."""
+        self.close_connection = True
+        self._throw_away_rest(self._body(min(left, _THROWN_AWAY)))
+
+    def _throw_away_rest(self, body: Iterator[bytes]) -> None:
+        for _piece in body:
+            pass
+
+    # The answer
+
+    @contextlib.contextmanager
+    def _room(self, value: Any) -> Iterator[None]:
+        """The memory for an answer. Raises Beyond."""
+        size = 0 if isinstance(value, xmlrpc.client.Fault) else weight(value)
+        if size > BOUNDS["answer"].most:
+            raise beyond("answer", "the answer")
+        with self.door.under_way.take(_ANSWER * size, self._caller.own):
+            yield
+
+    def _send(self, body: bytes) -> None:
+        packs = len(body) > _COMPRESS and "gzip" in self.headers.get("Accept-Encoding", "")
+        if packs:
+            body = gzip.compress(body, 1)
+        self.send_response(200)
+        self.send_header("Content-type", "text/xml")
+        if packs:
+            self.send_header("Content-Encoding", "gzip")
+        self.send_header("Content-length", str(len(body)))
+        self.end_headers()
+        until = monotonic() + PATIENCE
+        self.wfile.flush()
+        view = memoryview(body)
+        while view:
+            self.connection.settimeout(max(0.01, until - monotonic()))
+            view = view[self.connection.send(view[:_PIECE]) :]
+            if view and monotonic() > until:
+                raise ConnectionAbortedError("an answer that is not taken")
+
+    def _gone(self) -> bool:
+        try:
+            return not self.connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
+
+
+def _fault(problem: Exception) -> xmlrpc.client.Fault:
+    """The fault of a call that failed, in the words of the standard library."""
+    return xmlrpc.client.Fault(1, plain(f"{type(problem)}:{problem}", LINE))
+
+
+def _written(value: Any) -> bytes:
+    """An answer, or a fault, in XML."""
+    fault = isinstance(value, xmlrpc.client.Fault)
+    try:
+        text = xmlrpc.client.dumps(value if fault else (value,), methodresponse=not fault)
+    except Exception as problem:  # a value that XML-RPC has not
+        text = xmlrpc.client.dumps(_fault(problem))
+    return text.encode("utf-8", "xmlcharrefreplace")
+
+
+def _unpacked(body: Iterator[bytes], most: int) -> Iterator[bytes]:
+    """Unpack gzip as it comes, but not without a bound. Raises ValueError."""
+    unpacker, size = zlib.decompressobj(31), 0
+    for packed in body:
+        while packed and not unpacker.eof:
+            piece = unpacker.decompress(packed, _PIECE)
+            packed, size = unpacker.unconsumed_tail, size + len(piece)
+            if size > most:
+                raise TooLarge(f"it has more than {most} bytes")
+            yield piece
+    if not unpacker.eof:
+        raise ValueError("the end of what is packed is missing")
+
+
+def multicall(dispatch: Callable[[str, Tuple[Any, ...]], Any], calls: Any) -> List[Any]:
+    """The results of several calls, each in a list of its own, or a mapping with its fault. Raises Beyond or ValueError."""
+    if not isinstance(calls, list) or not all(isinstance(call, dict) for call in calls):
+        raise ValueError("system.multicall takes a list of mappings")
+    if len(calls) > BOUNDS["calls"].most:
+        raise beyond("calls", f"a system.multicall of {len(calls):,} calls")
+    results: List[Any] = []
+    size = 0
+    for call in calls:
+        try:
+            name, arguments = call["methodName"], call["params"]
+            if name == "system.multicall" or not isinstance(name, str) or not isinstance(arguments, list):
+                raise ValueError("a system.multicall in another one, or no call")
+            results.append([dispatch(name, tuple(arguments))])
+        except Exception as problem:
+            fault = problem if isinstance(problem, xmlrpc.client.Fault) else _fault(problem)
+            results.append({"faultCode": fault.faultCode, "faultString": fault.faultString})
+        size += weight(results[-1])
+        if size > BOUNDS["answer"].most:
+            raise beyond("answer", "the answer")
+    return results

@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The workers that tell nodes what has changed. They come when there is work, wake at once, and go when there is none."""
+
+import logging
+import threading
+import urllib.parse
+import xmlrpc.client
+from typing import Any, Callable, Optional, Tuple
+
+from ..edge.clock import monotonic
+from ..edge.rpc_client import Rpc
+from .core.notifications import WORKERS, Call, Notifications
+
+_log = logging.getLogger("rosfleet.notifier")
+
+TIMEOUT = 3.0  # seconds of a call
+IDLE = 10.0  # seconds that a worker waits for work before it goes
+
+
+class Notifier:
+    """Makes the calls that wait."""
+
+    def __init__(self, allowed: Callable[[Call], bool] = lambda _call: True) -> None:
+        """`allowed(call)` is asked right before a call; it may have become pointless."""
+        self._plan, self._allowed = Notifications(), allowed
+        self._wake = threading.Condition()
+        self._workers = self._idle = 0
+        self.calls = 0  # calls that were made
+
+    def tell(self, uri: str, method: str, name: str, arguments: Tuple[Any, ...]) -> None:
+        """Have a node called; what waits for it with the same method and name is replaced."""
+        try:
+            host = urllib.parse.urlsplit(uri).hostname or ""
+        except ValueError:
+            host = ""
+        with self._wake:
+            self._plan.add(uri, host, method, name, arguments)
+            self._call_worker()
+
+    def _call_worker(self) -> None:
+        """Wake a worker, or have one more. The lock is held."""
+        if self._idle:
+            self._wake.notify()
+        elif self._workers < WORKERS:
+            self._workers += 1
+            threading.Thread(target=self._work, name="notifier", daemon=True).start()
+
+    def _work(self) -> None:
+        while True:
+            with self._wake:
+                call = self._await()
+                if call is None:
+                    self._workers -= 1
+                    return
+                if self._plan.waits():
+                    self._call_worker()  # this one may be busy for long
+            answered, gone = self._make(call)
+            with self._wake:
+                self.calls += 1
+                self._plan.done(call, monotonic(), answered, gone)
+
+    def _await(self) -> Optional[Call]:
+        """The next call; None where this worker can go. The lock is held."""
+        patience = monotonic() + IDLE
+        while True:
+            now = monotonic()
+            call, due = self._plan.next(now)
+            if call is not None:
+                return call
+            if due is None and now >= patience:
+                self._plan.tidy(now)
+                return None
+            if due is not None and self._idle and now >= patience:
+                return None  # another one waits for that
+            self._idle += 1
+            self._wake.wait(max(0.001, (patience if due is None else due) - now))
+            self._idle -= 1
+
+    def _make(self, call: Call) -> Tuple[bool, bool]:
+        """Call a node: whether it answered in time, and whether nobody is there any more."""
+        try:
+            if not self._allowed(call):
+                return True, False
+            rpc = Rpc(call.uri, TIMEOUT)
+            try:
+                rpc.call(call.method, "/master", *call.arguments)
+            finally:
+                rpc.close()
+        except ConnectionRefusedError:
+            return False, True
+        except (xmlrpc.client.Fault, ValueError) as problem:
+            _log.debug("%s of %s: %s", call.method, call.uri, problem)
+        except OSError as problem:
+            _log.debug("%s of %s: %s", call.method, call.uri, problem)
+            return False, False
+        except Exception as problem:  # such as a value that XML-RPC has not: this node cannot be told, the others are
+            _log.debug("%s of %s: %s: %s", call.method, call.uri, type(problem).__name__, problem)
+        return True, False

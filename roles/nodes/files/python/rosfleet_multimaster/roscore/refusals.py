@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The requests that the roscore has refused since its start, since they were beyond a bound: counted, said, told.
+
+Who follows the roscore (roscore/changes.py) is told the counts as if they were a parameter, REFUSED: name of the bound -> how often.
+"""
+
+import threading
+from typing import Any, Callable, Dict, List, Tuple
+
+from ..edge.counting import Count
+from ..edge.process import program
+from ..protocol.mirror import REFUSED
+from .core.registry import Record
+
+PAUSE = 2.0  # seconds between two times that the counts are told
+
+
+class Refusals:
+    """The counts."""
+
+    def __init__(self, tell: Callable[[List[Record]], None]) -> None:
+        """`tell(records)`: tell who follows."""
+        self._tell, self._limited = tell, program.Limited()
+        self._counts: Dict[str, Count] = {}
+        self._saying = threading.Lock()
+        self._told: Dict[str, int] = {}
+        self._due = 0.0
+
+    def add(self, bound: str, why: str) -> None:
+        """A request was beyond this bound; in any thread."""
+        self._counts.setdefault(bound or "value", Count()).add()
+        self.say(f"beyond {bound}", f"a request is refused: {why}")
+
+    def say(self, topic: str, why: str) -> None:
+        """Log it, once in a while for each topic; in any thread."""
+        with self._saying:
+            self._limited.say("warning", topic, why)
+
+    def parameters(self) -> List[Tuple[str, Any]]:
+        """The counts, as the feed has a parameter."""
+        return [(REFUSED, self._told)] if self._told else []
+
+    def tick(self, now: float) -> None:
+        """Tell where there is something new."""
+        counts = {bound: count.value for bound, count in list(self._counts.items())}
+        if now >= self._due and counts != self._told:
+            self._due, self._told = now + PAUSE, counts
+            self._tell([["parameter", REFUSED, self._told]])

@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The question who provides a service, by the header of a connection (http://wiki.ros.org/ROS/TCPROS)."""
+
+import socket
+import struct
+import urllib.parse
+from typing import Dict
+
+from ..edge.clock import monotonic
+
+_MOST = 1 << 14  # bytes of a header
+
+
+def provider(uri: str, service: str, timeout: float) -> str:
+    """The node that provides a service at this URI, "" where none does. Raises OSError, or ValueError for nonsense.
+
+    `timeout`: seconds for connecting, and for the whole answer, however slowly its bytes come.
+    """
+    parsed = urllib.parse.urlsplit(uri)
+    if parsed.scheme != "rosrpc" or not parsed.hostname or not parsed.port:
+        raise ValueError(f"{uri[:100]} is no address of a service")
+    fields = {"callerid": "/master", "service": service, "md5sum": "*", "probe": "1"}
+    parts = [f"{name}={value}".encode() for name, value in fields.items()]
+    head = b"".join(struct.pack("<I", len(part)) + part for part in parts)
+    with socket.create_connection((parsed.hostname, parsed.port), timeout) as connection:
+        deadline = monotonic() + timeout
+        connection.sendall(struct.pack("<I", len(head)) + head)
+        (size,) = struct.unpack("<I", _read(connection, 4, deadline))
+        if size > _MOST:
+            raise ValueError(f"a header of {size} bytes")
+        return _fields(_read(connection, size, deadline)).get("callerid", "")
+
+
+def _read(connection: socket.socket, size: int, deadline: float) -> bytes:
+    data = b""
+    while len(data) < size:
+        left = deadline - monotonic()
+        if left <= 0.0:
+            raise socket.timeout("timed out")
+        connection.settimeout(left)
+        piece = connection.recv(size - len(data))
+        if not piece:
+            raise ConnectionResetError("the connection was closed")
+        data += piece
+    return data
+
+
+def _fields(head: bytes) -> Dict[str, str]:
+    found, at = {}, 0
+    while at + 4 <= len(head):
+        (size,) = struct.unpack_from("<I", head, at)
+        name, _equals, value = head[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
+        found[name] = value
+        at += 4 + size
+    return found

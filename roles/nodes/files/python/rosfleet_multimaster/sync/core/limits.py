@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How much of another master is taken: 5,000 registrations, and it is said where there are more.
+
+Which ones is not left to chance, nor to the other side: those that were taken before stay, as long as they are offered;
+then the first ones by kind and name. What a master has of others is not registered, and not counted: in a large fleet
+each one has thousands. Of these, its subscribers' publishers are kept as far as there is room, since they are told of
+them (sync.py). Free of sockets, threads and clocks.
+"""
+
+from dataclasses import replace
+from typing import AbstractSet, Dict, Iterator, List, Mapping, Optional, Set, Tuple
+
+from ...protocol.graph import Endpoints, State
+from ...protocol.plain_text import quoted
+from .sync import Refusal, Remote, own_nodes
+
+MOST = 5000  # registrations of one master
+
+Row = Tuple[str, str, str]  # kind, topic or service, node
+
+
+def limited(
+    state: State,
+    before: Optional[State] = None,
+    most: int = MOST,
+    own_uri: str = "",
+    sync_remote_nodes: bool = False,
+) -> State:
+    """The state, or the part of it that is taken. `before`: what was taken of the same master until now.
+
+    `own_uri`: of the master here, `sync_remote_nodes`: as in `sync.select`. They say which nodes are the master's own.
+    """
+    if size(state) <= most:
+        return state
+    rows = list(_rows(state))
+    mine = own_nodes(state, own_uri, sync_remote_nodes)
+    own = [row for row in rows if row[2] in mine]
+    held = set(_rows(before)) if before is not None else set()
+    own.sort(key=lambda row: (row not in held, row))
+    taken = set(own[:most])
+    taken.update(sorted(_beside(rows, mine.keys(), taken))[: most - len(taken)])
+    publishers, subscribers, services = (
+        _taken(kind, table, taken)
+        for kind, table in (
+            ("publisher", state.publishers),
+            ("subscriber", state.subscribers),
+            ("service", state.services),
+        )
+    )
+    nodes = {node for _kind, _name, node in taken}
+    return replace(
+        state,
+        publishers=publishers,
+        subscribers=subscribers,
+        services=services,
+        types={name: kind for name, kind in state.types.items() if name in publishers or name in subscribers},
+        nodes={name: node for name, node in state.nodes.items() if name in nodes},
+        providers={name: provider for name, provider in state.providers.items() if name in services},
+        left_out=max(0, len(own) - most),
+    )
+
+
+def _beside(rows: List[Row], mine: AbstractSet[str], taken: Set[Row]) -> Iterator[Row]:
+    """The publishers of others on the topics of subscribers that are taken."""
+    heard = {name for kind, name, _node in taken if kind == "subscriber"}
+    return (row for row in rows if row[0] == "publisher" and row[1] in heard and row[2] not in mine)
+
+
+def size(state: State) -> int:
+    """The number of registrations in a state."""
+    return sum(
+        len(nodes) for table in (state.publishers, state.services, state.subscribers) for nodes in table.values()
+    )
+
+
+def _rows(state: State) -> Iterator[Row]:
+    for kind, table in (
+        ("publisher", state.publishers),
+        ("service", state.services),
+        ("subscriber", state.subscribers),
+    ):
+        for name, nodes in table.items():
+            for node in nodes:
+                yield kind, name, node
+
+
+def _taken(kind: str, table: Endpoints, taken: Set[Row]) -> Dict[str, Tuple[str, ...]]:
+    left = {name: tuple(node for node in nodes if (kind, name, node) in taken) for name, nodes in table.items()}
+    return {name: nodes for name, nodes in left.items() if nodes}
+
+
+def exceeded(remotes: Mapping[str, Remote]) -> List[Refusal]:
+    """The masters that offer more than is taken, as refusals: so the log, the status and /diagnostics say it."""
+    return [
+        Refusal("limit", remote.announced.name, remote.announced.name, uri, str(MOST))
+        for uri, remote in sorted(remotes.items())
+        if remote.state is not None and remote.state.left_out
+    ]
+
+
+def sentence(item: Refusal) -> str:
+    """The sentence about a master that offers more than is taken."""
+    return (
+        f"{item.master} at {quoted(item.uri)} offers more than {item.holder} registrations: {item.holder} of them are taken, and the"
+        " others are not there. Leave out what nobody needs, by filters or exports"
+    )

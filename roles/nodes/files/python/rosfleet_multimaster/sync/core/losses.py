@@ -1,0 +1,192 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The TCP connections that end when a master is lost, and when it comes back: events in, connections to note and to end out.
+
+TCP waits. A connect() to a robot without power takes two minutes to fail, and holds a thread of the roscore so long; a
+connection that was cut sends again at ever longer intervals, and rospy reads from it for ever. So, while a master is
+offline, what leads to the XML-RPC ports of its nodes is ended; and when it comes back, those of the connections between
+its nodes and own ones that are still there and still silent: the client libraries then connect anew at once.
+
+What a robot says of its nodes is believed for the computers of that robot alone, and never for a roscore or discovery.
+
+Free of sockets, threads and clocks.
+"""
+
+import re
+import urllib.parse
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
+
+from ...protocol.members import Members
+from ...protocol.messages import NodeKey, Registration
+from .permission import LOWEST, ports
+from .sync import View
+
+FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv4.tcp_retries2)
+RESOLVE = 300.0  # seconds between two looks at the address of a host
+PARSED = 4096  # URIs whose parts are known: they are asked for with each news of a master
+
+# As rospy and roscpp describe a connection in getBusInfo; rospy does not know from which port it was called.
+_INFO = re.compile(r"TCPROS connection on port (\d+) to \[(?:.*):(\d+|None) on socket")
+
+
+class Connection(NamedTuple):
+    """A connection of an own node, by its ports; None where it is not known."""
+
+    local_port: int
+    remote_port: Optional[int]
+
+
+class Look(NamedTuple):
+    """Ask these own nodes for their connections with that master's, and hand them to `noted`."""
+
+    master: str
+    nodes: FrozenSet[NodeKey]  # own ones
+    others: FrozenSet[str]  # names and URIs of the master's
+
+
+class Ending(NamedTuple):
+    """End those of these connections to these addresses on which nothing was heard for so many seconds."""
+
+    addresses: FrozenSet[str]
+    connections: FrozenSet[Connection]
+    silent: float
+
+    def wants(self, local_port: int, remote: Tuple[str, int], silent: float) -> bool:
+        """True where this connection is to be ended."""
+        if remote[0] not in self.addresses or silent < self.silent:
+            return False
+        return any(Connection(local_port, port) in self.connections for port in (remote[1], None))
+
+
+@dataclass
+class _Master:
+    nodes: FrozenSet[NodeKey] = frozenset()  # its nodes that are registered here
+    sharing: FrozenSet[NodeKey] = frozenset()  # own nodes with a topic of these
+    online: bool = True
+    lost: Optional[float] = None
+    noted: Set[Connection] = field(default_factory=set)
+
+
+class Losses:
+    """The notes about each master, for the time when it is lost."""
+
+    def __init__(self, members: Members) -> None:
+        self._members, self._ports = members, ports(members)
+        self._masters: Dict[str, _Master] = {}
+        self._addresses: Dict[str, Tuple[float, FrozenSet[str]]] = {}  # host -> when, and its addresses
+
+    def registered(self, held: Mapping[Registration, str], view: View, claims: Mapping[NodeKey, str]) -> None:
+        """Take what is registered now, and for whom. The registrations of a lost master are remembered."""
+        nodes: Dict[str, Set[NodeKey]] = {}
+        sharing: Dict[str, Set[NodeKey]] = {}
+        users = view.own_nodes(claims)
+        for item, uri in held.items():
+            nodes.setdefault(uri, set()).add(item.of)
+            own = users.get(item.name, ()) if item.kind != "service" else ()
+            sharing.setdefault(uri, set()).update(
+                (node, view.node_uris[node]) for node in own if node in view.node_uris
+            )
+        for uri in nodes.keys() | self._masters.keys():
+            master = self._masters.setdefault(uri, _Master())
+            if master.lost is None:
+                master.nodes, master.sharing = frozenset(nodes.get(uri, ())), frozenset(sharing.get(uri, ()))
+
+    def to_resolve(self, now: float) -> List[str]:
+        """The hosts of registered nodes to look up. Now: when a master is lost, name servers may be too."""
+        hosts = {host for uri, master in self._masters.items() if master.lost is None for host in _hosts(uri, master)}
+        kept = {host for uri, master in self._masters.items() for host in _hosts(uri, master)}
+        self._addresses = {host: found for host, found in self._addresses.items() if host in kept}
+        due = [host for host in sorted(hosts) if now - self._addresses.get(host, (-RESOLVE, ()))[0] >= RESOLVE]
+        for host in due:
+            self._addresses[host] = now, self._addresses.get(host, (now, frozenset()))[1]
+        return due
+
+    def resolved(self, host: str, addresses: FrozenSet[str], now: float) -> None:
+        """Take the addresses of a host that are not this computer's own."""
+        self._addresses[host] = now, addresses
+
+    def seen(self, online: Mapping[str, bool], now: float) -> Tuple[List[Look], List[Ending]]:
+        """Take the masters that discovery knows. Return what to look at, and what to end."""
+        looks, endings = [], []
+        for uri, master in list(self._masters.items()):
+            if master.lost is None and online.get(uri) is False:
+                master.lost = now
+                looks.append(Look(uri, master.sharing, frozenset(part for node in master.nodes for part in node)))
+            elif master.lost is not None and online.get(uri):
+                if master.noted:
+                    addresses = frozenset(address for address, _port in self._endpoints(uri, master))
+                    endings.append(Ending(addresses, frozenset(master.noted), now - master.lost))
+                master.lost, master.noted = None, set()
+            elif master.lost is not None and now - master.lost >= FORGET:
+                del self._masters[uri]
+            elif master.lost is None and uri not in online and not master.nodes:  # it has left
+                del self._masters[uri]
+        return looks, endings
+
+    def noted(self, uri: str, connections: Set[Connection]) -> None:
+        """Take the connections that a look has found."""
+        master = self._masters.get(uri)
+        if master is not None and master.lost is not None:
+            master.noted |= connections
+
+    def endpoints(self) -> Set[Tuple[str, int]]:
+        """The XML-RPC addresses of the nodes of lost masters, and of no other one: what leads there is ended."""
+        lost: Set[Tuple[str, int]] = set()
+        there: Set[Tuple[str, int]] = set()  # a robot may come back as another master, with a node at the same port
+        for uri, master in self._masters.items():
+            (there if master.lost is None else lost).update(self._endpoints(uri, master))
+        return lost - there
+
+    def _endpoints(self, uri: str, master: _Master) -> Set[Tuple[str, int]]:
+        believed = self._of_robot(uri)
+        found: Set[Tuple[str, int]] = set()
+        for node in master.nodes:
+            port = _port(node)
+            if port >= LOWEST and port not in self._ports:
+                found.update((address, port) for address in self._at(_host(node)) & believed)
+        return found
+
+    def _of_robot(self, uri: str) -> FrozenSet[str]:
+        """The addresses of a master's robot: the planned ones, and of a stranger's the master's own.
+
+        A stranger chooses the host of its URI, so it may not be one of the fleet.
+        """
+        member = self._members.master(uri)
+        return self._at(_host(("", uri))) - self._members.hosts if member is None else member.hosts
+
+    def _at(self, host: str) -> FrozenSet[str]:
+        return self._addresses.get(host, (0.0, frozenset()))[1]
+
+
+def connections_of(bus_info: Any, others: FrozenSet[str]) -> Set[Connection]:
+    """The connections with these nodes (names or URIs) in a node's answer to getBusInfo."""
+    found = set()
+    for row in bus_info if isinstance(bus_info, list) else ():
+        if isinstance(row, list) and len(row) >= 7 and row[1] in others and isinstance(row[6], str):
+            text = _INFO.match(row[6])
+            if text:
+                found.add(Connection(int(text[1]), None if text[2] == "None" else int(text[2])))
+    return found
+
+
+def _hosts(uri: str, master: _Master) -> Set[str]:
+    """The hosts of a master with nodes here, and of these."""
+    return {host for host in map(_host, [*master.nodes, ("", uri)]) if host} if master.nodes else set()
+
+
+@lru_cache(PARSED)
+def _host(node: NodeKey) -> str:
+    try:
+        return urllib.parse.urlsplit(node[1]).hostname or ""
+    except ValueError:
+        return ""
+
+
+@lru_cache(PARSED)
+def _port(node: NodeKey) -> int:
+    try:
+        return urllib.parse.urlsplit(node[1]).port or 0
+    except ValueError:
+        return 0

@@ -1,0 +1,243 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Types of shared topics, compared here and there: answers of nodes and masters in, questions and refusals out.
+
+The roscore cannot say it. It keeps one type per topic, that of the publisher who registered last (a subscriber that
+comes later changes nothing), and keeps it when all of them are gone. So the own nodes that share a topic with another
+master are asked what they take it for, and its discovery for the md5 sums of the types that an own node has named.
+
+Free of sockets, threads and clocks.
+"""
+
+import math
+from typing import (
+    Dict,
+    FrozenSet,
+    Generic,
+    Iterable,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    TypeVar,
+)
+
+from ...protocol.filters import UNKNOWN_TYPES
+from ...protocol.messages import NodeKey
+from ...protocol.plain_text import quoted
+from .sync import Refusal, View, Wanted
+
+MOST = 500  # types of one question
+AGAIN = 60.0  # seconds after an answer, or none, until the same is asked again: nothing tells that it would be another
+Key = TypeVar("Key")
+
+
+class Question(NamedTuple):
+    """To be asked: an own node for the types of its topics (`node`), or a master for md5 sums of types (`master`)."""
+
+    node: Optional[NodeKey]
+    master: str = ""
+    types: FrozenSet[str] = frozenset()
+
+
+class Verdict(NamedTuple):
+    """The wanted registrations that may be made now, the conflicts, and the questions to ask."""
+
+    wanted: List[Wanted]
+    refused: List[Refusal]
+    questions: List[Question]
+
+
+class _Book(Generic[Key]):
+    """The questions that were asked, and the answers."""
+
+    def __init__(self) -> None:
+        self.answers: Dict[Key, Mapping[str, str]] = {}
+        self._asked: Dict[
+            Key, Tuple[FrozenSet[str], float, float]
+        ] = {}  # for what, at which stamp, until when it is enough
+        self._open: Set[Key] = set()
+
+    def to_ask(self, key: Key, names: FrozenSet[str], stamp: float, now: float) -> bool:
+        """True where these names are to be asked for now: they are new, or the stamp is. Then the question is open."""
+        asked, before, until = self._asked.get(key, (frozenset(), stamp, -math.inf))
+        if key in self._open:
+            return False
+        if key in self.answers:  # what has left may come back as something else
+            self.answers[key] = {name: said for name, said in self.answers[key].items() if name in names}
+        if names <= asked and stamp == before and now < until:
+            self._asked[key] = names, before, until
+            return False
+        self._asked[key] = names, stamp, math.inf
+        self._open.add(key)
+        return True
+
+    def waits(self, key: Key, name: str) -> bool:
+        """True where an answer is still to come, and there is none from before."""
+        return key in self._open and name not in self.answers.get(key, ())
+
+    def answer(self, key: Key, answer: Optional[Mapping[str, str]], now: float) -> None:
+        """Take the answer. Without one (None) the earlier answer counts."""
+        self._open.discard(key)
+        if answer is not None:
+            self.answers[key] = answer
+        if key in self._asked:
+            self._asked[key] = (*self._asked[key][:2], now + AGAIN)
+
+    def keep(self, keys: Iterable[Key]) -> None:
+        """Forget all others."""
+        for key in (self.answers.keys() | self._asked.keys()) - set(keys):
+            self.answers.pop(key, None)
+            self._asked.pop(key, None)
+
+
+class TypeGuard:
+    """Refuses registrations on topics that own nodes have with another type, or with another md5 sum of it."""
+
+    def __init__(self) -> None:
+        self._nodes: _Book[NodeKey] = _Book()  # own node -> topic -> type
+        self._masters: _Book[str] = _Book()  # master -> type -> md5 sum there
+        self._own_md5: Dict[str, str] = {}
+
+    def judge(
+        self,
+        wanted: Sequence[Wanted],
+        view: View,
+        claims: Mapping[NodeKey, str],
+        stamps: Mapping[str, float],
+        now: float,
+    ) -> Verdict:
+        """`stamps`: of each master's state; another one means that its answers may be others.
+
+        What is new and shared waits for the answers to open questions; what is registered already stays meanwhile.
+        """
+        users = view.own_nodes(claims)
+        shared = [item for item in wanted if _type(item) and item.registration.name in users]
+        nodes = _by_node(shared, users, view)
+        questions = self._ask_nodes(nodes, now)
+        named = {topic: self._named(topic, users[topic], view) for topics in nodes.values() for topic in topics}
+        types = _by_master(shared, named)
+        questions += self._ask_masters(types, stamps, now)
+        held, conflicts = view.registrations(claims), self._conflicts(shared, users, named, view)
+
+        def ready(item: Wanted) -> bool:
+            topic = item.registration.name
+            if not _type(item) or topic not in users:
+                return True
+            if (topic, item.master) in conflicts:
+                return False
+            return item.registration in held or not self._waits(item, users[topic], named.get(topic, {}), view)
+
+        left = [item for item in wanted if ready(item)]
+        refused = [Refusal("type", topic, master, *sides) for (topic, master), sides in conflicts.items()]
+        return Verdict(left, refused, questions)
+
+    def _ask_nodes(self, nodes: Mapping[NodeKey, Set[str]], now: float) -> List[Question]:
+        asked = [node for node, topics in nodes.items() if self._nodes.to_ask(node, frozenset(topics), 0.0, now)]
+        self._nodes.keep(nodes)
+        return [Question(node) for node in asked]
+
+    def _ask_masters(
+        self, types: Mapping[str, FrozenSet[str]], stamps: Mapping[str, float], now: float
+    ) -> List[Question]:
+        asked = [
+            (master, names)
+            for master, names in types.items()
+            if self._masters.to_ask(master, names, stamps.get(master, 0.0), now)
+        ]
+        self._masters.keep(types)
+        return [Question(None, master, names) for master, names in asked]
+
+    def told_by_node(self, node: NodeKey, types: Optional[Mapping[str, str]], now: float) -> None:
+        """Take the answer of an own node: topic -> type; None where it does not answer."""
+        self._nodes.answer(node, types, now)
+
+    def told_by_master(
+        self, master: str, there: Optional[Mapping[str, str]], here: Mapping[str, str], now: float
+    ) -> None:
+        """Take the md5 sums of types there (None: no answer) and here."""
+        self._masters.answer(master, there, now)
+        self._own_md5.update(here)
+
+    def _named(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
+        """Type -> the own node that has the topic with it."""
+        found: Dict[str, str] = {}
+        for node in users:
+            kind = self._nodes.answers.get((node, view.node_uris.get(node, "")), {}).get(topic, "")
+            if kind not in UNKNOWN_TYPES:
+                found.setdefault(kind, node)
+        return found
+
+    def _conflicts(
+        self,
+        shared: Sequence[Wanted],
+        users: Mapping[str, Sequence[str]],
+        named: Mapping[str, Dict[str, str]],
+        view: View,
+    ) -> Dict[Tuple[str, str], Tuple[str, str]]:
+        """(topic, master) -> its type there, and here."""
+        there: Dict[Tuple[str, str], List[Wanted]] = {}
+        for item in shared:
+            there.setdefault((item.registration.name, item.master), []).append(item)
+        found = {}
+        for (topic, master), items in there.items():
+            here = named.get(topic) or self._said(topic, users[topic], view)
+            if not here:
+                continue
+            nodes = ", ".join(quoted(node) for node in sorted({item.registration.node for item in items})[:3])
+            kind = items[0].type
+            theirs, ours = self._masters.answers.get(items[0].master_uri, {}).get(kind), self._own_md5.get(kind)
+            if kind not in here:
+                own_kind, node = next(iter(here.items()))
+                found[topic, master] = f"{quoted(kind)} (of {nodes})", f"{quoted(own_kind)} (of {quoted(node)})"
+            elif theirs and ours and theirs != ours and kind in named.get(topic, {}):
+                sides = (
+                    f"{quoted(kind)} with the md5 sum {quoted(theirs)} (of {nodes})",
+                    f"{quoted(kind)} with {quoted(ours)} (of {quoted(here[kind])})",
+                )
+                found[topic, master] = sides
+        return found
+
+    def _said(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
+        """The type in the roscore, where no own node names one. A node that takes any type contradicts nobody."""
+        answers = (self._nodes.answers.get((node, view.node_uris.get(node, "")), {}) for node in users)
+        kind = view.types.get(topic, "")
+        if kind in UNKNOWN_TYPES or self._silent(topic, users, view) or any(topic in answer for answer in answers):
+            return {}
+        return {kind: users[0]}
+
+    def _waits(self, item: Wanted, users: Sequence[str], named: Mapping[str, str], view: View) -> bool:
+        if self._silent(item.registration.name, users, view):
+            return True
+        return item.type in named and self._masters.waits(item.master_uri, item.type)
+
+    def _silent(self, topic: str, users: Sequence[str], view: View) -> bool:
+        """True where an own node has not answered yet with which type it has the topic."""
+        return any(self._nodes.waits((node, view.node_uris.get(node, "")), topic) for node in users)
+
+
+def _type(item: Wanted) -> str:
+    """The type of a wanted topic, "" where there is none to compare."""
+    return "" if item.registration.kind == "service" or item.type in UNKNOWN_TYPES else item.type
+
+
+def _by_node(shared: Sequence[Wanted], users: Mapping[str, Sequence[str]], view: View) -> Dict[NodeKey, Set[str]]:
+    """The own nodes that share topics -> these topics."""
+    found: Dict[NodeKey, Set[str]] = {}
+    for topic in {item.registration.name for item in shared}:
+        for node in users[topic]:
+            if node in view.node_uris:
+                found.setdefault((node, view.node_uris[node]), set()).add(topic)
+    return found
+
+
+def _by_master(shared: Sequence[Wanted], named: Mapping[str, Mapping[str, str]]) -> Dict[str, FrozenSet[str]]:
+    """The masters whose types an own node has named too -> these types; a type that only others name is never looked at."""
+    found: Dict[str, Set[str]] = {}
+    for item in shared:
+        if item.type in named.get(item.registration.name, {}):
+            found.setdefault(item.master_uri, set()).add(item.type)
+    return {master: frozenset(sorted(types)[:MOST]) for master, types in found.items()}

@@ -1,0 +1,41 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which TCP connections may be ended for master_sync: those of nodes with computers of the fleet, and no other one.
+
+The program with the right to end connections (end_connections.py) asks this. It believes nothing that robots say.
+"""
+
+from typing import Collection, FrozenSet, Tuple
+
+from ...protocol.members import Members
+
+LOWEST = 1024  # ports below it are of ssh and the like, never of a node, whatever a robot says of its nodes
+
+Endpoint = Tuple[str, int]
+
+
+class Permission:
+    """What the members of the fleet allow."""
+
+    def __init__(self, members: Members) -> None:
+        self._hosts = frozenset(host for robot in members.robots for host in robot.hosts)
+        self._allow = members.allow
+        self._ports = ports(members)
+
+    def refusal(self, local: Endpoint, remote: Endpoint, own: Collection[str]) -> str:
+        """Why this connection may not be ended; empty where it may. `own`: the addresses of this computer."""
+        if remote[0] in own:
+            return f"{remote[0]} is this computer"
+        if remote[0] not in self._hosts and remote[0] not in self._allow:
+            return f"{remote[0]} is no computer of the fleet"
+        for _address, port in (local, remote):
+            if port < LOWEST:
+                return f"port {port} is below {LOWEST}"
+            if port in self._ports:
+                return f"port {port} is that of a roscore or of discovery"
+        return ""
+
+
+def ports(members: Members) -> FrozenSet[int]:
+    """The ports of all roscores and of all discovery nodes."""
+    return frozenset(port for robot in members.robots for port in robot.ports)

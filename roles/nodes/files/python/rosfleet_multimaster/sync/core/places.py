@@ -1,0 +1,116 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the nodes of another master may be: what this robot connects to, since another one says so.
+
+A URI of a node goes to the own roscore and to own nodes, which then connect there. So it names a computer of the robot
+whose master says it, and nothing else. A robot of the fleet has planned computers; their names lead to them by
+/etc/hosts, and so may another name that they have. A stranger that is allowed has its own address, and who else is in
+the networks of this computer or allowed. Only a second master on this computer has nodes here.
+"""
+
+from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Set, Tuple
+from urllib.parse import urlsplit
+
+from ...protocol.graph import State
+from ...protocol.members import Member, Members
+from ...protocol.plain_text import quoted
+
+LOWEST_PORT = 1024
+LOCAL_NAMES = ("", "localhost", "localhost.localdomain", "ip6-localhost")
+MAX_NAMES = 16  # hosts of one state that are looked up
+
+
+class Here(NamedTuple):
+    """What is known of this computer."""
+
+    addresses: FrozenSet[str] = frozenset()  # its own
+    networks: Optional[Container[str]] = None  # that it is in; None where they do not matter
+
+
+class Places:
+    """The places of one master's nodes."""
+
+    def __init__(self, members: Members, uri: str, monitor_uri: str, here: Here, resolved: Mapping[str, str]) -> None:
+        """`resolved`: addresses of names that the plan does not have."""
+        self._members, self._here, self._resolved = members, here, resolved
+        self._member: Optional[Member] = members.master(uri)
+        self._sender = host_of(monitor_uri)
+
+    def refused(self, state: State) -> Dict[str, str]:
+        """URI of a node or service in a state -> why nobody is to connect to it."""
+        found = {uri: self.objection(uri) for uri in uris(state)}
+        return {uri: why for uri, why in found.items() if why}
+
+    def objection(self, uri: str) -> str:
+        """Why nobody is to connect to this URI of a node or a service; empty where it is fine."""
+        try:
+            parts = urlsplit(uri)
+            host, port = (parts.hostname or "").lower(), parts.port
+        except ValueError:
+            return "it is no URI"
+        if parts.path not in ("", "/") or parts.query or parts.fragment or "@" in parts.netloc:
+            return "it is more than a host and a port"
+        if port is None or port < LOWEST_PORT:
+            return "its port is no node's"
+        if self._member is not None and port in self._member.ports:
+            return f"port {port} there is its roscore's or its discovery's"
+        return self._no_place(host)
+
+    def _is_here(self, address: str) -> bool:
+        return address.startswith(("127.", "0.")) or address in self._here.addresses
+
+    def _no_place(self, host: str) -> str:
+        if self._member is not None and host in self._member.hosts:
+            return ""
+        if ":" in host or (host.replace(".", "").isdigit() and not _is_address(host)):
+            return "its host is neither a name nor an IPv4 address"  # 127.1 and ::ffff:127.0.0.1 are this computer
+        address = host if _is_address(host) else self._resolved.get(host, "")
+        if host in LOCAL_NAMES or self._is_here(address):
+            return "" if self._is_here(self._sender) else "it is on this computer itself"
+        if address and address in self._members.allow:
+            return ""
+        if self._member is not None:
+            return "" if address in self._member.hosts else f"{quoted(host)} is no computer of {self._member.robot}"
+        return self._no_place_of_a_stranger(host, address)
+
+    def _no_place_of_a_stranger(self, host: str, address: str) -> str:
+        if not self._members.robots or address == self._sender:
+            return ""
+        if not address:
+            return f"{quoted(host)} has no address on this computer"
+        if self._here.networks is not None and address not in self._here.networks:
+            return f"{address} is in no network of this computer"
+        return ""
+
+
+def names_to_resolve(state: State, members: Members) -> List[str]:
+    """The host names in a state that the plan does not have. Where the fleet is not known, none is looked up."""
+    if not members.robots:
+        return []
+    member = members.master(state.uri)
+    known = member.hosts if member is not None else frozenset()
+    hosts: Set[str] = {host_of(uri).lower() for uri in uris(state)}
+    return sorted(host for host in hosts if host and host not in known and not _is_address(host))[:MAX_NAMES]
+
+
+def host_of(uri: str) -> str:
+    """The host of a URI; empty where it has none."""
+    try:
+        return urlsplit(uri).hostname or ""
+    except ValueError:
+        return ""
+
+
+def uris(state: State) -> Iterable[str]:
+    """The URIs of nodes and services in a state."""
+    found: Tuple[Optional[str], ...] = (
+        *(node.uri for node in state.nodes.values()),
+        *(provider.uri for provider in state.providers.values()),
+    )
+    return (uri for uri in found if uri)
+
+
+def _is_address(host: str) -> bool:
+    """True for four numbers in their usual spelling: 010 is 8 for some programs."""
+    parts = host.split(".")
+    return len(parts) == 4 and all(part.isdigit() and str(int(part)) == part and int(part) < 256 for part in parts)

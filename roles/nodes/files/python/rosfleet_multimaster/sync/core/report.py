@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What people are shown of refusals and registrations: sentences for the log, entries of /diagnostics, metrics."""
+
+from collections import Counter
+from typing import Iterable, List, Mapping, Sequence, Tuple
+
+from ...protocol import metrics
+from ...protocol.diagnosis import Diagnosis, warning
+from ...protocol.messages import Registration
+from ...protocol.plain_text import quoted
+from .limits import sentence
+from .sync import Refusal
+
+NOUNS = {"node": "node", "service": "service", "type": "topic", "place": "node or service"}
+_TAKEN = "at {there} is refused: here it is {here}. Give one of them another name, or ignore it"
+_OTHER = (
+    "is refused: there it is {there}, here {here}. Use one definition on both robots, another topic, or ignore_topics"
+)
+
+
+_PLACE = "at {there} is refused: {here}. Its nodes belong on computers of its robot, or in multimaster_allow"
+_HERE = {**dict.fromkeys(NOUNS, ", here it is "), "place": ": "}
+_SENTENCES = {"type": _OTHER, "place": _PLACE}
+
+
+def refused(item: Refusal) -> str:
+    """The line of the log about a new refusal."""
+    if item.kind == "limit":
+        return sentence(item)
+    there, here = _sides(item)
+    text = _SENTENCES.get(item.kind, _TAKEN).format(there=there, here=here)
+    return f"{item.master}: the {NOUNS[item.kind]} {quoted(item.name)} {text}"
+
+
+def _sides(item: Refusal) -> Tuple[str, str]:
+    """What is there and what is here. Types and places are told in sentences, which have quoted the names in them."""
+    there = item.uri if item.kind == "type" else quoted(item.uri)
+    return there, item.holder if item.kind in ("type", "place") else quoted(item.holder)
+
+
+def no_longer_refused(item: Refusal) -> str:
+    """The line of the log about a refusal that has ended."""
+    if item.kind == "limit":
+        return f"{item.master} offers {item.holder} registrations or fewer again"
+    return f"{item.master}: the {NOUNS[item.kind]} {quoted(item.name)} is no longer refused"
+
+
+def diagnoses(items: Sequence[Refusal]) -> List[Diagnosis]:
+    """The entries about all refusals: of too many, of names, types and places."""
+    kinds = {
+        "names": (("node", "service"), "refused, since the name is taken here"),
+        "types": (("type",), "refused, since the topic has another type here"),
+        "places": (("place",), "refused, since no node of that robot can be there"),
+    }
+    return [
+        _limits([item for item in items if item.kind == "limit"]),
+        *(_refusals(name, why, [item for item in items if item.kind in of]) for name, (of, why) in kinds.items()),
+    ]
+
+
+def _limits(items: Sequence[Refusal]) -> Diagnosis:
+    values = [(item.master, sentence(item)) for item in items]
+    return warning("limits", f"masters that offer more registrations than are taken: {len(items)}", values)
+
+
+def _refusals(name: str, why: str, items: Sequence[Refusal]) -> Diagnosis:
+    values = []
+    for item in items:
+        there, here = _sides(item)
+        told = f"{there} of {item.master} is refused{_HERE[item.kind]}{here}"
+        values.append((f"{NOUNS[item.kind]} {quoted(item.name)}", told))
+    return warning(name, f"{why}: {len(items)}", values)
+
+
+# Metrics
+
+
+def of_refusals(refused: Iterable[Refusal], total: Mapping[str, int]) -> metrics.Samples:
+    """The samples about refusals: those that are in force, and kind -> how many there were."""
+    now = Counter(item.kind for item in refused)
+    return {
+        "multimaster_refusals": {(reason,): now[reason] for reason in metrics.REASONS},
+        "multimaster_refusals_total": {(reason,): total.get(reason, 0) for reason in metrics.REASONS},
+    }
+
+
+def of_registrations(names: Mapping[str, str], held: Mapping[Registration, str]) -> metrics.Samples:
+    """The samples about what is registered. `names`: URI of a master -> its name."""
+    counts = Counter((names.get(uri, ""), item.kind) for item, uri in held.items())
+    known = sorted({*names.values(), *(name for name, _kind in counts)} - {""})[: metrics.MOST // len(metrics.KINDS)]
+    return {"multimaster_registrations": {(name, kind): counts[name, kind] for name in known for kind in metrics.KINDS}}

@@ -1,0 +1,137 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A small plan for a few registrations, made of what the last round knew; where that does not do, a round makes it.
+
+A round reads the whole roscore, and looks at all that is wanted of all masters. With 3,000 topics, or where twenty robots
+meet, that takes longer than everything else. Most changes are simple: a node of another robot has one topic more or less,
+or another robot is there with all of its topics, and nobody else has anything to do with their names. `step` plans these, and
+nothing else: for what is left it gives the plan that a round would give. Whether the names are still free is asked anew
+before anything is written (`names`). Free of sockets, threads and clocks.
+"""
+
+from dataclasses import replace
+from typing import Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Set, Tuple
+
+from ...protocol.filters import UNKNOWN_TYPES
+from ...protocol.imports import Claims
+from ...protocol.messages import NodeKey, Registration
+from .sync import Plan, View, Wanted, nodes_of
+
+
+class Known(NamedTuple):
+    """The knowledge since the last round."""
+
+    view: View
+    claims: Claims
+    held: Mapping[Registration, str]
+    refused: Container[str]  # names of nodes, services and topics that something was refused for
+
+
+class Names(NamedTuple):
+    """Names that must be free, and nodes that must be where they were."""
+
+    free: List[Tuple[str, ...]]  # calls of the roscore that must find nothing
+    same: Dict[str, str]  # node -> URI
+
+
+def step(
+    touched: Set[Registration],
+    wanted: Mapping[Registration, Wanted],
+    known: Known,
+    contested: Callable[[str, str], bool],
+) -> Optional[Plan]:
+    """The plan for the registrations that may have changed; None where it takes a round.
+
+    `wanted`: those of them that are wanted now. `contested(node or service, master)`: another master has this name, too.
+    """
+    if not _is_as_before(touched, wanted, known):
+        return None
+    new = sorted(item for item in wanted if item not in known.held)
+    old = sorted(item for item in touched if item not in wanted and item in known.held)
+    masters = {item: wanted[item].master_uri for item in new}
+    claimed = dict(known.claims.keys())
+    if not all(_is_simple(item, known.view, claimed) for item in new + old):
+        return None
+    if not all(_is_free(item, masters[item], known) for item in new):
+        return None
+    if any(contested(*name) for name in _names_of(masters)):
+        return None
+    return _plan(new, old, wanted, known)
+
+
+def _plan(
+    new: List[Registration], old: List[Registration], wanted: Mapping[Registration, Wanted], known: Known
+) -> Plan:
+    held = dict(known.held)
+    for item in old:
+        del held[item]
+    held.update((item, wanted[item].master_uri) for item in new)
+    left = nodes_of(held) if old else set()
+    claims = {key: master for key, master in known.claims.items() if not old or key in left}
+    claims.update((item.of, wanted[item].master_uri) for item in new)
+    return Plan(claims, old, new, held, [], {item: wanted[item].type for item in new})
+
+
+def _is_as_before(touched: Set[Registration], wanted: Mapping[Registration, Wanted], known: Known) -> bool:
+    """True where nothing was refused for these names, and the topics that are held have the type that their master names."""
+    if any(item.name in known.refused or item.node in known.refused for item in touched):
+        return False
+    held = ((item, wanted[item].type) for item in wanted if item in known.held and item.kind != "service")
+    return all(kind in UNKNOWN_TYPES or known.view.types.get(item.name, kind) == kind for item, kind in held)
+
+
+def _is_simple(item: Registration, view: View, claimed: Mapping[str, str]) -> bool:
+    """True where no own node has anything to do with its names. `claimed`: node of another master -> its URI."""
+    if claimed.get(item.node, item.node_uri) != item.node_uri:
+        return False
+    if view.node_uris.get(item.node, item.node_uri) != item.node_uri:  # an own node has its name
+        return False
+    if item.kind == "service":
+        return all(user == item.node and user in claimed for user in view.services.get(item.name, ()))
+    users = (*view.publishers.get(item.name, ()), *view.subscribers.get(item.name, ()))
+    return all(user in claimed for user in users)
+
+
+def _is_free(item: Registration, master: str, known: Known) -> bool:
+    """True where nothing is registered with its names for another master."""
+    if item.kind == "service" and item.name in known.view.services:
+        return False
+    return known.claims.get(item.of, master) == master
+
+
+def _names_of(masters: Mapping[Registration, str]) -> Set[Tuple[str, str]]:
+    """The nodes and services of registrations, each once, with their masters: one node has many topics."""
+    nodes = {(item.node, master) for item, master in masters.items()}
+    return nodes | {(item.name, master) for item, master in masters.items() if item.kind == "service"}
+
+
+def names(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Names:
+    """The condition under which a plan may be carried out: nobody else has taken a name meanwhile.
+
+    `guarded`: the roscore itself sees to it for the names of nodes.
+    """
+    free: Set[Tuple[str, ...]] = {("lookupService", item.name) for item in todo.register if item.kind == "service"}
+    if guarded:
+        return Names(sorted(free), {})
+    same = {item.node: item.node_uri for item in todo.register if item.of in claims}
+    free.update(("lookupNode", item.node) for item in todo.register if item.node not in same)
+    return Names(sorted(free), same)
+
+
+def after(todo: Plan, view: View) -> View:
+    """The registrations of the roscore after a plan."""
+    tables: Dict[str, Dict[str, Tuple[str, ...]]] = {}
+    node_uris, service_uris = dict(view.node_uris), dict(view.service_uris)
+    for item in (*todo.unregister, *todo.register):
+        there = item in todo.held
+        table = tables.setdefault(f"{item.kind}s", dict(getattr(view, f"{item.kind}s")))
+        users = {node for node in table.get(item.name, ()) if node != item.node} | ({item.node} if there else set())
+        table[item.name] = tuple(sorted(users))
+        if not users:
+            del table[item.name]
+        if there:
+            node_uris[item.node] = item.node_uri
+        if item.kind == "service":
+            service_uris.update({item.name: item.service_uri} if there else {})
+    types = {**view.types, **{item.name: kind for item, kind in todo.types.items() if item.kind == "publisher"}}
+    return replace(view, **tables, node_uris=node_uris, service_uris=service_uris, types=types)

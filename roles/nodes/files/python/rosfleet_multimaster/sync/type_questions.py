@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Questions about the types of shared topics: to own nodes, and to other masters."""
+
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+from ..edge.clock import monotonic
+from ..edge.loop import Loop, Workers
+from ..edge.rpc_client import Rpc
+from ..protocol.messages import NodeKey
+from ..protocol.xml_rpc import NODE
+from .core.message_types import Question, TypeGuard
+
+TYPES = 200  # that another master is asked about at once: the answer must fit
+TIMEOUT = 2.0  # seconds for what an own node is asked, or another master about its types
+
+Md5Sum = Callable[[str], Optional[str]]
+
+
+class TypeQuestions:
+    """Carries out the questions of a TypeGuard, and gives it the answers."""
+
+    def __init__(
+        self,
+        loop: Loop,
+        guard: TypeGuard,
+        monitor_of: Callable[[str], str],
+        md5sum: Md5Sum,
+        answered: Callable[[], None],
+    ) -> None:
+        """`monitor_of(master)`: the URI of its discovery, "" where it has left; `md5sum(type)`: None where unknown here."""
+        self._workers = Workers(loop, 4)
+        self._guard, self._monitor_of, self._md5sum, self._answered = guard, monitor_of, md5sum, answered
+
+    def ask(self, question: Question) -> None:
+        """Ask, and hand the answer to the guard later."""
+        if question.node is not None:
+            node = question.node
+            self._workers.submit(lambda: _types_of(node[1]), lambda types, _problem: self._told_by_node(node, types))
+            return
+        monitor, types = self._monitor_of(question.master), sorted(question.types)
+        self._workers.submit(
+            lambda: _md5sums(monitor, types, self._md5sum),
+            lambda sums, _problem: self._told_by_master(question.master, sums),
+        )
+
+    def _told_by_node(self, node: NodeKey, types: Optional[Dict[str, str]]) -> None:
+        self._guard.told_by_node(node, types, monotonic())
+        self._answered()
+
+    def _told_by_master(self, master: str, sums: Optional[Tuple[Dict[str, str], Dict[str, str]]]) -> None:
+        there, here = sums or (None, {})
+        self._guard.told_by_master(master, there, here, monotonic())
+        self._answered()
+
+
+def _types_of(node_uri: str) -> Dict[str, str]:
+    """Topic -> type, as a node of this robot has them."""
+    rpc, found = Rpc(node_uri, TIMEOUT, NODE), {}
+    try:
+        for method in ("getPublications", "getSubscriptions"):
+            answer = rpc.call(method, "/rosfleet")
+            rows = answer[2] if isinstance(answer, list) and len(answer) == 3 and isinstance(answer[2], list) else []
+            found.update({row[0]: row[1] for row in rows if _texts(row, 2)})
+    finally:
+        rpc.close()
+    return found
+
+
+def _md5sums(monitor_uri: str, types: List[str], md5sum: Md5Sum) -> Tuple[Dict[str, str], Dict[str, str]]:
+    """The md5 sums of types at another master, and here. Only types that an own node has named are imported."""
+    rpc, there = Rpc(monitor_uri, TIMEOUT), {}
+    try:
+        for at in range(0, len(types), TYPES):
+            rows = rpc.call("getTopicsMd5sum", types[at : at + TYPES])
+            there.update({row[0]: row[1] for row in rows if _texts(row, 2)} if isinstance(rows, list) else {})
+    finally:
+        rpc.close()
+    here = {name: md5sum(name) for name in types if name in there}
+    return there, {name: found for name, found in here.items() if found}
+
+
+def _texts(row: Any, width: int) -> bool:
+    return isinstance(row, list) and len(row) == width and all(isinstance(text, str) for text in row)

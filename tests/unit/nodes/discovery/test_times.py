@@ -1,0 +1,46 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Another master is asked for its time."""
+
+import threading
+import time
+
+import pytest
+from rosfleet_multimaster.discovery import times
+from rosfleet_multimaster.discovery.core.health import Health
+from rosfleet_multimaster.discovery.rpc_server import RpcServer
+from rosfleet_multimaster.protocol.members import Members
+from rosfleet_multimaster.protocol.messages import Master
+
+
+class Now:
+    """Workers that do it at once."""
+
+    def submit(self, job, done):
+        try:
+            done(job(), None)
+        except (OSError, ValueError) as problem:
+            done(None, problem)
+
+
+@pytest.mark.parametrize(
+    ("answer", "offset"), [(lambda: ["http://x:1/", time.time() + 3.0], 3.0), (lambda: ["x", "y"], None), (None, None)]
+)
+def test_the_offset_is_measured_and_nonsense_is_none(answer, offset):
+    server = RpcServer("127.0.0.1", 0, {"getCurrentTime": answer} if answer else {}, lambda _host, _why: None)
+    try:
+        monitor = f"http://127.0.0.1:{server.server_address[1]}"
+        master = Master("robot2", "http://robot2:11311/", 1.0, 1.0, True, "/d", monitor)
+        health = Health("http://own:11311/", Members())
+        assert health.question([master], 0.0) == master
+        if answer is None:
+            with pytest.raises(Exception, match="getCurrentTime"):
+                times.ask(master, Now(), health)
+        else:
+            times.ask(master, Now(), health)
+    finally:
+        threading.Thread(target=server.stop).start()
+    (link,) = health.links([master], []).links
+    assert (link.answer is None) == (offset is None)
+    if link.answer is not None:
+        assert link.answer.offset == pytest.approx(offset, abs=0.5) and 0 < link.answer.seconds < 3

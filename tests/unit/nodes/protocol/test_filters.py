@@ -1,0 +1,310 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+import re
+import sys
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosfleet_multimaster.protocol.filters import NAMES, NOTHING, WHITE_LISTS, Filters, InvalidPattern, Pattern, Rules
+
+names = st.from_regex(r"(/[a-z][a-z0-9_]{0,8}){1,3}", fullmatch=True)
+
+
+def rules(**values):
+    return Filters(values).rules("other")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "matches"),
+    [
+        ("/tf", "/tf", True),
+        ("/tf", "/tf_static", False),
+        ("/tf*", "/tf_static", True),
+        ("/TF", "/tf", True),
+        ("/a.b", "/axb", True),
+        ("/tf.*", "/tf", False),  # upstream's: every * becomes "any characters", so .* wants one
+        ("/a|/b", "/a_longer", False),
+        ("/a|/b", "/b", True),
+        (" /tf ", "/tf", True),
+    ],
+)
+def test_patterns(pattern, name, matches):
+    assert Pattern.of([pattern]).matches(name) is matches
+
+
+@given(st.text(max_size=5))
+def test_nothing_matches_nothing(name):
+    assert NOTHING and not NOTHING.matches(name) and Pattern.from_wire(NOTHING.text) == NOTHING
+
+
+@given(st.lists(names, max_size=5), names)
+def test_a_list_of_names_matches_exactly_these_names(items, name):
+    assert Pattern.of(items).matches(name) == (name in items)
+
+
+@given(st.text(max_size=30))
+def test_any_text_is_a_pattern_or_refused(text):
+    for make in (lambda: Pattern.of([text]), lambda: Pattern.from_wire(text)):
+        try:
+            make().matches("/chatter")
+        except InvalidPattern as problem:
+            assert str(problem)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        r"(a+)+b",
+        r"(a*)*b",
+        r"(a|b*)*c",
+        r"(.*a){20}",
+        r".*.*.*.*.*.*.*x",
+        r"(a)\1",
+        r"(a{0,16}){0,16}b",
+        "a?" * 40 + "b",
+        "(?:ab|a|b)" * 40 + "c",
+        r"(ab|a)+c",
+        "[\\0-\\U0010ffff]",
+    ],
+)
+def test_costly_patterns_of_others_are_refused(text):
+    with pytest.raises(InvalidPattern, match="costly"):
+        Pattern.from_wire(text)
+
+
+@pytest.mark.parametrize("text", [r"\A/cam[0-9]?/(left|right)/.*\Z", "|".join(rf"\A/topic{n}\Z" for n in range(2000))])
+def test_ordinary_patterns_of_others_are_not_costly(text):
+    assert Pattern.from_wire(text)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"ignore_topics": ["/a", "(?a)(?u)/b"]},
+        {"ignore_topics": ["(?P<n>a)", "(?P<n>b)"]},
+        {"ignore_topics": ["(?P<n>a)", {"robot2": ["(?P<n>b)"]}]},
+    ],
+)
+def test_patterns_that_are_wrong_only_together_are_refused_at_the_start(values):
+    with pytest.raises(InvalidPattern, match="ignore_topics"):
+        Filters(values).check()
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="older Pythons accept it")
+def test_a_flag_in_the_middle_is_refused_at_the_start():
+    with pytest.raises(InvalidPattern, match="in its anchors"):
+        Filters({"ignore_topics": ["(?i)/a"]}).check()
+
+
+@pytest.mark.parametrize("name", ["/x ", "/x\n", "/" + "x" * 70000, "", "*", "(", "/a*"])
+def test_what_another_master_calls_its_discovery_is_no_pattern(name):
+    found = Filters({}).rules("other", (name, "/own_sync"))
+    assert found.topic("/talker", "/chatter", "std_msgs/String", True)
+    assert not found.topic("/own_sync", "/chatter", "std_msgs/String", True)
+
+
+def test_the_costs_of_alternatives_add_up():
+    names = [f"/topic{number}" for number in range(500)]
+    assert Pattern.from_wire(Pattern.of([*names, *(f"{name}*" for name in names), "/a*b*c", "/a*b*d"]).text)
+    with pytest.raises(InvalidPattern, match="costly"):
+        Pattern.from_wire(Pattern.of([f"/{name}*/*" for name in names]).text)
+
+
+def test_the_worst_pattern_that_is_accepted_ends():
+    pattern = Pattern.from_wire(r"\A" + ".*" * 3 + r"x\Z")
+    started = time.thread_time()
+    assert not pattern.matches("/" + "a" * 254)
+    assert time.thread_time() - started < 1
+    with pytest.raises(InvalidPattern, match="costly"):
+        Pattern.from_wire(r"\A" + ".*" * 4 + r"x\Z")
+
+
+def test_a_name_that_is_too_long_is_not_exchanged():
+    assert not rules().topic("/n", "/" + "a" * 255, "t", True)
+    assert not rules().service("/n", "/" + "a" * 255)
+    assert rules().topic("/n", "/" + "a" * 254, "t", True)
+
+
+def test_everything_is_exchanged_by_default_but_not_what_belongs_to_the_exchange():
+    default = rules()
+    assert default.topic("/talker", "/chatter", "std_msgs/String", True)
+    assert default.service("/adder", "/add")
+    assert not default.topic("/rosout", "/rosout_agg", "rosgraph_msgs/Log", True)
+    assert not default.topic("/talker", "/rosout", "rosgraph_msgs/Log", True)
+    assert not default.topic("/x", "/master_discovery/changes", "fkie_multimaster_msgs/MasterState", True)
+    assert not default.service("/talker", "/talker/get_loggers")
+    assert not default.topic("/n", "/bond", "bond/Status", True)
+
+
+@pytest.mark.parametrize(
+    ("values", "topic", "wanted"),
+    [
+        ({"sync_topics": ["/a"]}, "/a", True),
+        ({"sync_topics": ["/a"]}, "/b", False),
+        ({"sync_topics": ["/a"], "ignore_topics": ["/a"]}, "/a", False),
+        ({"sync_nodes": ["/n"]}, "/b", True),
+        ({"sync_nodes": ["/other"]}, "/b", False),
+        ({"ignore_nodes": ["/n"], "sync_topics": ["/a"]}, "/a", False),
+        ({"ignore_publishers": ["/a"]}, "/a", False),
+        ({"ignore_subscribers": ["/a"]}, "/a", True),
+        ({"ignore_type": ["std_msgs/*"]}, "/a", False),
+        ({"do_not_sync": ["/n"]}, "/a", False),
+        ({"ignore_topics": "/a"}, "/a", False),
+    ],
+)
+def test_topics(values, topic, wanted):
+    assert rules(**values).topic("/n", topic, "std_msgs/String", True) is wanted
+
+
+@pytest.mark.parametrize(
+    ("values", "topic", "service"),
+    [
+        ({}, True, True),
+        ({"sync_topics": ["/a"]}, True, False),
+        ({"sync_topics": ["/b"]}, False, False),
+        ({"sync_services": ["/s"]}, False, True),
+        ({"sync_services": ["/t"]}, False, False),
+        ({"sync_topics": ["/a"], "sync_services": ["/s"]}, True, True),
+        ({"sync_nodes": ["/n"]}, True, True),
+        ({"sync_nodes": ["/m"]}, False, False),
+        ({"sync_nodes": ["/m"], "sync_topics": ["/a"]}, True, False),
+        ({"sync_topics": [{"robot9": ["/a"]}]}, True, True),  # a white list for somebody else
+        ({"sync_topics": ["/a"], "ignore_nodes": ["/n"]}, False, False),
+        ({"ignore_topics": ["/a"]}, False, True),
+    ],
+)
+def test_a_white_list_restricts_topics_and_services(values, topic, service):
+    found = rules(**values)
+    assert found.topic("/n", "/a", "std_msgs/String", True) is topic
+    assert found.service("/n", "/s") is service
+
+
+def upstream_server(wire, names, kind):
+    """Upstream's masterInfoFiltered, written down from its description: "" is "no list"."""
+    _remote, _ignore_nodes, sync_nodes, _ignored, sync_topics, _ignored, sync_services, *_rest = wire
+    lists = [sync_nodes, sync_topics if kind == "topic" else sync_services]
+    hits = [text and re.match(text, name, re.IGNORECASE) for text, name in zip(lists, names)]
+    return bool(any(hits) or not any(lists))
+
+
+@given(
+    st.fixed_dictionaries({name: st.lists(st.sampled_from(["/a", "/b*"]), max_size=1) for name in WHITE_LISTS}),
+    names,
+    names,
+)
+def test_an_upstream_server_applies_the_white_lists_in_the_same_way(values, node, name):
+    found = rules(**values)
+    wire = found.to_wire(False)
+    assert upstream_server(wire, (node, name), "topic") == found.topic(node, name, "std_msgs/String", True)
+    assert upstream_server(wire, (node, name), "service") == found.service(node, name)
+    assert Rules.from_wire(wire) == found
+
+
+@pytest.mark.parametrize(
+    ("values", "host", "wanted"),
+    [
+        ({}, "a", True),
+        ({"sync_hosts": ["a"]}, "a", True),
+        ({"sync_hosts": ["a"]}, "b", False),
+        ({"ignore_hosts": ["a"]}, "a", False),
+        ({"ignore_hosts": ["a"], "sync_hosts": ["c"]}, "b", False),
+        ({"ignore_hosts": ["a"], "sync_hosts": ["c"]}, "c", True),
+        ({"ignore_hosts": ["c"], "sync_hosts": ["c"]}, "c", True),
+        ({"ignore_hosts": ["A"]}, "a", False),
+        ({"sync_hosts": ["Robot_2"]}, "robot_2", True),
+        ({"ignore_hosts": ["*"], "sync_hosts": ["c"]}, "b", False),
+        ({"ignore_hosts": ["*"], "sync_hosts": ["c"]}, "c", True),
+    ],
+)
+def test_hosts(values, host, wanted):
+    assert Filters(values).wants_host(host) is wanted
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"ignore_topics": [{"Robot1": ["/a"]}]},
+        {"ignore_topics": {"ROBOT1": "/a"}},
+        {"robot1": {"ignore_topics": ["/a"]}},
+    ],
+)
+def test_filters_of_one_host_whatever_its_case(values):
+    assert not Filters(values).rules("robot1").topic("/n", "/a", "t", True)
+    assert Filters(values).rules("robot2").topic("/n", "/a", "t", True)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"ignore_topics": ["/a["]},
+        {"sync_hosts": ["("]},
+        {"x": {"ignore_nodes": ["[b"]}},
+        {"ignore_nodes": [7]},
+        {"ignore_nodes": 7},
+    ],
+)
+def test_an_invalid_pattern_is_named(values):
+    with pytest.raises(InvalidPattern, match="_"):
+        Filters(values).check()
+
+
+def test_the_wire_carries_the_rules():
+    sent = rules(ignore_topics=["/a*"], do_not_sync=["/secret"])
+    wire = sent.to_wire(True)
+    assert len(wire) == 1 + len(NAMES) == 11
+    assert wire[0] is True
+    assert Rules.from_wire(wire) == sent
+    assert Rules.from_wire(wire[:8]).do_not_sync == Pattern()
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        "x",
+        [],
+        [False] * 7,
+        [False] * 12,
+        [False, 1, 2, 3, 4, 5, 6, 7],
+        [False, "("] + [""] * 6,
+        [False, "a" * 70000] + [""] * 6,
+    ],
+)
+def test_what_is_no_filter_is_refused(value):
+    with pytest.raises(InvalidPattern):
+        Rules.from_wire(value)
+
+
+def test_a_name_that_no_pattern_matches_is_ignored_too():
+    assert not Filters({"ignore_hosts": ["*"]}).wants_host("r" * 256)
+
+
+def test_a_pattern_that_others_would_refuse_is_applied_here_alone():
+    """Else a robot with such a filter would get nothing at all from the other one."""
+    costly = "/(front|rear)_(left|right)/camera_[0-9]+/.*"
+    with pytest.raises(InvalidPattern):
+        Pattern.from_wire(Pattern.of([costly]).text)
+    rules = Filters({"ignore_topics": [costly], "ignore_nodes": ["/loud"]}).rules("robot2")
+    there = Rules.from_wire(rules.to_wire(False))
+    assert there.topic("/node", "/front_left/camera_1/image", "x/Y", True)
+    assert not rules.topic("/node", "/front_left/camera_1/image", "x/Y", True)
+    assert not there.topic("/loud", "/map", "x/Y", True)
+
+
+def test_a_white_list_that_others_would_refuse_takes_the_other_white_lists_along():
+    """Without its topics, a white list of nodes would leave out there what is wanted here."""
+    costly = "/(front|rear)_(left|right)/camera_[0-9]+/.*"
+    rules = Filters({"sync_topics": [costly], "sync_nodes": ["/driver"], "sync_services": ["/reset"]}).rules("robot2")
+    there = Rules.from_wire(rules.to_wire(False))
+    for node, topic in (("/node", "/front_left/camera_1/image"), ("/driver", "/map")):
+        assert rules.topic(node, topic, "x/Y", True) and there.topic(node, topic, "x/Y", True)
+    assert there.service("/node", "/reset") and not rules.service("/node", "/other")
+
+
+def test_more_than_others_take_is_applied_here_alone():
+    names = [f"/number_{number}" for number in range(2500)]
+    rules = Filters({"ignore_topics": names, "ignore_services": names}).rules("robot2")
+    assert Rules.from_wire(rules.to_wire(False)) == Rules()
+    assert not rules.topic("/node", "/number_2499", "x/Y", True)

@@ -1,0 +1,33 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The record of imports."""
+
+import pytest
+from rosfleet_multimaster.protocol import imports
+
+CLAIMS = {("/talker", "http://robot2:1/"): "http://robot2:11311/"}
+
+
+def test_what_is_written_is_read_again():
+    text = imports.write("/master_sync", "http://robot1:1/", CLAIMS)
+    assert imports.claims_of(text) == CLAIMS
+    assert imports.read(text)["node"] == "/master_sync"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        None,
+        7,
+        "",
+        "{",
+        "[]",
+        "{}",
+        "[" * 100_000,
+        '{"imports": {"a": {"b": 7}}}',
+        '{"imports": []}',
+        '{"imports": {"a": 7}}',
+    ],
+)
+def test_a_damaged_record_claims_nothing(text):
+    assert imports.claims_of(text) == {}

@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+import pytest
+from rosfleet_multimaster.protocol.parameters import DISCOVERY, SYNC, ParameterError, overlay
+
+
+def test_defaults_and_what_is_given():
+    values, warnings = overlay(DISCOVERY, {"mcast_group": "224.0.0.1", "rpc_port": 11611})
+    assert (values["mcast_group"], values["rpc_port"], values["mcast_port"]) == ("224.0.0.1", 11611, 11511)
+    assert warnings == []
+
+
+@pytest.mark.parametrize(
+    ("table", "given", "words"),
+    [
+        (DISCOVERY, {"mcast_grup": "224.0.0.1"}, "did you mean ~mcast_group?"),
+        (SYNC, {"ignore_topic": ["/a"]}, "did you mean ~ignore_topics?"),
+        (SYNC, {"zzz": 1}, "is no parameter of this node"),
+        (SYNC, {"check_host": True}, "has no effect"),
+        (DISCOVERY, {"timeout_factor": 2}, "~offline_after says"),
+    ],
+)
+def test_an_unknown_name_is_a_warning_that_names_the_nearest(table, given, words):
+    _values, warnings = overlay(table, given)
+    assert len(warnings) == 1 and words in warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("table", "given", "words"),
+    [
+        (DISCOVERY, {"mcast_port": 0}, "~mcast_port is 0, but a port number"),
+        (DISCOVERY, {"mcast_port": True}, "a port number"),
+        (DISCOVERY, {"heartbeat_hz": 0}, "a number above 0"),
+        (DISCOVERY, {"robot_hosts": "kobuki2"}, "a list of texts"),
+        (DISCOVERY, {"send_mcast": "yes"}, "true or false"),
+        (DISCOVERY, {"mcast_group": "192.168.1.1"}, "an IPv4 multicast group"),
+        (DISCOVERY, {"mcast_group": "ff02::1"}, "an IPv4 multicast group"),
+        (DISCOVERY, {"hide_topics": ["/a["]}, "hide_topics: the pattern '/a['"),
+        (DISCOVERY, {"hide_subscribers": "/a["}, "hide_subscribers: the pattern '/a['"),
+        (DISCOVERY, {"offline_after": 0.5}, "~offline_after is 0.5, but at least 2 seconds"),
+        (DISCOVERY, {"offline_after": float("nan")}, "~offline_after"),
+        (DISCOVERY, {"hide_nodes": {"robot2": ["/a"]}}, "a pattern, or a list of patterns"),
+        (DISCOVERY, {"do_not_sync": [{"robot2": ["/a"]}]}, "a pattern, or a list of patterns"),
+        (SYNC, {"ignore_topics": ["/a["]}, "ignore_topics: the pattern '/a[' is no regular expression"),
+        (SYNC, {"sync_hosts": 5}, "~sync_hosts is 5"),
+    ],
+)
+def test_a_wrong_value_is_a_sentence(table, given, words):
+    with pytest.raises(ParameterError) as caught:
+        overlay(table, given)
+    assert words in str(caught.value)
+
+
+def test_the_interface_may_follow_the_group_and_a_host_may_have_its_own_filters():
+    assert overlay(DISCOVERY, {"mcast_group": "226.0.0.0@192.168.1.201"})[1] == []
+    values, warnings = overlay(SYNC, {"robot2": {"ignore_topics": ["/a"]}})
+    assert warnings == [] and values["robot2"] == {"ignore_topics": ["/a"]}

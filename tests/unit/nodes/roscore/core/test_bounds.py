@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a roscore takes: what values count, and that the sums stay right whatever changes."""
+
+import json
+import pathlib
+import random
+import sys
+import xmlrpc.client
+
+import pytest
+from rosfleet_multimaster.protocol import xml_rpc
+from rosfleet_multimaster.roscore.core import bounds
+from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Beyond, Room, freed, weight
+from rosfleet_multimaster.roscore.core.registry import Registry
+
+PAGE = pathlib.Path(__file__).parents[5] / "docs" / "understand" / "roscore.md"
+
+
+def nested(levels, value=1):
+    for _level in range(levels):
+        value = {"a": value}
+    return value
+
+
+def some(rng, depth=0):
+    """A value of any kind."""
+    kind = rng.randrange(7 if depth < 4 else 5)
+    if kind == 5:
+        return [some(rng, depth + 1) for _count in range(rng.randrange(5))]
+    if kind == 6:
+        return {f"k{rng.randrange(6)}": some(rng, depth + 1) for _count in range(rng.randrange(5))}
+    return [rng.randrange(-(2**31), 2**31), rng.random(), '&<"\n' * rng.randrange(3000), "\U0001f916" * 9, True][kind]
+
+
+@pytest.mark.parametrize("seed", range(200))
+def test_a_value_counts_no_less_than_it_costs_in_a_file_and_in_an_answer(seed):
+    value = some(random.Random(seed))
+    found = weight(value)
+    assert found >= len(json.dumps(value, ensure_ascii=False).encode())
+    assert found >= len(xmlrpc.client.dumps((value,)).encode()) - 100
+    assert found >= size(value)
+
+
+def size(value):
+    """Bytes of memory."""
+    parts = value if isinstance(value, list) else [*value, *value.values()] if isinstance(value, dict) else []
+    return sys.getsizeof(value) + sum(map(size, parts))
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_the_sum_of_the_parameters_is_right_after_any_changes(seed):
+    rng, room, registry = random.Random(seed), Room(), Registry()
+    for _change in range(60):
+        name = "/" + "/".join(f"k{rng.randrange(6)}" for _part in range(rng.randrange(1, 4)))
+        if rng.random() < 0.3:
+            room.parameters -= freed(registry.parameters, name)
+            registry.apply(["delete", name])
+        else:
+            value = some(rng) if rng.random() < 0.95 else {"k1": some(rng)}
+            name = name if rng.random() < 0.95 or not isinstance(value, dict) else "/"
+            room.parameters += room.set(registry.parameters, name, value)
+            registry.apply(["set", name, value])
+        assert room.parameters == weight(registry.parameters)
+
+
+def test_the_sum_of_the_registrations_is_right():
+    room = Room()
+    of = ["/a", "http://robot:1/"]
+    there = [["publisher", "/t", *of, True], ["service", "/s", "/a", "rosrpc://robot:2", of[1], True], ["node", *of]]
+    there += [["type", "/t", "std_msgs/String"], ["service", "/s", "/b", "rosrpc://b:2", "http://b:1/", True]]
+    for record in there:
+        room.count(record)
+    assert room.registrations > 3000
+    for record in (["publisher", "/t", *of, False], ["service", "/s", "/b", "rosrpc://b:2", "http://b:1/", False]):
+        room.count(record)
+    room.count(["node", "/a", ""])
+    room.forget("type", "/t")
+    assert room.registrations == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "bound"),
+    [
+        ("/a", nested(64), "depth"),
+        ("/a" * 64, nested(1), "depth"),
+        ("/a", [[[nested(70)]]], "depth"),
+        ("/a", "x" * (33 << 20), "parameter"),
+        ("/a", "&" * (6 << 20), "parameter"),
+        ("/a", {"a": {7: 1}}, ""),
+        ("/a", xmlrpc.client.DateTime("<value>"), ""),
+    ],
+)
+def test_what_is_beyond_is_refused_with_a_sentence(name, value, bound):
+    with pytest.raises(Beyond) as refusal:
+        Room().set({}, name, value)
+    assert refusal.value.bound == bound and str(refusal.value).startswith(name[:10])
+
+
+def test_all_parameters_together_have_a_bound_and_what_is_there_may_get_smaller():
+    room, tree = Room(), {}
+    for number in range(3):
+        room.parameters += room.set(tree, f"/p{number}", "x" * (20 << 20))
+        tree[f"p{number}"] = "x" * (20 << 20)
+    with pytest.raises(Beyond, match="64 MiB"):
+        room.set(tree, "/p3", "x" * (20 << 20))
+    assert room.set(tree, "/p1", "small") < 0
+
+
+def test_real_things_are_taken():
+    urdf = '<link name="wheel"><visual/></link>\n' * 140_000  # 5 MB
+    assert Room().set({}, "/robot_description", urdf) < BOUNDS["parameter"].most / 2
+    topics = sum(
+        bounds.registration(f"/robot_{number}/camera/image_{number}", "/node", "http://robot:40000/")
+        for number in range(20 * 5000)
+    )
+    assert topics < 0.7 * BOUNDS["registrations"].most
+
+
+@pytest.mark.parametrize("text", ["\0", "\ud800", "\x1b", "\uffff"])
+def test_characters_that_xml_has_not(text):
+    assert not bounds.writable([["setParam", {"a": [text]}]]) and not bounds.writable([{text: 1}])
+    assert bounds.writable(["\t\n\r \u00fc\U0001f916"])
+
+
+def test_the_page_has_the_table():
+    rows = [
+        line.strip("| ").split(" | ") for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| ")
+    ]
+    for name, row in BOUNDS.items():
+        shown = f"{row.most // bounds.MIB} MiB" if row.most >= bounds.MIB else f"{row.most:,}"
+        assert [name, shown, row.what] in rows, name
+
+
+def test_the_bound_of_elements_is_that_of_the_reader():
+    assert BOUNDS["elements"].most == xml_rpc._NESTING
+
+
+def test_all_bounds_together_are_below_the_memory_of_the_unit():
+    """The text of the unit: plugins/plugin_utils/_plan/units.py."""
+    memory = (
+        sum(BOUNDS[name].most for name in ("parameters", "registrations", "under way")) + 3 * BOUNDS["parameter"].most
+    )
+    assert memory < 0.95 * (1 << 30)

@@ -1,0 +1,218 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which nodes are still there: asked of servers that answer as nodes do."""
+
+import socket
+import threading
+import time
+
+import pytest
+from rosfleet_multimaster.discovery.rpc_server import RpcServer
+from rosfleet_multimaster.edge.loop import Loop, Workers
+from rosfleet_multimaster.roscore import survivors as module
+from rosfleet_multimaster.roscore.core.registry import Registry
+from rosfleet_multimaster.roscore.survivors import Had, State
+
+
+@pytest.fixture
+def node():
+    """Start a node that says that it has these topics; its URI."""
+    servers = []
+
+    def start(publishes=("/out", "/rosout"), subscribes=("/in",), more=()):
+        methods = {
+            "getPid": lambda _caller: [1, "", 7],
+            "getPublications": lambda _caller: [1, "", [[topic, "x/Y"] for topic in publishes]],
+            "getSubscriptions": lambda _caller: [1, "", [[topic, "x/Y"] for topic in subscribes]],
+        }
+        server = RpcServer("127.0.0.1", 0, {**methods, **dict(more)}, lambda _host, _why: None)
+        servers.append(server)
+        return "http://127.0.0.1:%d/" % server.server_address[1]
+
+    yield start
+    for server in servers:
+        server.stop()
+
+
+def had(publishes=("/out",), subscribes=("/in",), services=()):
+    return Had({"publisher": set(publishes), "subscriber": set(subscribes)}, dict(services))
+
+
+def test_a_node_that_has_what_it_had(node):
+    assert module.ask("/a", node(), had()) == (State.ALIVE, [])
+
+
+def test_a_node_that_has_less(node):
+    uri = node()
+    found = module.ask("/a", uri, had(["/out", "/gone"], ["/in", "/past"]))
+    assert found == (State.ALIVE, [["publisher", "/gone", "/a", uri], ["subscriber", "/past", "/a", uri]])
+
+
+def test_a_node_that_is_dead():
+    assert module.ask("/a", "http://127.0.0.1:1/", had()).state is State.GONE
+
+
+def test_another_node_at_the_same_port(node):
+    assert module.ask("/a", node(["/other"], ["/others"]), had()).state is State.GONE
+
+
+def test_another_program_at_the_same_port(node):
+    assert module.ask("/a", node(more={"getPid": lambda _caller: 1 / 0}.items()), had()).state is State.GONE
+
+
+def test_a_node_that_does_not_tell_its_topics_is_believed(node):
+    silent = {"getPublications": lambda _caller: [-1, "", 0], "getSubscriptions": lambda _caller: 1 / 0}
+    assert module.ask("/a", node(more=silent.items()), had()) == (State.ALIVE, [])
+
+
+def test_a_node_with_parameters_only(node):
+    assert module.ask("/a", node([], []), had([], [])).state is State.ALIVE
+
+
+def test_a_node_that_says_nothing(monkeypatch):
+    monkeypatch.setattr(module, "TIMEOUT", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        assert module.ask("/a", f"http://127.0.0.1:{listener.getsockname()[1]}/", had()).state is State.SILENT
+
+
+@pytest.mark.parametrize("provided", ["/a", "/other", "", ConnectionRefusedError(), OSError("late")])
+def test_a_service_is_asked_whose_it_is(node, monkeypatch, provided):
+    def provider(_uri, _service, _timeout):
+        if isinstance(provided, Exception):
+            raise provided
+        return provided
+
+    monkeypatch.setattr(module, "provider", provider)
+    uri = node()
+    found = module.ask("/a", uri, had(services={"/stop": "rosrpc://robot:3"}.items()))
+    stays = provided == "/a" or isinstance(provided, OSError)
+    assert found == (State.ALIVE, [] if stays else [["service", "/stop", "/a", "rosrpc://robot:3", uri]])
+
+
+def registry(**uris):
+    found = Registry()
+    for name, uri in uris.items():
+        found.apply(["node", f"/{name}", uri])
+        found.apply(["publisher", "/out", f"/{name}", uri, True])
+    return found
+
+
+class Roscore:
+    """What is done to the roscore."""
+
+    def __init__(self):
+        self.ended, self.removed, self.back, self.buried, self.held = [], [], [], [], True
+
+    def has(self, _name, _uri):
+        return self.held
+
+    def end_node(self, name, _uri):
+        self.ended.append(name)
+
+    def end_registration(self, record):
+        self.removed.append(record)
+        return True
+
+    def has_ended(self, _name):
+        return self.held
+
+    def bury(self, name, _uri):
+        self.buried.append(name)
+
+    def come_back(self, registry):
+        self.back.append(registry)
+
+
+@pytest.fixture
+def survey(monkeypatch):
+    """Ask until a condition is true; what was done to the roscore."""
+    monkeypatch.setattr(module, "TIMEOUT", 0.5)
+    monkeypatch.setattr(module, "AGAIN", 0.2)
+
+    def run(ask, over):
+        loop, roscore = Loop(), Roscore()
+        survivors = module.Survivors(Workers(loop, 4), roscore)
+        ask(survivors)
+        until = time.monotonic() + 30.0
+        loop.run(lambda now: (now > until or over(survivors, roscore)) and loop.stop() or now + 0.05)
+        return roscore
+
+    return run
+
+
+def test_all_are_asked_and_a_silent_one_again(node, survey):
+    slow = socket.create_server(("127.0.0.1", 0))
+    uris = {"alive": node(), "less": node(["/rosout"], []), "dead": "http://127.0.0.1:1/"}
+    uris["slow"] = f"http://127.0.0.1:{slow.getsockname()[1]}/"
+    found = registry(**uris)
+    found.apply(["publisher", "/rosout", "/less", uris["less"], True])
+    threading.Timer(0.6, slow.close).start()
+    done = survey(lambda survivors: survivors.begin(found), lambda survivors, _done: not survivors._left)
+    assert sorted(done.ended) == ["/dead", "/slow"] and done.removed == [["publisher", "/out", "/less", uris["less"]]]
+
+
+def test_a_silent_node_stays_and_is_asked_for_as_long_as_it_is_registered(survey, caplog):
+    asked = []
+    with socket.create_server(("127.0.0.1", 0)) as slow:
+        uri = f"http://127.0.0.1:{slow.getsockname()[1]}/"
+
+        def over(survivors, roscore):
+            asked.append(survivors.silent)
+            roscore.held = len(asked) < 20  # then somebody else has its name, or `rosnode cleanup` was called
+            return not survivors._left
+
+        done = survey(lambda survivors: survivors.begin(registry(slow=uri)), over)
+    assert asked[20] == 1 and asked[-1] == 0 and done.ended == [] == done.removed
+    assert sum("does not answer" in record.message for record in caplog.records) == 1
+
+
+def test_after_a_boot_a_node_comes_back_when_it_answers_and_a_dead_one_never(node, survey, monkeypatch):
+    monkeypatch.setattr(module, "provider", lambda uri, _service, _timeout: "/late" if uri.endswith(":1") else "/x")
+    uris = {"dead": "http://127.0.0.1:1/", "late": node()}
+    answers = iter([module.Found(State.SILENT)] * 2)
+    ask = module.ask
+    monkeypatch.setattr(module, "ask", lambda *of: "late" in of[0] and next(answers, None) or ask(*of))
+    found = registry(**uris)
+    found.apply(["publisher", "/gone", "/late", uris["late"], True])
+    found.apply(["listener", "/speed", "/late", uris["late"], True])
+    for number in (1, 2):
+        found.apply(["service", f"/serve_{number}", "/late", f"rosrpc://robot:{number}", uris["late"], True])
+    done = survey(lambda survivors: survivors.wait_for(found), lambda _survivors, roscore: roscore.back)
+    (back,) = done.back
+    assert back.nodes == {"/late": uris["late"]} and list(back.services) == ["/serve_1"]
+    assert (list(back.publishers), list(back.listeners)) == (["/out"], ["/speed"])
+    assert done.ended == [] == done.removed
+
+
+def test_those_that_answer_within_a_time(node):
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        uris = {
+            "alive": node(),
+            "dead": "http://127.0.0.1:1/",
+            "slow": f"http://127.0.0.1:{listener.getsockname()[1]}/",
+        }
+        assert module.alive_of(registry(**uris), 0.5) == {("/alive", uris["alive"])}
+    assert module.alive_of(Registry(), 0.5) == set()
+
+
+def test_a_node_that_has_withdrawn_everything_is_asked_until_it_is_dead(node, survey):
+    with socket.create_server(("127.0.0.1", 0)) as slow:
+        uris = {"/alive": node([], []), "/dead": "http://127.0.0.1:1/"}
+        uris["/slow"] = f"http://127.0.0.1:{slow.getsockname()[1]}/"
+
+        def ask(survivors):
+            for name, uri in [*uris.items(), *uris.items()]:  # twice, as when it withdraws two things
+                survivors.look_after(name, uri)
+
+        threading.Timer(1.5, slow.close).start()
+        done = survey(ask, lambda survivors, _roscore: len(survivors._leaving) == 1)
+        assert sorted(done.buried) == ["/dead", "/slow"] and done.ended == []
+
+
+def test_a_node_that_has_something_again_is_asked_no_more(node, survey):
+    def over(survivors, roscore):
+        roscore.held = False
+        return not survivors._leaving
+
+    done = survey(lambda survivors: survivors.look_after("/alive", node()), over)
+    assert done.buried == []

@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Steps: where one is planned, it is what a round would plan; and one is planned for what is simple."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosfleet_multimaster.protocol.messages import Registration
+from rosfleet_multimaster.sync.core.step import Known, after, names, step
+from rosfleet_multimaster.sync.core.sync import View, Wanted, plan
+
+MASTER, THIRD = "http://robot2:11311/", "http://robot3:11311/"
+TOPICS, NODES = ["/one", "/two", "/three"], ["/a", "/b", "/own"]
+
+
+def registration(kind, name, node, uri="http://robot2:1/"):
+    return Registration(kind, name, node, uri, "rosrpc://robot2:2" if kind == "service" else "")
+
+
+def want(item, master=MASTER):
+    return Wanted(item, master, "robot2", "std_msgs/Int32")
+
+
+registrations = st.builds(
+    registration,
+    st.sampled_from(["publisher", "subscriber", "service"]),
+    st.sampled_from(TOPICS),
+    st.sampled_from(NODES),
+)
+owned = st.sets(
+    st.tuples(st.sampled_from(["publishers", "subscribers", "services"]), st.sampled_from(TOPICS)), max_size=2
+)
+
+
+def roscore(own, held=()):
+    """What a roscore holds: some names of the own node, and what was registered."""
+    tables = {"publishers": {}, "subscribers": {}, "services": {}}
+    for kind, name in own:
+        tables[kind][name] = ("/own",)
+    view = View(**tables, types={}, node_uris={"/own": "http://robot1:9/"} if own else {})
+    view.service_uris.update({name: "rosrpc://robot1:9" for kind, name in own if kind == "services"})
+    for item in held:
+        table = tables[f"{item.kind}s"]
+        table[item.name] = tuple(sorted({*table.get(item.name, ()), item.node}))
+        view.node_uris[item.node] = item.node_uri
+        if item.kind == "service":
+            view.service_uris[item.name] = item.service_uri
+    return view
+
+
+def one_provider(items):
+    """A service has one provider."""
+    seen = {}
+    return [item for item in sorted(items) if item.kind != "service" or seen.setdefault(item.name, item) == item]
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sets(registrations, max_size=5), st.sets(registrations, max_size=5), owned)
+def test_a_step_is_what_a_round_would_do(before, now, own):
+    first = plan([want(item) for item in one_provider(before)], roscore(own), {})
+    view = roscore(own, first.held)
+    wanted = [want(item) for item in one_provider(now)]
+    touched = {item.registration for item in wanted} ^ {*first.held, *one_provider(before)}
+    found = step(
+        touched,
+        {item.registration: item for item in wanted if item.registration in touched},
+        Known(view, first.claims, first.held, {refusal.name for refusal in first.refused}),
+        lambda name, master: False,
+    )
+    if found is None or any(node == "/own" and own for _call, node in names(found, first.claims, False).free):
+        return  # it takes a round; or what is asked before it is written says so
+    whole = plan(wanted, view, first.claims)
+    assert (found.register, found.unregister, found.held) == (whole.register, whole.unregister, whole.held)
+    assert {key: of for key, of in found.claims.items() if key in {item.of for item in found.held}} == whole.claims or (
+        whole.unregister
+    )
+    assert after(found, view).registrations(found.claims) == set(found.held)
+
+
+ONE = registration("publisher", "/one", "/a")
+SERVICE = registration("service", "/get", "/a")
+EMPTY = View({}, {}, {}, {}, {}, {})
+
+
+def stepped(item, view=EMPTY, claims=(), held=(), refused=(), contested=False):
+    known = Known(view, dict(claims), dict(held), refused)
+    return step({item}, {item: want(item)}, known, lambda name, master: contested)
+
+
+def test_what_is_simple_is_planned_and_its_names_are_asked_for():
+    found = stepped(ONE)
+    assert found.register == [ONE] and found.claims == {ONE.of: MASTER} and found.types == {ONE: "std_msgs/Int32"}
+    assert names(found, {}, False).free == [("lookupNode", "/a")] and not names(found, {}, False).same
+    known = names(stepped(ONE, claims=[(ONE.of, MASTER)]), {ONE.of: MASTER}, False)
+    assert not known.free and known.same == {"/a": ONE.node_uri}
+    assert names(stepped(SERVICE), {}, False).free == [("lookupNode", "/a"), ("lookupService", "/get")]
+
+
+def test_a_roscore_that_guards_the_names_of_nodes_is_asked_for_services_alone():
+    assert not any(names(stepped(ONE), {}, True))
+    assert not any(names(stepped(ONE, claims=[(ONE.of, MASTER)]), {ONE.of: MASTER}, True))
+    assert names(stepped(SERVICE), {}, True) == ([("lookupService", "/get")], {})
+
+
+@pytest.mark.parametrize(
+    "item, more",
+    [
+        (ONE, {"view": View({}, {"/one": ("/own",)}, {}, {})}),  # the type guard must look
+        (ONE, {"view": View({"/other": ("/a",)}, {}, {}, {}, {"/a": "http://robot1:9/"})}),  # an own node has its name
+        (ONE, {"refused": {"/one"}}),
+        (ONE, {"refused": {"/a"}}),
+        (ONE, {"contested": True}),
+        (ONE, {"claims": [(("/a", "http://robot2:7/"), MASTER)]}),  # its node came back with another URI
+        (ONE, {"claims": [(ONE.of, THIRD)]}),
+        (SERVICE, {"view": View({}, {}, {"/get": ("/own",)}, {})}),
+        (SERVICE, {"view": View({}, {}, {"/get": ("/a",)}, {}), "claims": [(SERVICE.of, MASTER)]}),
+    ],
+)
+def test_what_is_not_simple_takes_a_round(item, more):
+    assert stepped(item, **more) is None
+
+
+@pytest.mark.parametrize(("item", "name"), [(ONE, "/a"), (SERVICE, "/a"), (SERVICE, "/get")])
+def test_a_name_that_another_master_has_too_takes_a_round(item, name):
+    def stepped_beside(taken):
+        return step({item}, {item: want(item)}, Known(EMPTY, {}, {}, set()), lambda asked, master: asked == taken)
+
+    assert stepped_beside(name) is None and stepped_beside("/other") is not None
+
+
+def test_what_is_gone_and_was_refused_takes_a_round_which_takes_the_refusal_back():
+    known = Known(EMPTY, {}, {}, {"/one"})
+    assert step({ONE}, {}, known, lambda name, master: False) is None
+
+
+def test_a_held_topic_that_has_another_type_now_takes_a_round():
+    held = {"claims": [(ONE.of, MASTER)], "held": [(ONE, MASTER)]}
+    assert stepped(ONE, View({"/one": ("/a",)}, {}, {}, {"/one": "std_msgs/String"}), **held) is None
+    assert stepped(ONE, View({"/one": ("/a",)}, {}, {}, {"/one": "std_msgs/Int32"}), **held) is not None
+
+
+def test_what_is_held_already_is_nothing_to_do():
+    found = stepped(ONE, claims=[(ONE.of, MASTER)], held=[(ONE, MASTER)])
+    assert not found.register and not found.unregister

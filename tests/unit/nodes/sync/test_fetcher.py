@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A state that cannot be had: the sentence in the log; and a master that became another program."""
+
+import threading
+from types import SimpleNamespace
+from xmlrpc.server import SimpleXMLRPCServer
+
+import pytest
+from rosfleet_multimaster.protocol.differences import PACKED
+from rosfleet_multimaster.protocol.xml_rpc import TooLarge
+from rosfleet_multimaster.sync.fetcher import Fetcher, _fetch
+
+FETCH = SimpleNamespace(uri="http://b:11311/", monitor_uri="http://b:11611")
+
+
+@pytest.mark.parametrize(
+    ("problem", "end"),
+    [
+        (OSError("it does not answer"), '11611: "it does not answer"'),
+        (
+            TooLarge("it has more than 16777216 bytes"),
+            '11611: "it has more than 16777216 bytes"; nothing new of it is taken, what was registered stays: leave out there what '
+            "nobody needs, by multimaster_exports",
+        ),
+    ],
+)
+def test_a_state_that_cannot_be_had_is_one_sentence(problem, end):
+    said = []
+    core = SimpleNamespace(fetched=lambda *arguments, **options: False, selected=lambda uri: {})
+    limited = SimpleNamespace(say=lambda level, key, sentence: said.append((level, sentence)))
+    Fetcher(None, core, limited, None, None)._fetched(FETCH, None, problem)
+    ((level, sentence),) = said
+    assert level == "warning" and sentence.startswith("the state of http://b:11311/ cannot be had from http://b:")
+    assert sentence.endswith(end)
+
+
+@pytest.fixture(name="other_program")
+def fixture_other_program():
+    """Another program where a master was that told its changes: it answers the same method with something else."""
+    document = [
+        "1.0",
+        "1.0",
+        "http://b:11311/",
+        "b",
+        [["/topic", ["/node"]]],
+        [],
+        [],
+        [["/topic", "std_msgs/String"]],
+        [],
+        [],
+    ]
+    document[8] = [["/node", "http://b:40000/", "http://b:11311/", 1, "local"]]
+    asked = []
+    with SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
+        for name, answer in ((PACKED, ["something else"]), ("masterInfoFiltered", document)):
+            server.register_function(lambda *_words, name=name, answer=answer: asked.append(name) or answer, name)
+        server.register_function(lambda: ["masterInfoFiltered"], "system.listMethods")
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_address[1]}", asked
+        server.shutdown()
+        thread.join()
+
+
+def test_a_master_that_is_another_program_by_now_is_asked_from_the_beginning(other_program):
+    uri, asked = other_program
+    fetch = SimpleNamespace(uri="http://b:11311/", monitor_uri=uri, quick=True)
+    view = SimpleNamespace(wanted=[], taken=lambda state, before: state, places=lambda state: None)
+    found = _fetch(fetch, None, view, True, PACKED)
+    assert asked == [PACKED, "masterInfoFiltered"]
+    assert (found.state.name, found.method, found.follower) == ("b", "", None)

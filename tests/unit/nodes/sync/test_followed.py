@@ -1,0 +1,287 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A master whose changes are followed: discovery's server and the follower, with sockets on 127.0.0.1."""
+
+import queue
+import threading
+import time
+from dataclasses import replace
+from xmlrpc.client import Fault
+
+import pytest
+from rosfleet_multimaster.discovery import rpc_server
+from rosfleet_multimaster.discovery.rpc_server import RpcServer
+from rosfleet_multimaster.discovery.served import OwnMaster, Served
+from rosfleet_multimaster.discovery.told import Told
+from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.protocol import bounded_json
+from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED
+from rosfleet_multimaster.protocol.filters import Filters, Pattern, Rules
+from rosfleet_multimaster.protocol.graph import Malformed, Node, Policy, Provider, State, document
+from rosfleet_multimaster.protocol.members import Members
+from rosfleet_multimaster.sync import fetcher, followed
+from rosfleet_multimaster.sync.core.sync import Fetch
+from rosfleet_multimaster.sync.followed import Answer, Surroundings, View
+
+URI = "http://robot2:11311/"
+ASK = Filters({}).rules("robot2").to_wire(False)
+
+
+class Discovery:
+    """A discovery that serves its state; callers are strangers to it."""
+
+    def __init__(self, told=True, policy=None, monkeypatch=None):
+        self.own = OwnMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, away="")
+        self.told, self.secret = Told(self.own.current), []
+        served = Served(
+            self.own, policy or Policy(), {}, set, lambda: self.secret, str, list, self.told if told else None
+        )
+        if monkeypatch is not None:
+            monkeypatch.setattr(served, "_is_here", lambda caller: False)
+        self.server = RpcServer("127.0.0.1", 0, served.methods(), lambda *_why: None)
+        self.uri = f"http://127.0.0.1:{self.server.server_address[1]}"
+        self.asked = []
+        self.has({})
+
+    def has(self, publishers):
+        """Have these publishers from now on: topic -> node."""
+        nodes = {node: Node(f"http://robot2{node}:5000/", URI, "local") for node in publishers.values()}
+        stamp = 1.0 if self.own.state is None else self.own.state.stamp + 1.0
+        types = dict.fromkeys(publishers, "std_msgs/Int32")
+        tables = {topic: (node,) for topic, node in publishers.items()}
+        self.own.state = State(URI, "robot2", stamp, stamp, tables, {}, {}, types, nodes)
+        self.told.news(self.own.state, self.secret)
+
+
+@pytest.fixture(name="there")
+def _there(monkeypatch):
+    made = Discovery(monkeypatch=monkeypatch)
+    yield made
+    made.server.stop()
+
+
+class Here:
+    """Who follows it."""
+
+    def __init__(self, there, rules=None):
+        self.fetch = Fetch(URI, there.uri, rules or Filters({}).rules("robot2"))
+        self.view = View(self.fetch, "http://own:11311/", False, Members(), Surroundings())
+        self.found = fetcher._fetch(self.fetch, None, self.view, True)
+        self.states, self.over = queue.Queue(), queue.Queue()
+        if self.found.follower is not None:
+            self.found.follower.start(lambda *news: self.states.put(news[1]), lambda *why: self.over.put(why[1]))
+
+    def topics(self):
+        return sorted(self.states.get(timeout=5).publishers)
+
+
+def test_a_change_is_told_at_once_and_alone(there):
+    there.has({"/a": "/one"})
+    here = Here(there)
+    assert sorted(here.found.state.publishers) == ["/a"] and here.found.method == PACKED
+    time.sleep(0.05)
+    began = time.monotonic()
+    there.has({"/a": "/one", "/b": "/two"})
+    assert here.topics() == ["/a", "/b"]
+    assert time.monotonic() - began < 0.2
+    there.has({"/b": "/two"})
+    assert here.topics() == ["/b"]
+    here.found.follower.stop()
+
+
+def test_to_wait_for_a_processor_delays_nothing_else(there, monkeypatch):
+    """An answer that costs much makes a pause. One that only lay there does not: it would be one more delay."""
+    monkeypatch.setattr(followed, "size", lambda state: time.sleep(0.5) or 1)
+    here = Here(there)
+    there.has({"/a": "/one"})
+    assert here.topics() == ["/a"]
+    time.sleep(0.1)
+    began = time.monotonic()
+    there.has({"/a": "/one", "/b": "/two"})
+    assert here.topics() == ["/a", "/b"]
+    assert time.monotonic() - began < 1.5, "0.5 s, and not four times as long before"
+    here.found.follower.stop()
+
+
+def test_a_filter_hides_on_the_quick_way_too_and_stamps_move(there):
+    there.has({"/a": "/one"})
+    here = Here(there, Filters({"ignore_topics": ["/hidden*"]}).rules("robot2"))
+    there.has({"/a": "/one", "/hidden": "/two"})
+    state = here.states.get(timeout=5)
+    assert sorted(state.publishers) == ["/a"] and state.local_stamp == there.own.state.local_stamp
+    here.found.follower.stop()
+
+
+def test_what_becomes_secret_is_gone_at_once(there):
+    there.has({"/a": "/one", "/b": "/two"})
+    here = Here(there)
+    there.secret = ["/b"]
+    there.told.news(there.own.state, there.secret)
+    assert here.topics() == ["/a"]
+    here.found.follower.stop()
+
+
+@pytest.mark.parametrize("has", [PACKED, DIFFERENCES, ""])
+def test_each_way_is_found_and_who_told_its_way_is_not_asked_for_it_again(there, has):
+    """Also where another program has come in its place, which has not that way."""
+    there.has({"/a": "/one"})
+    asked, methods = [], there.server.methods
+    names = sorted(set(methods) - {PACKED, DIFFERENCES} | {has})
+    methods["system.listMethods"] = lambda: asked.append(1) or names
+    for gone in {PACKED, DIFFERENCES} - {has}:
+        del methods[gone]
+    for known, times in (("", 1), (PACKED, has != PACKED), (has, not has)):
+        fetch = Fetch(URI, there.uri, Filters({}).rules("robot2"))
+        view = View(fetch, "http://own:11311/", False, Members(), Surroundings())
+        asked.clear()
+        found = fetcher._fetch(fetch, None, view, True, known)
+        assert sorted(found.state.publishers) == ["/a"] and found.method == has and len(asked) == times
+        assert (found.follower is None) == (not has)
+
+
+def test_a_large_state_travels_as_xml_and_is_followed(there, monkeypatch):
+    monkeypatch.setattr(bounded_json, "MOST", 1000)
+    there.has({f"/a/{number}": "/one" for number in range(100)})
+    here = Here(there)
+    assert len(here.found.state.publishers) == 100 and here.found.method == PACKED
+    there.has({"/b": "/one"})
+    assert here.topics() == ["/b"]
+    here.found.follower.stop()
+
+
+def test_where_the_quick_way_is_off_the_whole_is_fetched(monkeypatch):
+    there = Discovery(told=False, monkeypatch=monkeypatch)
+    there.has({"/a": "/one"})
+    here = Here(there)
+    assert sorted(here.found.state.publishers) == ["/a"] and not here.found.method and here.found.follower is None
+    there.server.stop()
+
+
+def test_a_discovery_that_goes_ends_it_and_one_that_stops_following_is_quiet(there):
+    here, other = Here(there), Here(there)
+    other.found.follower.stop()
+    time.sleep(0.1)
+    there.own.away = "its roscore does not answer"
+    there.told.news(there.own.state, ["wake"])
+    assert isinstance(here.over.get(timeout=5), Fault)
+    assert other.over.empty()
+
+
+def test_a_filter_that_was_forgotten_is_asked_for(there):
+    with pytest.raises(Fault, match="not known any more"):
+        Rpc(there.uri, 5.0).call(DIFFERENCES, [], "another start", 1, 0)
+
+
+@pytest.mark.parametrize("asked", [([], 1, 1, 0), (ASK, "", "1", 0), (ASK, "", 1, None), ("", "", 1, 0), (ASK,)])
+def test_a_question_that_is_none_is_refused(there, asked):
+    with pytest.raises(Fault):
+        Rpc(there.uri, 5.0).call(DIFFERENCES, *asked)
+
+
+def test_one_address_keeps_few_connections_and_the_others_are_answered_at_once(there):
+    rpcs = [Rpc(there.uri, 5.0) for _count in range(rpc_server._KEPT_PER_ADDRESS + 2)]
+    known = rpcs[0].call(DIFFERENCES, ASK, "", 0, 0)[:2]
+    answers = []
+    threads = [
+        threading.Thread(target=lambda rpc=rpc: answers.append(rpc.call(DIFFERENCES, ASK, *known, 2.0))) for rpc in rpcs
+    ]
+    began = time.monotonic()
+    for thread in threads:
+        thread.start()
+    for thread in threads[-2:] + threads[:-2]:
+        thread.join(5)
+    assert len(answers) == len(rpcs) and 1.9 < time.monotonic() - began < 4.0
+    assert len(there.server._kept) <= rpc_server._KEPT_PER_ADDRESS
+    assert all(answer[2] is False and answer[5] for answer in answers), "nothing new, and a digest"
+    Rpc(there.uri, 5.0).call("masterContacts")  # there is still room for the other methods
+
+
+def test_a_digest_that_differs_takes_the_whole(there, monkeypatch):
+    monkeypatch.setattr(followed, "WAIT", (0.05, 0.06))
+    there.has({"/a": "/one"})
+    here = Here(there)
+    here.found.follower._state = replace(here.found.state, publishers={"/other": ("/one",)})
+    assert here.topics() == ["/a"]
+    here.found.follower.stop()
+
+
+# A hostile one
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        [],
+        ["e", 1, True, [], []],
+        ["", 1, True, [], [], ""],
+        ["e" * 100, 1, True, [], [], ""],
+        ["e", "1", 1, 1, 1, 1],
+    ],
+)
+def test_what_is_no_answer_is_refused(value):
+    with pytest.raises(Malformed):
+        Answer(value)
+
+
+def test_a_state_that_grows_and_grows_is_not_followed(there, monkeypatch):
+    monkeypatch.setattr(followed, "MOST", 3)
+    here = Here(there)
+    there.has({f"/topic{number}": "/one" for number in range(5)})
+    assert isinstance(here.over.get(timeout=5), followed.TooMuch)
+
+
+def test_a_difference_of_another_master_ends_it(there):
+    here = Here(there)
+    there.own.state = replace(there.own.state, uri="http://robot3:11311/", stamp=99.0, local_stamp=99.0)
+    there.told.news(there.own.state, [])
+    assert isinstance(here.over.get(timeout=5), Malformed)
+
+
+def test_the_document_of_a_whole_answer_is_that_of_the_old_way(there):
+    there.has({"/a": "/one", "/b": "/two"})
+    rpc = Rpc(there.uri, 5.0)
+    quick, old = rpc.call(DIFFERENCES, ASK, "", 0, 0), rpc.call("masterInfoFiltered", ASK)
+    assert quick[2] is True and quick[3] == old == document(there.own.state, [Rules(), Rules(do_not_sync=Pattern())])
+
+
+def test_what_came_from_a_third_robot_is_not_told_but_to_whom_own_subscribers_hear_it(there):
+    there.has({"/a": "/one"})
+    there.own.state = replace(there.own.state, subscribers={"/heard": ("/one",)}, stamp=3.0, local_stamp=3.0)
+    there.told.news(there.own.state, there.secret)
+    here, state = Here(there), there.own.state
+    time.sleep(0.3)  # it waits for news by then
+    third = Node("http://robot3:5000/", "http://robot3:11311/", "remote")
+    there.own.state = replace(
+        state,
+        stamp=4.0,
+        publishers={**state.publishers, "/far": ("/third",), "/heard": ("/third",)},
+        subscribers={"/heard": ("/one", "/third")},
+        services={"/ask": ("/third",)},
+        providers={"/ask": Provider("rosrpc://robot3:1", third.origin, "remote")},
+        nodes={**state.nodes, "/third": third},
+    )
+    there.told.news(there.own.state, there.secret)
+    time.sleep(0.3)
+    assert here.states.empty(), "nobody is woken for it"
+    there.own.state = replace(there.own.state, local_stamp=5.0)
+    there.told.news(there.own.state, there.secret)
+    told = here.states.get(timeout=5)
+    assert dict(told.publishers) == {"/a": ("/one",), "/heard": ("/third",)} and not told.services
+    assert dict(told.subscribers) == {"/heard": ("/one",)} and sorted(told.nodes) == ["/one", "/third"]
+    here.found.follower.stop()
+
+
+def test_many_changes_of_third_robots_are_no_answers(there):
+    there.has({"/a": "/one"})
+    epoch, revision = Rpc(there.uri, 5.0).call(DIFFERENCES, ASK, "", 0, 0)[:2]
+    third = Node("http://robot3:5000/", "http://robot3:11311/", "remote")
+    for number in range(50):
+        publishers = {**there.own.state.publishers, f"/far{number}": ("/third",)}
+        nodes = {**there.own.state.nodes, "/third": third}
+        there.own.state = replace(there.own.state, stamp=10.0 + number, publishers=publishers, nodes=nodes)
+        there.told.news(there.own.state, there.secret)
+    began = time.monotonic()
+    answer = Rpc(there.uri, 5.0).call(DIFFERENCES, ASK, epoch, revision, 0.5)
+    assert time.monotonic() - began >= 0.5 and answer[0] == epoch and answer[1] == revision + 50
+    assert not any(answer[3][4:]) and answer[4] == [[], [], []]

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The registrations of the own roscore: read as a whole once, then only what changed; of any other roscore as a whole."""
+
+import types
+import xmlrpc.client
+
+import pytest
+from rosfleet_multimaster.protocol.bounded_json import packed
+from rosfleet_multimaster.protocol.mirror import CHANGES
+from rosfleet_multimaster.sync import own_graph as module
+from rosfleet_multimaster.sync.own_graph import OwnGraph
+
+WHOLE = [
+    ["publisher", "/one", "/a", True],
+    ["type", "/one", "std_msgs/String"],
+    ["node", "/a", "http://own:1/"],
+    ["service", "/a/ask", "/a", "rosrpc://own:2"],
+]
+SYSTEM = [[["/one", ["/a"]]], [], [["/a/ask", ["/a"]]]]
+VALUES = {"getTopicTypes": [["/one", "std_msgs/String"]], "getSystemState": SYSTEM}
+LOOKUPS = {"/a": "http://own:1/", "/a/ask": "rosrpc://own:2"}
+
+
+class Roscore:
+    """What a roscore answers. `answers`: those of CHANGES, one after the other."""
+
+    caller = "/master_sync"
+
+    def __init__(self, answers, tells=True):
+        self.answers, self.tells, self.asked = answers, tells, []
+        self.rpc = types.SimpleNamespace(call=self.call, multicall=self.multicall)
+
+    def has(self, method):
+        self.asked.append("has")
+        return self.tells and method == CHANGES
+
+    def call(self, _method, _caller, epoch, revision, wait, in_texts):
+        assert in_texts is True
+        self.asked.append((epoch, revision, wait))
+        answer = self.answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        if isinstance(answer, list) and len(answer) == 4 and isinstance(answer[3], list):
+            answer = [*answer[:3], packed(answer[3])]
+        return [1, "changes", answer]
+
+    def together(self, calls):
+        self.asked.append(("together", calls))
+        if isinstance(self.tells, Exception):
+            raise self.tells
+        return ["done"]
+
+    def multicall(self, calls):
+        self.asked.append(("multicall", calls))
+        return ["done"]
+
+    def ask(self, *calls):
+        self.asked.append(calls[0][0])
+        return [VALUES[call[0]] if call[0] in VALUES else LOOKUPS.get(call[1]) for call in calls]
+
+
+@pytest.fixture(name="clock", autouse=True)
+def _clock(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    return now
+
+
+def everything(view):
+    return ["/a"], ["/a/ask"]
+
+
+def shown(view):
+    return (
+        {name: tuple(nodes) for name, nodes in view.publishers.items()},
+        {name: tuple(nodes) for name, nodes in view.services.items()},
+        dict(view.types),
+        dict(view.node_uris),
+        dict(view.service_uris),
+    )
+
+
+def test_one_that_tells_is_asked_for_what_changed_and_both_ways_show_the_same():
+    roscore = Roscore(
+        [["e", 3, True, WHOLE], ["e", 4, False, [["publisher", "/two", "/a", True]]], ["e", 4, False, []]]
+    )
+    graph = OwnGraph(roscore)
+    first = graph.read(everything)
+    assert shown(first) == shown(OwnGraph(Roscore([], tells=False)).read(everything))
+    assert sorted(graph.read(everything).publishers) == ["/one", "/two"] == sorted(graph.read(everything).publishers)
+    assert sorted(first.publishers) == ["/one"], "a view is what it was"
+    assert roscore.asked == ["has", ("", 0, 0), ("e", 3, 0), ("e", 4, 0)]
+
+
+@pytest.mark.parametrize("answer", [xmlrpc.client.Fault(1, "8 callers"), ["e", 3, True, [["publisher"]]], ["e"], 7])
+def test_where_it_does_not_tell_all_is_read_and_it_is_asked_again_later(clock, answer):
+    roscore = Roscore([answer, ["e", 3, True, WHOLE]])
+    graph = OwnGraph(roscore)
+    assert shown(graph.read(everything)) == shown(graph.read(everything))
+    assert roscore.asked.count("has") == 1
+    clock[0] += module.KNOWN
+    graph.read(everything)
+    assert roscore.asked[-2:] == ["has", ("", 0, 0)]
+
+
+def test_after_a_roscore_that_does_not_answer_the_next_one_is_asked_what_it_can():
+    roscore = Roscore([["e", 3, True, WHOLE], OSError("refused")])
+    graph = OwnGraph(roscore)
+    graph.read(everything)
+    with pytest.raises(OSError, match="refused"):
+        graph.read(everything)
+    roscore.tells = False
+    assert sorted(graph.read(everything).publishers) == ["/one"] and roscore.asked.count("has") == 2
+
+
+def test_one_that_tells_makes_calls_together_and_any_other_one_by_one():
+    calls = [("registerPublisher", "/a", "/one", "*", "http://own:1/")]
+    roscore, other = Roscore([["e", 3, True, WHOLE]]), Roscore([], tells=False)
+    for asked, way in ((roscore, "together"), (other, "multicall")):
+        graph = OwnGraph(asked)
+        graph.read(everything)
+        assert graph.carry_out(calls) == ["done"] and asked.asked[-1] == (way, calls)
+
+
+def test_after_calls_that_failed_the_next_one_is_asked_what_it_can():
+    roscore = Roscore([["e", 3, True, WHOLE], ["f", 1, True, WHOLE]])
+    graph = OwnGraph(roscore)
+    graph.read(everything)
+    roscore.tells = OSError("gone")
+    with pytest.raises(OSError, match="gone"):
+        graph.carry_out([])
+    roscore.tells = True
+    graph.read(everything)
+    assert roscore.asked.count("has") == 2

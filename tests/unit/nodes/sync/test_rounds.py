@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rounds without a roscore: what is kept of an earlier life, and how long."""
+
+import types
+
+import pytest
+from rosfleet_multimaster.edge.loop import Loop, Workers
+from rosfleet_multimaster.edge.process import program
+from rosfleet_multimaster.protocol import imports
+from rosfleet_multimaster.protocol.filters import Filters
+from rosfleet_multimaster.protocol.messages import Registration
+from rosfleet_multimaster.sync import rounds as module
+from rosfleet_multimaster.sync.core.message_types import TypeGuard
+from rosfleet_multimaster.sync.core.sync import Refusal, Sync, View, Wanted
+
+OTHER, TALKER = "http://robot2:11311/", ("/talker", "http://robot2:40000/")
+
+
+@pytest.mark.parametrize(("after", "kept"), [(module.LEFTOVERS - 1, True), (module.LEFTOVERS + 1, False)])
+def test_leftovers_wait_from_the_end_of_the_wiring(monkeypatch, after, kept):
+    now, record = [100.0], imports.write("/master_sync", "http://own:1/", {TALKER: OTHER})
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    loop, limited, guard = Loop(), program.Limited(), TypeGuard()
+    roscore = types.SimpleNamespace(ask=lambda *calls: [record if calls[0][0] == "getParam" else 0])
+    core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
+    workers = Workers(loop, 1)
+    made = module.Rounds(roscore, None, ("/master_sync", "http://own:1/"), core, guard, workers, workers, limited)
+    made.take_over()
+    now[0] += 10.0  # a busy computer: rospy makes the node meanwhile
+    lost = types.SimpleNamespace(registered=lambda *seen: None)
+    made.connect(None, lost, lambda: True, lambda refused: None, lambda problem: None)
+    view = View({"/chatter": ("/talker",)}, {}, {}, {"/chatter": "std_msgs/String"}, dict([TALKER]), {})
+    todo = made._plan(module.Reading([], view, dict(made.claims), set()), now[0] + after)
+    assert bool(todo.held) is kept
+
+
+def test_after_a_round_the_next_one_waits_so_that_news_come_together(monkeypatch):
+    now, began = [100.0], []
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    made = rounds_of(lambda: began.append(now[0]), lambda seconds: now.__setitem__(0, now[0] + seconds))
+    made.soon(now[0])
+    made.tick(now[0])
+    assert began == [100.0] and now[0] == pytest.approx(100.2) and not made.working
+    made.soon(now[0])  # news that came meanwhile
+    assert made.tick(now[0]) == pytest.approx(100.2 + min(0.2 * module.REST, module.LONGEST_REST)) and len(began) == 1
+    made.tick(100.2 + module.LONGEST_REST + 0.01)
+    assert len(began) == 2
+
+
+def test_what_an_earlier_life_registered_of_a_master_is_looked_at_with_its_state(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    made = rounds_of(lambda: None, lambda _seconds: None)
+    gone, there = (Registration("publisher", f"/{name}", "/talker", TALKER[1]) for name in ("gone", "there"))
+    now[0] += module.LEFTOVERS  # nobody waits for it any more
+    made.claims, made.held = {TALKER: OTHER}, {gone: OTHER, there: OTHER}
+    made._view = View({"/gone": ("/talker",), "/there": ("/talker",)}, {}, {}, {}, dict([TALKER]), {})
+    monkeypatch.setattr(made._core, "wanted_of", lambda items, _now: {there: Wanted(there, OTHER, "robot2")})
+    made.touch_all(OTHER, {there})
+    made.tick(now[0])
+    assert made.held == {there: OTHER} and OTHER in made.met
+    assert made.tick(now[0]) == now[0] + module.SETTLED, "a round looks at everything soon"
+
+
+def test_the_regular_round_waits_while_whole_states_come_one_by_one_but_not_for_ever(monkeypatch):
+    now, began = [100.0], []
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    made = rounds_of(lambda: began.append(now[0]), lambda _seconds: None)
+    made.soon(now[0])
+    made.tick(now[0])
+    assert began == [100.0] and made.tick(now[0]) == 100.0 + module.ROUND
+    first = now[0] = 100.0 + module.ROUND - 1
+    while len(began) == 1 and now[0] < first + 60:  # a fleet that meets: a state each second
+        made.touch_all(OTHER, set())
+        now[0] += 1
+        made.tick(now[0])
+    assert began[1:] == [first + module.SETTLED_AFTER_ALL]
+    assert made.tick(now[0]) == now[0] + module.ROUND
+
+
+def test_a_state_that_comes_while_a_round_is_under_way_is_looked_at_by_the_next_one_soon(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    made = rounds_of(lambda: made.touch_all(OTHER, set()), lambda _seconds: None)
+    made.soon(now[0])
+    made.tick(now[0])
+    assert made.tick(now[0]) == now[0] + module.SETTLED
+
+
+def rounds_of(begun, last):
+    """Rounds with a roscore that holds nothing; each takes 0.2 s."""
+
+    def submit(job, done):
+        try:
+            found = job(), None
+        except OSError as problem:
+            found = None, problem
+        last(0.1)
+        done(*found)
+
+    def read(_look_up):
+        begun()
+        return View({}, {}, {}, {}, {}, {})
+
+    workers = types.SimpleNamespace(submit=submit)
+    roscore = types.SimpleNamespace(ask=lambda *calls: [None for _call in calls])
+    graph = types.SimpleNamespace(guarded=True, read=read, carry_out=lambda calls: [[1, "", 0] for _call in calls])
+    core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
+    node = ("/master_sync", "http://own:1/")
+    made = module.Rounds(roscore, graph, node, core, TypeGuard(), workers, workers, program.Limited())
+    lost = types.SimpleNamespace(registered=lambda *seen: None)
+    made.connect(None, lost, lambda: True, lambda refused: None, lambda problem: None)
+    return made
+
+
+def test_who_is_refused_for_his_place_or_no_longer_is_told_by_a_round_at_once(monkeypatch):
+    made = rounds_of(lambda: None, lambda _seconds: None)
+    refusal = Refusal("place", "/liar", "robot2", "http://127.0.0.1:9001/", "it is on this computer itself")
+    misplaced = [refusal]
+    monkeypatch.setattr(made._core, "misplaced", lambda: misplaced)
+    for expected in ([refusal], []):
+        misplaced[:] = expected
+        made._due = None
+        made.touch(set())
+        assert made._due is not None
+        made.tick(made._due + 60)  # after the rest
+        assert made._last_refused == expected
+        made._due = None
+        made.touch(set())  # it is told already
+        assert made._due is None
