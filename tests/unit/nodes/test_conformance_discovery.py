@@ -13,7 +13,8 @@ import urllib.request
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.discovery.core.discovery import Ask, Discovery, Event, Say, Send
+from rosfleet_multimaster.discovery.core.actions import Ask, Event, Say, Send
+from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.pace import SAMPLES, SLOWEST, PollPace
 from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.discovery.rpc_server import PerCaller, Refused, RpcServer

@@ -10,9 +10,11 @@ import xmlrpc.client
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from rosfleet_multimaster.discovery.core import discovery as discovery_core
-from rosfleet_multimaster.discovery.core.discovery import Ask, Discovery, Event
+from rosfleet_multimaster.discovery.core.actions import Ask, Event
+from rosfleet_multimaster.discovery.core.announcements import MAX_ANSWERED
+from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.peer import Contact
+from rosfleet_multimaster.discovery.core.strangers import MAX_ASKED, MAX_STRANGERS
 from rosfleet_multimaster.protocol.filters import Filters, InvalidPattern, Pattern, Rules
 from rosfleet_multimaster.protocol.graph import Graph, Malformed, State, build, document, parse, stamped
 from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
@@ -91,14 +93,14 @@ class Bystander:
             self.asked.remove((due, action))
             contact = self.contacts.get(action.monitor_uri)
             self.core.contacted(action.key, contact, "" if contact else "timed out", self.now)
-        assert len(self.core.actions) <= 2 * discovery_core.MAX_ASKED + 8 + 2 * len(self.core._entries)
+        assert len(self.core.actions) <= 2 * MAX_ASKED + 8 + 2 * len(self.core.peers.table)
         while self.core.actions:
             action = self.core.actions.popleft()
             if isinstance(action, Event):
                 self.events.append(action)
             elif isinstance(action, Ask):
                 self.asked.append((self.now + (0.01 if action.monitor_uri in self.contacts else 2.0), action))
-        assert len(self.asked) <= discovery_core.MAX_ASKED + len(self.core._entries)
+        assert len(self.asked) <= MAX_ASKED + len(self.core.peers.table)
 
     def master(self, uri):
         return next((master for master in self.core.masters() if master.uri == uri), None)
@@ -131,13 +133,13 @@ def test_a_flood_from_everywhere_is_bounded():
         robot.carry_out()
         if number % 64 == 0:
             robot.wait(0.01)
-    assert len(robot.core._strangers) <= discovery_core.MAX_STRANGERS
-    assert len(robot.core._answered) <= discovery_core.MAX_ANSWERED + 2
+    assert len(robot.core.strangers.table) <= MAX_STRANGERS
+    assert len(robot.core.announcements._answered) <= MAX_ANSWERED + 2
     assert robot.master(PEER.uri).online
     assert robot.events == []
     robot.wait(40.0)
-    assert len(robot.core._strangers) == 0, "strangers who never said who they are, are forgotten"
-    assert len(robot.core._answered) <= 2
+    assert len(robot.core.strangers.table) == 0, "strangers who never said who they are, are forgotten"
+    assert len(robot.core.announcements._answered) <= 2
 
 
 def test_one_address_cannot_fill_the_table():
@@ -146,7 +148,7 @@ def test_one_address_cannot_fill_the_table():
         robot.core.datagram(BEAT, ("10.0.0.7", port), True, robot.now)
         robot.core.datagram(BEAT, (PEER_ADDRESS, port), True, robot.now)
         robot.wait(0.02)
-    assert len(robot.core._entries) < 100
+    assert len(robot.core.peers.table) < 100
     assert robot.master(PEER.uri).online
 
 

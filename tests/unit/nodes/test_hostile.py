@@ -6,7 +6,8 @@ import pytest
 from fleet_of_one import ROUTER, TIBI, URI
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosfleet_multimaster.discovery.core.discovery import Ask, Discovery, Event, Say, Send
+from rosfleet_multimaster.discovery.core.actions import Ask, Event, Say, Send
+from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import State

@@ -9,7 +9,7 @@ import types
 import pytest
 import rosfleet_multimaster
 from rosfleet_multimaster.discovery import datagrams
-from rosfleet_multimaster.discovery.core.discovery import Event, Send
+from rosfleet_multimaster.discovery.core.actions import Event, Send
 from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.discovery.served import OwnMaster
 from rosfleet_multimaster.edge.addresses import Network

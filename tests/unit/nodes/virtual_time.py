@@ -6,7 +6,8 @@ import heapq
 import itertools
 import random
 
-from rosfleet_multimaster.discovery.core.discovery import Ask, Discovery, Event, Send
+from rosfleet_multimaster.discovery.core.actions import Ask, Event, Send
+from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.protocol.parameters import Settings

@@ -8,7 +8,7 @@ import types
 
 import pytest
 from rosfleet_multimaster.discovery import datagrams as module
-from rosfleet_multimaster.discovery.core.discovery import Send
+from rosfleet_multimaster.discovery.core.actions import Send
 from rosfleet_multimaster.edge.addresses import Network
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.process import program

@@ -11,10 +11,12 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 from .discovery import times
 from .discovery.contacts import Contacts
 from .discovery.core import report
-from .discovery.core.discovery import FAR, Ask, Discovery, Event, Say, Send
+from .discovery.core.actions import Ask, Event, Say, Send
+from .discovery.core.discovery import Discovery
 from .discovery.core.health import Health, Shown
 from .discovery.core.outsiders import Outsider
 from .discovery.core.peer import Contact, Key
+from .discovery.core.peers import FAR
 from .discovery.datagrams import Datagrams
 from .discovery.poller import Poller
 from .discovery.rpc_server import Ready

@@ -4,22 +4,11 @@ import random
 
 import pytest
 from fleet_of_one import TIBI, URI
-from rosfleet_multimaster.discovery.core.discovery import (
-    ECHO,
-    MAX_ASKED,
-    MAX_MASTERS,
-    MAX_PER_ADDRESS,
-    MAX_STRANGERS,
-    RETURNED,
-    STRANGER_LIMIT,
-    Ask,
-    Discovery,
-    Event,
-    Say,
-    Send,
-    misnamed,
-)
-from rosfleet_multimaster.discovery.core.peer import Contact, Peer
+from rosfleet_multimaster.discovery.core.actions import STRANGER_LIMIT, Ask, Event, Say, Send
+from rosfleet_multimaster.discovery.core.discovery import Discovery
+from rosfleet_multimaster.discovery.core.peer import Contact, Peer, misnamed
+from rosfleet_multimaster.discovery.core.peers import ECHO, MAX_MASTERS, MAX_PER_ADDRESS, RETURNED, Peers
+from rosfleet_multimaster.discovery.core.strangers import MAX_ASKED, MAX_STRANGERS
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, decode, encode
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Master
@@ -154,7 +143,7 @@ def test_the_copy_of_a_beat_counts_as_one_and_is_a_sign_of_life_only_where_one_i
     core = met()
     core.datagram(state(2001, rate=1.0), PEER, True, 11.0)
     core.datagram(state(2001, rate=1.0), PEER, False, 11.01)
-    entry = core._entries[next(iter(core._entries))]
+    entry = core.peers.table[next(iter(core.peers.table))]
     assert entry.heard == 11.0 and list(entry.beats)[-2:] == [11.0, 11.01]
     core.datagram(state(2001, rate=1.0), PEER, False, 11.0 + 2 * ECHO)  # no copy any more
     assert entry.heard == 11.0 + 2 * ECHO
@@ -169,16 +158,16 @@ def test_another_beat_is_no_copy_whoever_sends_it():
     core.datagram(state(2002), PEER, True, 11.01)
     core.datagram(state(2001), ("10.0.0.9", 11511), True, 11.02)
     core.tick(11.02)
-    assert [master.stamp for master in core.masters()][1] == 2002 and core._strangers
+    assert [master.stamp for master in core.masters()][1] == 2002 and core.strangers.table
 
 
 def test_a_flood_of_beats_of_a_known_master_is_not_remembered():
     core = met()
     for stamp in range(2000, 2000 + 2 * MAX_MASTERS):
         core.datagram(state(stamp), PEER, True, 11.0)
-    assert len(core._echoes) == MAX_MASTERS
+    assert len(core.peers._echoes) == MAX_MASTERS
     core.tick(12.5)
-    assert not core._echoes
+    assert not core.peers._echoes
 
 
 def test_the_announced_stamps_are_those_of_the_state():
@@ -438,7 +427,7 @@ def test_a_flood_does_not_hide_a_new_master(flood):
     core = started(heartbeat_hz=1.0)
     met = flooded(core, 8.0, FLOODS[flood](), PEER)
     assert met is not None and met < 6.0
-    assert len(core._strangers) <= MAX_STRANGERS
+    assert len(core.strangers.table) <= MAX_STRANGERS
 
 
 def test_a_flood_does_not_keep_a_known_master_waiting():
@@ -458,9 +447,9 @@ def test_strangers_are_forgotten():
     core = started()
     for count in range(3000):
         core.datagram(state(), (f"10.0.{count // 250}.{count % 250}", 11511), True, 10.0)
-    assert core.refused == 3000 - MAX_STRANGERS == 3000 - len(core._strangers)
+    assert core.strangers.refused == 3000 - MAX_STRANGERS == 3000 - len(core.strangers.table)
     run(core, 11.0, 45.0, 1.0)
-    assert not core._strangers
+    assert not core.strangers.table
 
 
 def test_one_address_has_few_masters_and_the_one_that_is_heard_stays():
@@ -471,7 +460,7 @@ def test_one_address_has_few_masters_and_the_one_that_is_heard_stays():
         core.datagram(state(), (PEER[0], port), True, now)
         for action in take(core, Ask):
             core.contacted(action.key, CONTACT, "", now)
-    assert len(core._entries) == MAX_PER_ADDRESS and KEY in core._entries
+    assert len(core.peers.table) == MAX_PER_ADDRESS and KEY in core.peers.table
 
 
 # Who is gone
@@ -778,7 +767,7 @@ def test_an_answer_that_cannot_be_used_is_refused(at, value):
 
 
 def test_a_full_list_of_masters_takes_a_new_one_later(monkeypatch):
-    monkeypatch.setattr("rosfleet_multimaster.discovery.core.discovery.MAX_MASTERS", 1)
+    monkeypatch.setattr("rosfleet_multimaster.discovery.core.peers.MAX_MASTERS", 1)
     core = met(remove_after=20.0)
     new = ("10.0.0.5", 11511)
     for now in range(11, 60):
@@ -788,7 +777,7 @@ def test_a_full_list_of_masters_takes_a_new_one_later(monkeypatch):
             known = action.key[0] == new[0]
             contact = CONTACT._replace(uri="http://new:11311/", name="new") if known else None
             core.contacted(action.key, contact, "" if known else TIMED_OUT, float(now))
-    assert core.refused == 1 and [master.name for master in core.masters()[1:]] == ["new"]
+    assert core.strangers.refused == 1 and [master.name for master in core.masters()[1:]] == ["new"]
 
 
 def looks(monkeypatch, masters):
@@ -801,8 +790,8 @@ def looks(monkeypatch, masters):
         core.contacted((address, 11511, 11611), contact, "", 10.0)
     take(core)
     with monkeypatch.context() as patch:
-        steps, master = Discovery._steps, Peer.master
-        patch.setattr(Discovery, "_steps", lambda self, entry: seen.append(entry) or steps(self, entry))
+        steps, master = Peers._steps, Peer.master
+        patch.setattr(Peers, "_steps", lambda self, entry: seen.append(entry) or steps(self, entry))
         patch.setattr(Peer, "master", lambda self: seen.append(self) or master(self))
         for second in range(10):
             for number in range(masters):

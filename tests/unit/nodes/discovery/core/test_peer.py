@@ -22,7 +22,7 @@ def test_every_state_can_be_reached_and_left():
 
 def test_every_act_is_carried_out():
     used = {act for signs in LIFE.values() for _after, act in signs.values()}
-    assert used == set(Act) == set(Discovery(Settings(), [], 11611)._acts)
+    assert used == set(Act) == set(Discovery(Settings(), [], 11611).life.acts)
 
 
 @pytest.mark.parametrize("state", LISTED)

@@ -9,8 +9,9 @@ from ..edge.addresses import address_of
 from ..edge.loop import Loop, Workers
 from ..edge.process import program
 from ..edge.rpc_client import Rpc
-from .core.discovery import CONTACT_LIMIT, MAX_ASKED, Ask, misnamed
-from .core.peer import Contact, Key
+from .core.actions import CONTACT_LIMIT, Ask
+from .core.peer import Contact, Key, misnamed
+from .core.strangers import MAX_ASKED
 
 # key, contact or None, why not, it says that it has none, a fault says so; true where it is a master that is listed
 Answered = Callable[[Key, Optional[Contact], str, bool, bool], bool]

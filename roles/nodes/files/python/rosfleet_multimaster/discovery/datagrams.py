@@ -11,7 +11,7 @@ from ..edge.addresses import Changes, addresses_of_all, network, resolve, source
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Recurring, Workers
 from ..edge.process import program
-from .core.discovery import Send
+from .core.actions import Send
 from .udp import Datagram, Socket, Udp
 
 REOPEN = 0.5  # seconds between two attempts to open the sockets: a link that comes back is used at once

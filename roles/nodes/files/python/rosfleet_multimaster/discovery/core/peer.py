@@ -3,7 +3,7 @@
 """The life of a peer, as a table: state and sign in, next state and act out.
 
 A peer is a sender of heartbeats: an address, a UDP port and an XML-RPC port. `LIFE` says all that can happen to one.
-Nothing here knows what an act does; that is in discovery.py.
+Nothing here knows what an act does; that is in life.py.
 """
 
 from collections import deque
@@ -72,7 +72,7 @@ _LEAVING = {
 }
 
 #: state -> sign -> next state, act. A sign that is missing cannot happen in that state. (Heartbeats of strangers are
-#: only counted, and a silent one is forgotten: see `Discovery`.)
+#: only counted, and a silent one is forgotten: see `Strangers`.)
 LIFE: Mapping[State, Mapping[Sign, Tuple[State, Act]]] = {
     State.STRANGER: {
         Sign.ANSWER: (State.ONLINE, Act.ADMIT),
@@ -154,6 +154,25 @@ class Contact(NamedTuple):
     def host(self) -> str:
         """The host that the master calls its own."""
         return urlsplit(self.uri).hostname or ""
+
+
+def misnamed(contact: Contact, heard: str, address: str, there: Optional[Contact]) -> str:
+    """The reason why the nodes of a master cannot be reached by its name; empty where they can.
+
+    `heard` is the address that it sends from, `address` that of its name ("" for none), `there` who answers at the latter.
+    A gateway has two: its name leads to the one in the robot's network, and it is heard from the other.
+    """
+    if not address:
+        return (
+            f"{contact.name} calls its master {contact.uri}, but {contact.host} has no address on this computer: its"
+            " topics will be silent"
+        )
+    if address == heard or (there is not None and there.uri == contact.uri):
+        return ""
+    return (
+        f"{contact.host} resolves to {address}, where {contact.name} does not answer, and {contact.name} is heard from"
+        f" {heard}: its topics may be silent"
+    )
 
 
 @dataclass

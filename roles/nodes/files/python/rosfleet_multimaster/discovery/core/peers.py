@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The peers: senders that have said who they are. Their heartbeats, and what happens where these stay away."""
+
+from typing import Callable, Dict, Iterator, List, NamedTuple, Optional, Set, Tuple, Union
+
+from ...protocol.heartbeat import Heartbeat, Kind, Stamp
+from ...protocol.members import Members
+from ...protocol.parameters import Settings
+from .actions import Outbox
+from .here import Here
+from .peer import LONG_AGO, Contact, Key, Peer, Sign
+
+ECHO = 0.05  # seconds between a heartbeat to the group and the same one by unicast, or the other way round, at most
+MARGIN = 0.5  # of ~offline_after: the time that master_sync has to withdraw what a lost master had
+ASK_PAUSE = 0.2  # seconds between two requests to a master that missed its beat
+SLOW_PAUSE, SLOW_PATIENCE = 1.0, 5.5  # seconds: the same for a master that promises few beats, and how long it is asked
+RETURNED = 5.0  # seconds after the return of a robot of the fleet: its place says who it is, and what it offers is wanted first
+CONTACT_PAUSE = 5.0  # seconds between two contacts that nothing but requests of the other side ask for
+LEAVE_CHECKS = (0.2, 1.0, 3.0)  # seconds: who still answers after these has not left
+LEAVE_PAUSE = 1.0  # seconds between a contact and the first check of another LEAVE
+MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be somebody's flood
+FAR = float("inf")
+
+Sent = Tuple[Tuple[str, int], bytes]  # a datagram: from, content
+Step = Tuple[float, Union[Sign, Callable[[Peer, float], None]]]  # when, and a sign that is given then, or what is done
+
+
+class Patience(NamedTuple):
+    """The consequences of silence, in seconds since the last sign of life of a master."""
+
+    ask: float  # it is asked by datagrams,
+    pause: float  # so often,
+    contact: float  # and once over TCP
+    offline: float  # it is offline
+
+    @classmethod
+    def with_rate(cls, rate: float, settings: Settings) -> "Patience":
+        """Patience with a master that promises so many beats a second."""
+        if rate * settings.offline_after < 2:
+            ask = settings.active_request_after
+            return cls(ask, SLOW_PAUSE, ask + SLOW_PATIENCE / 2, ask + SLOW_PATIENCE)
+        limit = settings.offline_after - MARGIN
+        return cls(min(1.5 / rate, limit / 2), ASK_PAUSE, max(limit / 2, 1.25 / rate), limit)
+
+
+class News(NamedTuple):
+    """The answer of a peer that was asked over TCP, or of none, for the acts that need it."""
+
+    now: float
+    contact: Optional[Contact] = None
+    problem: str = ""  # why there is no contact
+    starting: bool = False  # it answered, but it has no state yet
+    asked: float = LONG_AGO
+
+
+class Peers:
+    """The table of the peers."""
+
+    def __init__(self, settings: Settings, members: Members, here: Here, outbox: Outbox) -> None:
+        self.table: Dict[Key, Peer] = {}
+        self.stale = False  # something may be another than what is public
+        self._settings, self._members, self._here, self._outbox = settings, members, here, outbox
+        self._echoes: Dict[Sent, Tuple[Peer, float]] = {}  # the last heartbeats
+        self._first_step: Optional[float] = None  # see next_step
+        self._crowds: Optional[Set[str]] = None  # addresses with several masters
+
+    def changed(self) -> None:
+        """Note that something is another about some master, and not only the time of its last beat.
+
+        With many masters most datagrams are plain beats. What looks at all masters must not be done for each of them.
+        """
+        self.stale, self._first_step, self._crowds = True, None, None
+
+    def addresses(self) -> Iterator[str]:
+        """The addresses of all peers, some of them several times."""
+        return (entry.key[0] for entry in self.table.values())
+
+    # Which there are
+
+    def has_room(self, entry: Peer) -> bool:
+        """True where a stranger can be listed. Of too many of one address, another goes instead."""
+        return len(self.table) < MAX_MASTERS or len(self._at(entry)) >= MAX_PER_ADDRESS
+
+    def add(self, entry: Peer) -> None:
+        """List a stranger. Where one address has too many peers, the one goes that sent nothing for the longest time."""
+        same = self._at(entry)
+        if len(same) >= MAX_PER_ADDRESS:
+            del self.table[min(same, key=lambda other: other.beats[-1] if other.beats else other.since).key]
+        self.table[entry.key] = entry
+
+    def _at(self, entry: Peer) -> List[Peer]:
+        return [other for other in self.table.values() if other.key[0] == entry.key[0]]
+
+    def drop(self, entry: Peer) -> None:
+        """Forget a peer."""
+        self.table.pop(entry.key, None)
+
+    def identify(self, entry: Peer, contact: Contact, news: News) -> None:
+        """Take the answer of a peer who it is."""
+        entry.contact = contact
+        stamp = Stamp.at(contact.stamp)
+        # Only a beat says whether its own nodes changed. One that comes often is waited for, unless it is missed.
+        regular = entry.rate * self._settings.offline_after >= 2
+        awaited = news.asked - (1.0 / entry.rate if regular else 0.0)
+        if stamp != entry.beat.stamp and not (entry.beats and entry.beats[-1] >= awaited):
+            entry.beat = entry.beat._replace(stamp=stamp, local_stamp=stamp)
+        entry.rate = entry.promised(news.now - self._memory())
+
+    # Heartbeats
+
+    def is_echo(self, data: bytes, source: Tuple[str, int], now: float) -> bool:
+        """True for a heartbeat that came a moment ago by the other way: to the group or by unicast."""
+        entry, at = self._echoes.get((source, data), (None, LONG_AGO))
+        if entry is None or now - at > ECHO or not entry.online or entry.leaving or entry.overdue or entry.given_up:
+            return False
+        entry.beats.append(now)
+        return True
+
+    def remember(self, entry: Peer, beat: Heartbeat, sent: Sent, now: float) -> None:
+        """Remember a heartbeat for a moment, so that the same one by the other way is known."""
+        if beat.kind is Kind.STATE and len(self._echoes) < MAX_MASTERS:
+            self._echoes[sent] = (entry, now)
+
+    def forget_echoes(self) -> None:
+        """Forget the last heartbeats."""
+        self._echoes.clear()
+
+    def hear(self, entry: Peer, beat: Heartbeat, now: float) -> Sign:
+        """Take a heartbeat of a peer. What it is a sign of."""
+        entry.heard = now
+        if beat.kind is Kind.REQUEST:
+            if now - entry.contacted > CONTACT_PAUSE:  # who asks has perhaps just started, as somebody else
+                entry.contact_due = now if entry.contact_due is None else min(now, entry.contact_due)
+        else:
+            entry.beats.append(now)
+            entry.beat = beat
+            self._promise(entry, beat.rate, now)
+            if not entry.online:
+                due = now + (RETURNED if self._members.is_discovery(entry.key[0], entry.key[2]) else 0.0)
+                entry.contact_due = due if entry.contact_due is None else min(due, entry.contact_due)
+        return Sign.HEARD if entry.beat.stamp != Stamp() else Sign.HEARD_EMPTY
+
+    def _promise(self, entry: Peer, rate: float, now: float) -> None:
+        """Take the rate in a heartbeat, which anybody can write. A lower one delays that a loss is seen: it must be confirmed."""
+        entry.promises[rate] = now
+        promised = entry.promised(now - self._memory())
+        if promised > entry.rate:
+            entry.rate = promised
+        elif promised < entry.rate and now - entry.contacted > CONTACT_PAUSE and entry.contact_due is None:
+            entry.contact_due = now
+
+    def _memory(self) -> float:
+        """Seconds for which a higher rate counts after it was heard."""
+        limit = self._settings.offline_after
+        return limit if limit > 0 else self._settings.active_request_after
+
+    # Silence
+
+    def wake(self, late: float, now: float) -> None:
+        """This computer was asleep for so long, and nobody was silent meanwhile."""
+        self.changed()
+        for entry in self.table.values():
+            entry.heard = min(now, entry.heard + late)
+
+    def step(self, now: float, move: Callable[[Peer, Sign, News], None]) -> None:
+        """Do what is due about the masters. `move` takes the signs that silence is."""
+        if now < self.next_step():
+            return
+        self._first_step = None
+        for entry in list(self.table.values()):
+            for due, step in list(self._steps(entry)):
+                if due <= now:
+                    self.changed()
+                    if isinstance(step, Sign):
+                        move(entry, step, News(now))
+                    else:
+                        step(entry, now)
+
+    def next_step(self) -> float:
+        """A time before which nothing is due about any master. A plain beat only puts off what is."""
+        if self._first_step is None:
+            steps = (at for entry in self.table.values() for at, _step in self._steps(entry))
+            self._first_step = min(steps, default=FAR)
+        return self._first_step
+
+    def ask_soon(self, entry: Peer, at: Optional[float]) -> None:
+        """Have a peer asked over TCP at this time."""
+        entry.contact_due, self._first_step = at, None
+
+    def _steps(self, entry: Peer) -> Iterator[Step]:
+        """The steps about a master that stays silent, each with its time."""
+        heard, patience = entry.heard, Patience.with_rate(entry.rate, self._settings)
+        if self._here.online:
+            pause = patience.pause if entry.online else max(self._settings.active_request_after, patience.ask)
+            pause = max(pause, SLOW_PAUSE) if self._is_crowded(entry) else pause
+            yield max(heard + patience.ask, entry.requested + pause), self._request_state
+        if entry.online and entry.probed < heard:
+            yield heard + patience.contact, self._probe
+        if entry.online:
+            yield heard + patience.offline, Sign.SILENCE
+        if entry.contact_due is not None and entry.asked is None:
+            yield entry.contact_due, self._outbox.ask
+        if self._settings.remove_after > 0:
+            yield heard + self._settings.remove_after, Sign.LONG_SILENCE
+
+    def _request_state(self, entry: Peer, now: float) -> None:
+        entry.requested = now
+        to_group = self._is_crowded(entry) and self._settings.send_mcast
+        self._outbox.send(self._here.record(Kind.REQUEST), None if to_group else entry.key[0])
+
+    def _is_crowded(self, entry: Peer) -> bool:
+        """True where several masters share its address, so that unicast reaches only one of them."""
+        if self._crowds is None:
+            ports: Dict[str, Set[int]] = {}
+            for address, _port, rpc_port in self.table:
+                ports.setdefault(address, set()).add(rpc_port)
+            self._crowds = {address for address, found in ports.items() if len(found) > 1}
+        return entry.key[0] in self._crowds
+
+    def _probe(self, entry: Peer, now: float) -> None:
+        entry.probed = now
+        patience = Patience.with_rate(entry.rate, self._settings)
+        self._outbox.ask(entry, now, entry.heard + patience.offline - now)
+
+    # After a LEAVE: who still answers has not left, whatever a datagram says
+
+    def check(self, entry: Peer, now: float) -> None:
+        """Ask over TCP whether a peer has left."""
+        entry.checks = 1
+        entry.contact_due = max(now + LEAVE_CHECKS[0], entry.contacted + LEAVE_PAUSE)
+
+    def check_again(self, entry: Peer, answered: bool, now: float) -> None:
+        """Ask once more: soon where it did not answer, later where it did."""
+        entry.contact_due = now + LEAVE_CHECKS[entry.checks if answered else 0]
+        entry.checks += 1
+        self._outbox.send(self._here.record(Kind.REQUEST), entry.key[0])
+
+    def is_last_check(self, entry: Peer) -> bool:
+        """True where the next answer decides whether a peer has left."""
+        return entry.checks == len(LEAVE_CHECKS)

@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Strangers: senders that have not said who they are. Anybody can write any sender into a datagram, so there may be many."""
+
+from typing import Dict, Iterator, List, Set, Tuple
+
+from ...protocol.heartbeat import Heartbeat, Kind
+from ...protocol.members import Members
+from .actions import STRANGER_LIMIT, Outbox
+from .outsiders import Budget, Outsiders
+from .peer import Key, Peer
+
+MAX_STRANGERS, MAX_ASKED = 1024, 32  # senders that have not said who they are; those that are asked at the same time
+FORGET_STRANGER = 30.0  # seconds of silence
+
+
+class Strangers:
+    """The table of the strangers, and who of them is asked."""
+
+    def __init__(self, members: Members, outsiders: Outsiders, outbox: Outbox) -> None:
+        self.table: Dict[Key, Peer] = {}  # in the order in which they were last heard
+        self.refused = 0  # senders for which there was no room
+        self._members, self._outsiders, self._outbox = members, outsiders, outbox
+        self._asked: Set[Key] = set()  # those that are being asked who they are
+        self._budget = Budget()
+        self._turn = False
+
+    def hear(self, key: Key, beat: Heartbeat, now: float) -> None:
+        """Take a heartbeat of a stranger."""
+        entry = self.table.pop(key, None)
+        if entry is None:
+            entry = Peer(key, now, now, beat, contact_due=now)
+            if len(self.table) >= MAX_STRANGERS:
+                self.refused += 1
+                text = f"{MAX_STRANGERS} senders do not say who they are: the first are forgotten"
+                self._outbox.say("warning", "full", text)
+                del self.table[next(first for first in self.table if first not in self._asked)]
+        self.table[key] = entry
+        entry.heard, entry.credit = now, entry.credit + 1
+        if entry.contact_due is None and entry.asked is None and self._free(entry, now) <= now:
+            entry.contact_due = now
+        if beat.kind is Kind.STATE:
+            entry.beat = beat
+            entry.promises[beat.rate] = now
+            entry.beats.append(now)
+        self.meet(now)
+
+    def end_question(self, key: Key) -> None:
+        """Note that a question has ended, whatever the answer."""
+        self._asked.discard(key)
+
+    def give_back(self, key: Key) -> None:
+        """Note that somebody is at an address and has answered."""
+        self._budget.answered(key[0])
+
+    def forget(self, now: float) -> None:
+        """Forget those that have been silent for long."""
+        self._outsiders.forget(now)
+        while self.table and now - next(iter(self.table.values())).heard > FORGET_STRANGER:
+            self.table.pop(next(iter(self.table)))
+
+    def meet(self, now: float) -> None:
+        """Ask strangers who they are, not too many at a time.
+
+        A flood may have ever other senders: so first comes who is heard most. It may have the same ones again and again:
+        so every second time, first comes who was not asked yet.
+        """
+        self._tell_ignored()
+        for key in self._outsiders.due(now):
+            self._outbox.ask_stranger(key)
+        while len(self._asked) < MAX_ASKED:
+            waiting = [entry for due, entry in self._unmet() if due <= now]
+            if not waiting:
+                return
+            self._turn = not self._turn
+            entry = max(waiting, key=lambda entry: (-entry.failures if self._turn else 0, entry.credit))
+            if self._free(entry, now) > now:
+                entry.contact_due = None  # until it is heard after that time
+                continue
+            self._budget.spend(entry.key[0], now)
+            self._asked.add(entry.key)
+            self._outbox.ask(entry, now, STRANGER_LIMIT)
+
+    def due(self) -> List[float]:
+        """The times at which somebody is to be asked."""
+        found = [at for at, _entry in self._unmet()] if len(self._asked) < MAX_ASKED else []
+        outsider = self._outsiders.next_due()
+        return found if outsider is None else [*found, outsider]
+
+    def _free(self, entry: Peer, now: float) -> float:
+        """The time from which a stranger may be asked: twice, and later again, unless a member is planned there."""
+        if self._members.is_discovery(entry.key[0], entry.key[2]):
+            return now
+        return self._budget.free(entry.key[0], now)
+
+    def _unmet(self) -> Iterator[Tuple[float, Peer]]:
+        for entry in self.table.values():
+            if entry.contact_due is not None and entry.asked is None:
+                yield entry.contact_due, entry
+
+    def _tell_ignored(self) -> None:
+        """Say who is ignored, each once."""
+        for outsider in self._outsiders.news:
+            self._outbox.say("warning", f"outsider {outsider.address}", str(outsider))
+        self._outsiders.news.clear()

@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What others see: the masters as they are told of them, and the quality of the links."""
+
+from itertools import takewhile
+from typing import Deque, Dict, List, Optional, Sequence, Tuple
+
+from ...protocol.members import Members
+from ...protocol.messages import Link, Master
+from ...protocol.parameters import Settings
+from .actions import Outbox
+from .here import Here
+from .peer import Contact, Peer
+from .peers import Peers
+
+
+class View:
+    """The masters that others were told of."""
+
+    def __init__(self, settings: Settings, members: Members, here: Here, peers: Peers, outbox: Outbox) -> None:
+        self._settings, self._members, self._here, self._peers, self._outbox = settings, members, here, peers, outbox
+        self._public: Dict[str, Master] = {}
+
+    def publish(self, now: Optional[float]) -> None:
+        """Compare what is known with what was told, and tell the difference. `now`: of the last tick.
+
+        Masters are known by their URI here: one that is heard from two addresses is there while one of them is. Anybody
+        can answer with the URI of another one. So it is shown at the same address until it does not answer there over TCP.
+        """
+        self._peers.stale = False
+        found: Dict[str, List[Peer]] = {}
+        for entry in self._peers.table.values():
+            if entry.contact is not None:
+                found.setdefault(entry.contact.uri, []).append(entry)
+        public = {uri: self._shown(uri, entries, now) for uri, entries in found.items()}
+        if self._here.master is not None:
+            public[self._here.master.uri] = self._here.master
+        if public == self._public:
+            return
+        before, self._public = self._public, public
+        for uri, master in before.items():
+            if uri not in public:
+                self._outbox.event("removed", Master(**{**master.__dict__, "online": False}))
+        for uri, master in public.items():
+            if uri not in before:
+                self._outbox.event("new", master)
+            elif master != before[uri]:
+                self._outbox.event("changed", master)
+
+    def _shown(self, uri: str, entries: Sequence[Peer], now: Optional[float]) -> Master:
+        """The master with this URI, of the peers that say so."""
+        before = self._public.get(uri)
+        at = before.monitor_uri if before is not None else ""
+
+        def rank(entry: Peer) -> Tuple[bool, bool, bool]:
+            return entry.monitor_uri == at and not entry.given_up, entry.online, not entry.overdue
+
+        best = max(entries, key=rank) if len(entries) > 1 else entries[0]
+        if len(entries) > 1 and (best.overdue or not best.online) and best.contact_due is None and best.asked is None:
+            self._peers.ask_soon(best, now)  # is it still there? Another one waits for its place
+        return best.master()
+
+    def report_twins(self, entry: Peer, contact: Contact) -> None:
+        """Say where a peer is called as another master is."""
+        if contact.uri == self._here.uri:
+            text = (
+                f"{entry.monitor_uri} calls its master {contact.uri}, as this computer calls its own: nothing is"
+                " exchanged with it; set ROS_HOSTNAME or ROS_IP before roscore starts, on both"
+            )
+            self._outbox.say("error", f"same {entry.key[0]}", text)
+        for peer in self._peers.table.values() if self._members.master(contact.uri) is None else ():
+            if peer.contact is not None and peer.contact.uri == contact.uri and peer.key[0] != entry.key[0]:
+                text = (
+                    f"{contact.name} ({contact.uri}) answers at {peer.key[0]} and at {entry.key[0]}: it stays where it is for"
+                    " as long as it answers there"
+                )
+                self._outbox.say("warning", f"twice {contact.uri}", text)
+        for other in self._public.values():
+            if other.name == contact.name and other.uri != contact.uri:
+                text = f"two masters are called {contact.name}: {other.uri} and {contact.uri}; give one another name"
+                self._outbox.say("warning", f"name {contact.name}", text)
+
+    def masters(self) -> List[Master]:
+        """All masters, the own one first."""
+        own = self._here.uri
+        return sorted(self._public.values(), key=lambda master: (master.uri != own, master.name, master.uri))
+
+    def links(self, now: float) -> List[Link]:
+        """The quality of the links to all masters, as `~linkstats` shows it."""
+        found, here = [], self._here
+        if here.master is not None:
+            heard = here.beats[-1] if here.beats else now
+            quality = self._quality(here.beats, self._settings.heartbeat_hz, here.since, now)
+            found.append(Link(here.master.name, quality, now - heard, here.master.uri))
+        for entry in self._peers.table.values():
+            if entry.contact is not None:
+                quality = self._quality(entry.beats, entry.rate, entry.since, now)
+                found.append(Link(entry.contact.name, quality, now - entry.heard, entry.contact.uri))
+        return found
+
+    def _quality(self, beats: Deque[float], rate: float, since: float, now: float) -> float:
+        if rate < 0.1:
+            return -1.0
+        window = min(self._settings.measurement_intervals / min(rate, 1.0), max(now - since, 1.0 / rate))
+        received = sum(1 for _at in takewhile(lambda at: now - at <= window, reversed(beats)))  # the last ones
+        return min(100.0, 100.0 * received / (rate * window))
