@@ -186,7 +186,7 @@ class Lab:
         monkeypatch.setattr(program, "on_signals", lambda loop, end: None)
         monkeypatch.setattr(program, "leave_process", lambda status: None)
         monkeypatch.setattr(sys, "argv", ["master_sync"])
-        self.program = importlib.import_module("rosfleet_multimaster.master_sync").MasterSync()
+        self.module, self.program = importlib.import_module("rosfleet_multimaster.master_sync"), None
 
     def discovered(self, node, topic, kind):
         """Register a discovery node."""
@@ -194,7 +194,12 @@ class Lab:
         self.roscore.call("registerService", node, f"{node}/list_masters", "rosrpc://own:2", self.discovery_uri)
 
     def start(self):
-        self.thread = threading.Thread(target=self.program.main, daemon=True)
+        def made(start):
+            self.program = program_class(start)
+            return self.program
+
+        program_class, self.module.MasterSync = self.module.MasterSync, made
+        self.thread = threading.Thread(target=self.module.main, daemon=True)
         self.thread.start()
         until(lambda: self.nodes and self.nodes[0].callback)
         return self
@@ -484,8 +489,8 @@ def test_a_hung_service_of_discovery_does_not_stop_the_exchange_for_ever():
 
 def test_while_a_slow_roscore_is_waited_for_nothing_spins(lab):
     ticks = []
-    tick = lab.program._tick
-    lab.program._tick = lambda now: ticks.append(now) or tick(now)
+    tick = lab.module.MasterSync._tick
+    lab.module.MasterSync._tick = lambda self, now: ticks.append(now) or tick(self, now)
     lab.start()
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
     answer = lab.roscore.server.methods["system.multicall"]

@@ -11,9 +11,10 @@ import rosfleet_multimaster
 from rosfleet_multimaster.discovery import datagrams
 from rosfleet_multimaster.discovery.core.actions import Event, Send
 from rosfleet_multimaster.discovery.core.peer import Contact
-from rosfleet_multimaster.discovery.served import OwnMaster
 from rosfleet_multimaster.edge.addresses import Network
 from rosfleet_multimaster.edge.clock import monotonic
+from rosfleet_multimaster.edge.loop import Ended, Loop
+from rosfleet_multimaster.edge.own_roscore import Start
 from rosfleet_multimaster.protocol import parameters
 from rosfleet_multimaster.protocol.graph import State
 from rosfleet_multimaster.protocol.heartbeat import Kind, decode
@@ -33,6 +34,8 @@ class Lab:
         ros = types.ModuleType("rosfleet_multimaster.edge.ros")
         ros.hostname = lambda: "robot1"
         ros.DiscoveryNode = self.discovery_node
+        ros.master_name = lambda uri: "robot1"
+        ros.md5sum = ros.sync_info = lambda name: None
         ros.Diagnostics = lambda: types.SimpleNamespace(has_listeners=lambda: True, publish=self.diagnose)
         self.diagnosed = []
         monkeypatch.setitem(sys.modules, "rosfleet_multimaster.edge.ros", ros)
@@ -45,12 +48,19 @@ class Lab:
         monkeypatch.setattr(datagrams, "source_address", lambda group, port, own: max(self.addresses))
         monkeypatch.delenv("ROS_HOSTNAME", raising=False)
         monkeypatch.delenv("ROS_IP", raising=False)
-        self.program = module.MasterDiscovery()
-        self.program.roscore = types.SimpleNamespace(ask=lambda *calls: [0])
-        self.program.identity = types.SimpleNamespace(service=("", ""))
-        self.program.own = OwnMaster(URI, "robot1", "/master_discovery", ros.hostname, 11611)
-        values, _warnings = parameters.overlay(parameters.DISCOVERY, {})
-        self.program._wire(values)
+        server = types.SimpleNamespace(sent=types.SimpleNamespace(value=7))
+        monkeypatch.setattr(module, "serve", lambda *arguments: server)
+        self.module, self.program = module, None
+        self.start({})
+
+    def start(self, given):
+        """Make the program, with these parameters."""
+        values, _warnings = parameters.overlay(parameters.DISCOVERY, given)
+        roscore = types.SimpleNamespace(
+            ask=lambda *calls: [0], rpc=types.SimpleNamespace(uri=URI), caller="/master_discovery"
+        )
+        start = Start(Loop(), Ended(), roscore, URI, "/master_discovery", "http://robot1:1/", values)
+        self.program = self.module.MasterDiscovery(start)
 
     def udp(self, *arguments):
         return types.SimpleNamespace(sockets=[], close=lambda: None, send=lambda data, host: self.sent.append(data))
@@ -114,15 +124,14 @@ def test_what_is_to_be_sent_goes_before_the_sockets_close(lab, look):
 def test_diagnostics_tell_links_and_the_roscore_and_metrics_the_same(lab, tmp_path):
     lab.program.display._path = str(tmp_path / "metrics.prom")
     lab.program._polled(STATE)
-    lab.program.server = types.SimpleNamespace(sent=types.SimpleNamespace(value=7))
-    lab.program.served = types.SimpleNamespace(changes=types.SimpleNamespace(value=3))
+    for _answer in range(3):
+        lab.program.served.changes.add(1)
     lab.program._report()
     assert lab.diagnosed[-1]["multimaster: roscore"].level == 0
     lab.program._event(Event("new", OTHER))
     lab.program.masters = (OTHER,)
     lab.program._report()
     assert lab.diagnosed[-1]["multimaster: link to robot2"].message == "online"
-    lab.program.roscore.rpc = types.SimpleNamespace(uri=URI)
     lab.program._no_roscore("refused", monotonic() - 10.0)
     lab.program.display._write_due = 0.0
     lab.program._report()
@@ -148,7 +157,7 @@ def test_without_a_network_the_node_is_ready_for_its_own_robot(lab, monkeypatch)
 
     udp = datagrams.Udp
     monkeypatch.setattr(datagrams, "Udp", no_interface)
-    lab.program._wire(parameters.overlay(parameters.DISCOVERY, {"interface": "192.168.1.1"})[0])
+    lab.start({"interface": "192.168.1.1"})
     lab.program._polled(STATE)
     (masters, sent), ready = lab.made
     assert masters == ["robot1"] and sent == 0 and ready == "READY=1"

@@ -9,6 +9,8 @@ from time import monotonic
 
 import pytest
 import rosfleet_multimaster.edge
+from rosfleet_multimaster.edge.loop import Ended, Loop
+from rosfleet_multimaster.edge.own_roscore import Start
 from rosfleet_multimaster.protocol import parameters
 from rosfleet_multimaster.protocol.messages import Announced
 
@@ -27,10 +29,9 @@ def _program(monkeypatch):
     ros.ListMasters = lambda: lambda service: None
     ros.Diagnostics = lambda: types.SimpleNamespace(has_listeners=lambda: False, publish=lambda *entries: None)
     ros.SyncNode = lambda held: types.SimpleNamespace(service_uri=lambda: ("", ""))
-    program = module.MasterSync()
-    program.uri, program.node_name = "http://own:11311/", "/master_sync"
-    program._wire(types.SimpleNamespace(ask=lambda *calls: [None] * len(calls)), "http://own:1/", values)
-    return program
+    roscore = types.SimpleNamespace(ask=lambda *calls: [None] * len(calls))
+    start = Start(Loop(), Ended(), roscore, "http://own:11311/", "/master_sync", "http://own:1/", values)
+    return module.MasterSync(start)
 
 
 def announced(online):
@@ -42,7 +43,8 @@ def test_each_news_of_a_master_is_looked_at_for_a_loss(program, ending):
     seen = []
     program.lost._active = True
     program.lost._losses.seen = lambda online, now: seen.append(online.get(URI)) or ([], [])
-    program.ending = ending
+    if ending:
+        program.ended.set()
     for online in (True, False, True):  # between two passes of the loop
         program._announced("changed", announced(online))
     program._listed([announced(False)], False, monotonic())

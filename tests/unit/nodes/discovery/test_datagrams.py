@@ -23,11 +23,10 @@ VALUES = {
 }
 
 
-def made(errors=None, threads=1, **values):
-    loop = Loop()
-    return module.Datagrams(
-        {**VALUES, **values}, loop, Workers(loop, threads), program.Limited(), {} if errors is None else errors
-    )
+def made(errors=None, threads=1, opened=lambda now: None, **values):
+    loop, callbacks = Loop(), module.Callbacks(lambda datagram, now: None, lambda: None, opened, lambda: None)
+    errors = {} if errors is None else errors
+    return module.Datagrams({**VALUES, **values}, loop, Workers(loop, threads), program.Limited(), errors, callbacks)
 
 
 def udp(send=lambda *arguments: None):
@@ -51,8 +50,7 @@ def test_a_network_that_has_gone_makes_new_sockets_and_is_told(monkeypatch):
     opened = []
     monkeypatch.setattr(module, "Udp", lambda *arguments: udp(gone if not opened else lambda *sent: None))
     errors = {}
-    node = made(errors)
-    node.tell(lambda datagram, now: None, lambda: None, opened.append, lambda: None)
+    node = made(errors, opened=opened.append)
     assert node.tick(100.0) is None and opened == [100.0]
     opened.clear()
     node.send(Send(b"x", None))
@@ -97,8 +95,7 @@ class Played:
         self.network, self.opened, self.errors = network, [], {}
         monkeypatch.setattr(module, "network", lambda: self.network)
         monkeypatch.setattr(module, "Udp", self.udp)
-        self.node = made(self.errors, interface=PLANNED)
-        self.node.tell(lambda datagram, now: None, lambda: None, self.opened.append, lambda: None)
+        self.node = made(self.errors, opened=self.opened.append, interface=PLANNED)
         self.send = lambda *arguments: None
 
     def udp(self, *_arguments):

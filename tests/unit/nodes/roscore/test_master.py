@@ -37,14 +37,21 @@ class Told:
         return found
 
 
+def ignore(*_what):
+    """What a test does not look at."""
+
+
 class Roscore:
     def __init__(self):
-        self.master = module.Master((imports.IMPORTS, "/watched"), imports.IMPORTS, imports.claims_of)
+        self.registry, self.handed, self.left = Registry(), [], []
+        heard = module.Callbacks(self.keep, lambda *of: self.left.append(of), ignore, ignore, ignore)
+        self.master = module.Master((imports.IMPORTS, "/watched"), imports.IMPORTS, imports.claims_of, heard)
         self.told = self.master._notifier = Told()
         self.master.thread_pool._notifier = self.told
-        self.registry, self.handed, self.left = Registry(), [], []
-        self.master.handed_on = self.keep
-        self.master.left = lambda *of: self.left.append(of)
+
+    def hear(self, **callbacks):
+        """Have others called back."""
+        self.master.callbacks = self.master.callbacks._replace(**callbacks)
 
     def keep(self, records):
         self.handed += records
@@ -127,7 +134,7 @@ def test_what_is_handed_on_makes_what_there_is(roscore, changes):
 
 def test_all_changes_of_a_call_are_handed_on_together_and_before_its_answer(roscore):
     lists = []
-    roscore.master.handed_on = lists.append
+    roscore.hear(handed_on=lists.append)
     roscore.call("registerPublisher", "/a", "/chatter", "x/Y", A)
     (records,) = lists
     assert sorted(record[0] for record in records) == ["node", "publisher", "type"]
@@ -138,7 +145,7 @@ def test_what_is_handed_on_between_two_parts_belongs_to_them(roscore, monkeypatc
     monkeypatch.setattr(module, "PART", 2)
     some(roscore)
     read, noted = Registry(), []
-    roscore.master.handed_on = noted.extend
+    roscore.hear(handed_on=noted.extend)
     calls = iter(call for changes in CHANGES.values() for call in changes)
     for part in roscore.master.parts():
         for record in part:
@@ -338,7 +345,7 @@ def test_others_can_call_no_other_names(roscore):
 
 def test_changes_of_one_text_are_made_together(roscore):
     handed = []
-    roscore.master.handed_on = handed.append
+    roscore.hear(handed_on=handed.append)
     calls = [["registerPublisher", "/a", f"/topic_{number}", "x/Y", A] for number in range(3)]
     calls += [["registerPublisher", "/a"], ["getPid", "/a"], ["rosfleetTogether", "/a", []]]
     texts = [json.dumps(calls), json.dumps([["unregisterPublisher", "/a", "/topic_0", A]])]
@@ -369,14 +376,14 @@ def test_programs_of_another_computer_make_no_changes_together(roscore):
 
 
 def test_the_lock_may_be_taken_again_and_hands_on_when_it_is_free():
-    lock, seen = module.Lock(), []
-    lock.changed = lambda: seen.append("changed")
+    seen = []
+    lock = module.Lock(lambda: seen.append("changed"))
     with lock:
         with lock:
             pass
         assert seen == []
     assert seen == ["changed"]
-    lock.changed = lambda: 1 / 0
+    lock = module.Lock(lambda: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         lock.release() if lock.acquire() else None
     taken = []
@@ -431,7 +438,7 @@ def test_a_port_that_is_taken_is_an_error(roscore):
 def test_what_is_beyond_a_bound_is_refused_and_changes_nothing(roscore):
     some(roscore)
     counted = []
-    roscore.master.refused = lambda problem: counted.append(problem.bound)
+    roscore.hear(refused=lambda problem: counted.append(problem.bound))
     before = roscore.without_order()
     deep = 1
     for _level in range(70):

@@ -14,22 +14,25 @@ from rosfleet_multimaster.sync import rounds as module
 from rosfleet_multimaster.sync.core.message_types import TypeGuard
 from rosfleet_multimaster.sync.core.sync import Refusal, Sync, View, Wanted
 
+CALLBACKS = module.Callbacks(lambda: True, lambda refused: None, lambda problem: None)
 OTHER, TALKER = "http://robot2:11311/", ("/talker", "http://robot2:40000/")
 
 
 @pytest.mark.parametrize(("after", "kept"), [(module.LEFTOVERS - 1, True), (module.LEFTOVERS + 1, False)])
-def test_leftovers_wait_from_the_end_of_the_wiring(monkeypatch, after, kept):
+def test_leftovers_wait_from_the_first_pass_of_the_loop(monkeypatch, after, kept):
     now, record = [100.0], imports.write("/master_sync", "http://own:1/", {TALKER: OTHER})
     monkeypatch.setattr(module, "monotonic", lambda: now[0])
-    loop, limited, guard = Loop(), program.Limited(), TypeGuard()
+    loop, limited = Loop(), program.Limited()
     roscore = types.SimpleNamespace(ask=lambda *calls: [record if calls[0][0] == "getParam" else 0])
     core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
     workers = Workers(loop, 1)
-    made = module.Rounds(roscore, None, ("/master_sync", "http://own:1/"), core, guard, workers, workers, limited)
+    graph, lost = types.SimpleNamespace(roscore=roscore), types.SimpleNamespace(registered=lambda *seen: None)
+    questions = types.SimpleNamespace(guard=TypeGuard())
+    node = ("/master_sync", "http://own:1/")
+    made = module.Rounds(graph, node, core, questions, lost, workers, workers, limited, CALLBACKS)
     made.take_over()
     now[0] += 10.0  # a busy computer: rospy makes the node meanwhile
-    lost = types.SimpleNamespace(registered=lambda *seen: None)
-    made.connect(None, lost, lambda: True, lambda refused: None, lambda problem: None)
+    made.tick(now[0])
     view = View({"/chatter": ("/talker",)}, {}, {}, {"/chatter": "std_msgs/String"}, dict([TALKER]), {})
     todo = made._plan(module.Reading([], view, dict(made.claims), set()), now[0] + after)
     assert bool(todo.held) is kept
@@ -105,13 +108,13 @@ def rounds_of(begun, last):
 
     workers = types.SimpleNamespace(submit=submit)
     roscore = types.SimpleNamespace(ask=lambda *calls: [None for _call in calls])
-    graph = types.SimpleNamespace(guarded=True, read=read, carry_out=lambda calls: [[1, "", 0] for _call in calls])
+    graph = types.SimpleNamespace(
+        roscore=roscore, guarded=True, read=read, carry_out=lambda calls: [[1, "", 0] for _call in calls]
+    )
     core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
     node = ("/master_sync", "http://own:1/")
-    made = module.Rounds(roscore, graph, node, core, TypeGuard(), workers, workers, program.Limited())
-    lost = types.SimpleNamespace(registered=lambda *seen: None)
-    made.connect(None, lost, lambda: True, lambda refused: None, lambda problem: None)
-    return made
+    lost, questions = types.SimpleNamespace(registered=lambda *seen: None), types.SimpleNamespace(guard=TypeGuard())
+    return module.Rounds(graph, node, core, questions, lost, workers, workers, program.Limited(), CALLBACKS)
 
 
 def test_who_is_refused_for_his_place_or_no_longer_is_told_by_a_round_at_once(monkeypatch):

@@ -6,7 +6,7 @@
 """
 
 import urllib.parse
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 from .discovery import times
 from .discovery.contacts import Contacts
@@ -17,7 +17,7 @@ from .discovery.core.health import Health, Shown
 from .discovery.core.outsiders import Outsider
 from .discovery.core.peer import Contact, Key
 from .discovery.core.peers import FAR
-from .discovery.datagrams import Datagrams
+from .discovery.datagrams import Callbacks, Datagrams
 from .discovery.poller import Poller
 from .discovery.rpc_server import Ready
 from .discovery.served import OwnMaster, Served, callers, serve
@@ -28,7 +28,7 @@ from .edge import own_roscore, ros
 from .edge.addresses import networks
 from .edge.clock import monotonic, wall_clock
 from .edge.display import Display
-from .edge.loop import Ended, InLoop, Loop, Recurring, Workers
+from .edge.loop import InLoop, Recurring, Workers
 from .edge.process import memory, program
 from .edge.process.systemd import notify
 from .edge.roscore import Roscore
@@ -40,7 +40,6 @@ from .protocol.members import Members, Networks
 from .protocol.messages import Master
 from .protocol.mirror import Mirror
 from .protocol.parameters import Settings
-from .protocol.plain_text import quoted
 
 LOOKS = {True: 30.0, False: 1.0}  # seconds between two looks at the addresses, where the kernel tells of changes or not
 #: seconds from a change of own nodes to its announcement, and of others' nodes: changes come in bursts
@@ -51,17 +50,15 @@ LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however
 class MasterDiscovery:
     """The program: what its parts hear goes to the core, and what the core wants done to the parts."""
 
-    def __init__(self) -> None:
-        self.loop = Loop()
+    def __init__(self, start: own_roscore.Start) -> None:
+        values, self.loop, self.ended, self.roscore = start.values, start.loop, start.ended, start.roscore
         self.limited = program.Limited()
-        self.resolvers = Workers(self.loop, 2)
         self.clock_questions = Workers(self.loop, 1)
         self.errors: Dict[str, str] = {}  # what masterErrors tells
         self.node: Optional[ros.DiscoveryNode] = None
         self.masters: Tuple[Master, ...] = ()
         self.diagnostics: Optional[ros.Diagnostics] = None
         self.outsiders: Tuple[Outsider, ...] = ()  # who is ignored
-        self.refused: Callable[[], Any] = lambda: None  # what the roscore has refused
         self.told: Dict[str, Master] = {}
         self.status = ""
         self.looked = 0.0  # when the addresses were looked at
@@ -69,84 +66,54 @@ class MasterDiscovery:
         self.show_due: Optional[float] = None  # or will be then
         self.network_problem = ""
         self.malformed_requests = 0
-        self.ended = Ended()
-
-    def main(self) -> int:
-        """Start, run, end."""
-        given = program.arguments(__doc__ or "")
-        read = program.read_parameters(given.parameters, parameters.DISCOVERY)
-        env_uri = ros.master_uri()
-        uri = own_roscore.wait_for_roscore(env_uri)
-        name = ros.node_name("master_discovery")
-        self.roscore = Roscore(env_uri, name)
-        own_roscore.refuse_second(self.roscore, name)
-        node_name, _node_uri = ros.start("master_discovery")
-        ros.ended_by(lambda reason: self.loop.post(self._ended_by_ros, reason))
-        values = program.settle_parameters(self.roscore, name, read, parameters.DISCOVERY)
-        rpc_port = values["rpc_port"] or (urllib.parse.urlsplit(env_uri).port or 11311) + 300
-        self.own = OwnMaster(uri, values["name"] or ros.master_name(uri), node_name, ros.hostname, rpc_port)
-        self._wire(values)
-        self.identity = own_roscore.Identity()
-        source = self._source(env_uri, name, 1.0 / values["rosmaster_hz"])
-        self.refused = lambda: source.refused
-        self._serve(values, source)
-        program.on_signals(self.loop, self._end)
-        in_own_thread(
-            source,
-            self.ended,
-            lambda state, do_not_sync: self.loop.post(self._polled, state, do_not_sync),
-            lambda why, since: self.loop.post(self._no_roscore, why, since),
-            lambda why: self.loop.post(self._give_up, why),
-        )
-        self.loop.run(self._tick)
-        return self._finish()
-
-    def _wire(self, values: Dict[str, Any]) -> None:
-        """Make the core and what is around it. There may be no network yet."""
-        self.changes = Told(self.own.current, Ready)
-        self.datagrams = Datagrams(values, self.loop, self.resolvers, self.limited, self.errors)
-        self.roscore.ask(("setParam", "/mastername", self.own.name))
-        self.datagrams.start()
-        settings = {name: value for name, value in values.items() if name in Settings.__dataclass_fields__}
         self.members = Members.of(values)
-        self.core = Discovery(Settings(**settings), self.datagrams.own_addresses, self.own.rpc_port, self.members)
-        self.datagrams.tell(self._received, self._moved, self._opened, self._network_changed)
-        self.contacts = Contacts(
-            self.loop,
-            self.resolvers,
-            self.limited,
-            self.errors,
-            lambda uri: uri in self.told,
-            self.core.may_ask,
-            self._contacted,
-        )
-        self._look_at_networks()
-        looks = LOOKS[self.datagrams.hears_of_changes]
-        self.address_looks = Recurring(InLoop(), lambda: looks, self._look_at_addresses)
+        self.own = _own(start)
+        self.roscore.ask(("setParam", "/mastername", self.own.name))
+        resolvers = Workers(self.loop, 2)
+        heard = Callbacks(self._received, self._moved, self._opened, self._network_changed)
+        self.datagrams = Datagrams(values, self.loop, resolvers, self.limited, self.errors, heard)
+        settings = {name: value for name, value in values.items() if name in Settings.__dataclass_fields__}
+        self.core = Discovery(Settings(**settings), (), self.own.rpc_port, self.members)
+        asking = (self._is_told, self.core.may_ask, self._contacted)
+        self.contacts = Contacts(self.loop, resolvers, self.limited, self.errors, *asking)
+        self.address_looks = Recurring(InLoop(), self._pause_of_looks, self._look_at_addresses)
         self.health = Health(self.own.uri, self.members)
-        self.display = Display(
-            values, self.own.uri, self.own.node, self.loop, self.limited, self._entries, self._samples
-        )
+        node, shown = (self.own.uri, self.own.node), (self._entries, self._samples)
+        self.display = Display(values, *node, self.loop, self.limited, *shown)
         self.reports = Recurring(InLoop(), lambda: 1.0, self._report, early=0.5)
+        self.identity = own_roscore.Identity()
+        self.source = _source(start, self.own, self.identity)
+        self.changes = Told(self.own.current, Ready)
+        self.served = self._served(values)
+        self.datagrams.start()  # there may be no network yet
+        self._look_at_networks()
+        who = callers(self.members, self.own.uri, lambda: self.datagrams.own_addresses)
+        self.server = serve(values["rpc_addr"], self.own.rpc_port, self.served.methods(), self._malformed, who)
 
-    def _source(self, env_uri: str, name: str, period: float) -> Source:
-        stamps, of = Stamps(), (self.own.uri, self.own.name)
-        poller = Poller(Roscore(env_uri, name), *of, self.identity, ros.sync_info, stamps)
-        return Source(poller, lambda: Follower(env_uri, name, Mirror(*of), self.identity, stamps), period)
-
-    def _serve(self, values: Dict[str, Any], source: Source) -> None:
-        self.served = Served(
+    def _served(self, values: Dict[str, Any]) -> Served:
+        return Served(
             self.own,
             Policy.of(values),
             self.errors,
             lambda: self.datagrams.own_addresses,
-            lambda: source.do_not_sync,
+            lambda: self.source.do_not_sync,
             ros.md5sum,
             lambda: self.outsiders,
             self.changes if values["differences"] else None,
         )
-        who = callers(self.members, self.own.uri, lambda: self.datagrams.own_addresses)
-        self.server = serve(values["rpc_addr"], self.own.rpc_port, self.served.methods(), self._malformed, who)
+
+    def run(self) -> int:
+        """Run until the end; the exit status."""
+        program.on_signals(self.loop, self._end)
+        in_own_thread(
+            self.source,
+            self.ended,
+            lambda state, do_not_sync: self.loop.post(self._polled, state, do_not_sync),
+            lambda why, since: self.loop.post(self._no_roscore, why, since),
+            lambda why: self.loop.post(program.give_up, why),
+        )
+        self.loop.run(self._tick)
+        return self._finish()
 
     # The loop
 
@@ -235,7 +202,7 @@ class MasterDiscovery:
 
     def _entries(self) -> List[Diagnosis]:
         """The entries of /diagnostics."""
-        own = report.roscore(self.own.uri, self.own.away, self.refused())
+        own = report.roscore(self.own.uri, self.own.away, self.source.refused)
         return [own, *report.links(self._links()), report.ignored(self.outsiders)]
 
     def _samples(self) -> metrics.Samples:
@@ -254,6 +221,9 @@ class MasterDiscovery:
             },
             **report.of_links(self._links()),
         }
+
+    def _pause_of_looks(self) -> float:
+        return LOOKS[self.datagrams.hears_of_changes]
 
     def _look_at_addresses(self) -> None:
         self._carry_out()  # first: a look may close the sockets, and what is to be sent would be lost
@@ -284,6 +254,9 @@ class MasterDiscovery:
         self._moved()
         self.core.greet(now)
         self._show_own(now)
+
+    def _is_told(self, uri: str) -> bool:
+        return uri in self.told
 
     def _contacted(self, key: Key, contact: Optional[Contact], problem: str, gone: bool, fault: bool) -> bool:
         if contact is not None and contact.uri == self.own.uri:  # perhaps this node itself, at a new address
@@ -339,16 +312,6 @@ class MasterDiscovery:
 
     # The end
 
-    def _ended_by_ros(self, reason: str) -> None:
-        if not self.ended:
-            self._give_up(f"somebody ended this node: {quoted(reason)}")
-
-    def _give_up(self, reason: str) -> None:
-        """End without a word to the others: the service manager starts the node again at once."""
-        program.LOG.error("%s", reason)
-        notify("STOPPING=1", f"STATUS={reason}")
-        program.leave_process(1)
-
     def _end(self) -> None:
         notify("STOPPING=1", "STATUS=leaving")
         self.loop.stop()
@@ -365,5 +328,23 @@ class MasterDiscovery:
         return 0
 
 
+def _own(start: own_roscore.Start) -> OwnMaster:
+    port = start.values["rpc_port"] or (urllib.parse.urlsplit(start.roscore.rpc.uri).port or 11311) + 300
+    return OwnMaster(start.uri, start.values["name"] or ros.master_name(start.uri), start.name, ros.hostname, port)
+
+
+def _source(start: own_roscore.Start, own: OwnMaster, identity: own_roscore.Identity) -> Source:
+    """The states of the own master, by connections of their own."""
+    stamps, of, (uri, caller) = Stamps(), (own.uri, own.name), (start.roscore.rpc.uri, start.roscore.caller)
+    poller = Poller(Roscore(uri, caller), *of, identity, ros.sync_info, stamps)
+    period = 1.0 / start.values["rosmaster_hz"]
+    return Source(poller, lambda: Follower(uri, caller, Mirror(*of), identity, stamps), period)
+
+
+def main() -> int:
+    """Start, run, end."""
+    return MasterDiscovery(own_roscore.begin(ros, "master_discovery", parameters.DISCOVERY, __doc__ or "")).run()
+
+
 if __name__ == "__main__":
-    program.run(MasterDiscovery().main)
+    program.run(main)

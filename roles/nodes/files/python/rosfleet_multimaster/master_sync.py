@@ -6,15 +6,14 @@
 """
 
 from collections import Counter
-from typing import Any, Dict, List, Optional, Set
+from typing import Dict, List, Optional, Set
 
 from .edge import own_roscore, ros
 from .edge.clock import monotonic
 from .edge.display import PUBLISH, Display
-from .edge.loop import InLoop, Loop, Recurring, Workers
+from .edge.loop import InLoop, Recurring, Workers
 from .edge.process import memory, program
 from .edge.process.systemd import notify
-from .edge.roscore import Roscore
 from .protocol import metrics, parameters
 from .protocol.diagnosis import Diagnosis
 from .protocol.filters import Filters
@@ -28,7 +27,7 @@ from .sync.fetcher import Fetcher
 from .sync.finder import Finder
 from .sync.lost import Lost
 from .sync.own_graph import OwnGraph
-from .sync.rounds import ROUND, Rounds
+from .sync.rounds import ROUND, Callbacks, Rounds
 from .sync.type_questions import TypeQuestions
 
 LINES = 50  # log lines about refusals at once
@@ -39,69 +38,35 @@ OWN_SHARE, OWN_SLOWEST = 4, 2.0  # times as long as a round took, and seconds, i
 class MasterSync:
     """The program: what its parts hear goes to the core, and a change is followed by a round."""
 
-    def __init__(self) -> None:
-        self.loop = Loop()
-        self.limited = program.Limited()
+    def __init__(self, start: own_roscore.Start) -> None:
+        values, loop, self.limited = start.values, start.loop, program.Limited()
+        self.loop, self.ended = loop, start.ended
+        self.uri, self.node_name = start.uri, start.name
         self.refused: Set[Refusal] = set()
         self.refusals: List[Refusal] = []  # the same in order
         self.refused_total: Counter[str] = Counter()  # kind -> how many since the start
         self.ready = False
         self.status, self.status_stale = "", False
-        self.ending = False
         self.farewell = ""
         self.own_local_stamp = 0.0
         self.news: Dict[str, float] = {}  # URI of a master -> when discovery told of it, since the last list
-
-    def main(self) -> int:
-        """Start, run, end."""
-        given = program.arguments(__doc__ or "")
-        read = program.read_parameters(given.parameters, parameters.SYNC)
-        env_uri = ros.master_uri()
-        self.uri = own_roscore.wait_for_roscore(env_uri)
-        name = ros.node_name("master_sync")
-        roscore = Roscore(env_uri, name)
-        own_roscore.refuse_second(roscore, name)
-        self.node_name, node_uri = ros.start("master_sync")
-        ros.ended_by(lambda reason: self.loop.post(self._ended_by_ros, reason))
-        values = program.settle_parameters(roscore, name, read, parameters.SYNC)
-        self._wire(roscore, node_uri, values)
-        program.on_signals(self.loop, self._end)
-        notify("STATUS=looking for master_discovery")
-        self.loop.run(self._tick)
-        program.LOG.info("%s", self.farewell)
-        ros.stop("the service ends")
-        return 0
-
-    def _wire(self, roscore: Roscore, node_uri: str, values: Dict[str, Any]) -> None:
-        """Make the core and what is around it."""
-        loop, limited = self.loop, self.limited
         roscore_calls = Workers(loop, 1)  # everything that is asked of the own roscore, one after the other
         updaters = Workers(loop, 8)
-        keep = values["resync_on_reconnect_timeout"] if values["resync_on_reconnect"] else None
-        self.core = Sync(
-            Filters(values),
-            self.uri,
-            self.node_name,
-            values["sync_remote_nodes"],
-            values["sync_topics_on_demand"],
-            keep,
-            Members.of(values),
-        )
-        guard, graph, node = TypeGuard(), OwnGraph(roscore), (self.node_name, node_uri)
-        self.rounds = Rounds(roscore, graph, node, self.core, guard, roscore_calls, updaters, limited)
-        self.rounds.take_over()
-        self.lost = Lost(loop, updaters, limited, values["end_lost_connections"], Members.of(values), self._online)
-        questions = TypeQuestions(loop, guard, self._monitor_of, ros.md5sum, self._changed)
+        self.core = _core(start)
+        online, graph, limited = self._online, OwnGraph(start.roscore), self.limited
+        self.lost = Lost(loop, updaters, limited, values["end_lost_connections"], self.core.members, online)
+        questions = TypeQuestions(loop, TypeGuard(), self._monitor_of, ros.md5sum, self._changed)
+        node, callbacks = (start.name, start.node_uri), Callbacks(self._has_list, self._report, self._round_over)
+        self.rounds = Rounds(graph, node, self.core, questions, self.lost, roscore_calls, updaters, limited, callbacks)
+        self.rounds.take_over()  # before the service says that this node synchronises
         self.node = ros.SyncNode(lambda: self.rounds.held)
         identity = own_roscore.Identity()
         identity.service = self.node.service_uri()
-        self.health = own_roscore.Health(loop, roscore, identity, roscore_calls, self._give_up, self._changed)
+        self.health = own_roscore.Health(loop, start.roscore, identity, roscore_calls, program.give_up, self._changed)
         self.finder = Finder(
             loop,
-            roscore,
             graph,
             roscore_calls,
-            Workers(loop, 2),
             limited,
             lambda: self.rounds.claims,
             ros.ListMasters(),
@@ -115,13 +80,21 @@ class MasterSync:
         self.looks = Recurring(
             InLoop(), lambda: PUBLISH, lambda: self.display.look(self.diagnostics), wanted=lambda: self.display.wanted
         )
-        self.rounds.connect(questions, self.lost, lambda: self.finder.listed_once, self._report, self._round_over)
+
+    def run(self) -> int:
+        """Run until the end; the exit status."""
+        program.on_signals(self.loop, self._end)
+        notify("STATUS=looking for master_discovery")
+        self.loop.run(self._tick)
+        program.LOG.info("%s", self.farewell)
+        ros.stop("the service ends")
+        return 0
 
     # The loop
 
     def _tick(self, now: float) -> float:
         """One pass: do what is due. Of what is under way, the end wakes the loop."""
-        if self.ending:
+        if self.ended:
             return now + 1.0
         due = [
             self.health.tick(now),
@@ -180,6 +153,9 @@ class MasterSync:
     def _touched(self, uri: str, items: Set[Registration]) -> None:
         self.rounds.met.add(uri)
         self.rounds.touch(items)
+
+    def _has_list(self) -> bool:
+        return self.finder.listed_once
 
     def _online(self) -> Dict[str, bool]:
         """URI of a master -> whether it is online."""
@@ -261,21 +237,11 @@ class MasterSync:
 
     # The end
 
-    def _ended_by_ros(self, reason: str) -> None:
-        if not self.ending:
-            self._give_up(f"somebody ended this node: {quoted(reason)}")
-
-    def _give_up(self, reason: str) -> None:
-        """End at once: what is registered is recorded in the roscore, and the service manager starts the node again."""
-        program.LOG.error("%s", reason)
-        notify("STOPPING=1", f"STATUS={reason}")
-        program.leave_process(1)
-
     def _end(self) -> None:
         """Withdraw everything, but not for ever."""
-        if self.ending:
+        if self.ended:
             return
-        self.ending = True
+        self.ended.set()
         notify("STOPPING=1", "STATUS=withdrawing the registrations of other masters")
         program.leave_after(8.0)
         self.rounds.withdraw(self._withdrawn)
@@ -286,5 +252,17 @@ class MasterSync:
         self.loop.stop()
 
 
+def _core(start: own_roscore.Start) -> Sync:
+    values = start.values
+    keep = values["resync_on_reconnect_timeout"] if values["resync_on_reconnect"] else None
+    remote, on_demand = values["sync_remote_nodes"], values["sync_topics_on_demand"]
+    return Sync(Filters(values), start.uri, start.name, remote, on_demand, keep, Members.of(values))
+
+
+def main() -> int:
+    """Start, run, end."""
+    return MasterSync(own_roscore.begin(ros, "master_sync", parameters.SYNC, __doc__ or "")).run()
+
+
 if __name__ == "__main__":
-    program.run(MasterSync().main)
+    program.run(main)

@@ -27,6 +27,15 @@ class Place(NamedTuple):
     running: bool  # that interface is up and has a carrier
 
 
+class Callbacks(NamedTuple):
+    """What the program hears of, in the loop."""
+
+    received: Callable[[Datagram, float], None]
+    moved: Callable[[], None]  # the own addresses changed
+    opened: Callable[[float], None]  # the sockets were opened
+    changed: Callable[[], None]  # something changed in the network
+
+
 class Datagrams:
     """The datagrams of discovery. Sockets come and go with the network; without one, the node works for its own robot."""
 
@@ -37,6 +46,7 @@ class Datagrams:
         resolvers: Workers,
         limited: program.Limited,
         errors: Dict[str, str],
+        callbacks: Callbacks,
     ) -> None:
         """`values` are the parameters of master_discovery. `errors` takes what others are told of failures to send."""
         self.own_addresses: Set[str] = set()
@@ -45,6 +55,7 @@ class Datagrams:
         self.hears_of_changes = False  # of the network
         self.sent = self.received = 0  # datagrams
         self._values, self._loop, self._limited, self._errors = values, loop, limited, errors
+        self._callbacks = callbacks
         self._group, self._port = values["mcast_group"].partition("@")[0], values["mcast_port"]
         self._interface = interface_name(values)
         self._pinned = ""
@@ -60,10 +71,6 @@ class Datagrams:
             lambda: bool(hosts),
             overlapping=True,
         )
-        self._received: Callable[[Datagram, float], None] = lambda _datagram, _now: None
-        self._moved: Callable[[], None] = lambda: None
-        self._opened: Callable[[float], None] = lambda _now: None
-        self._changed: Callable[[], None] = lambda: None
 
     def start(self) -> None:
         """Open the sockets, if there is a network already, and hear from the kernel when it changes."""
@@ -77,16 +84,6 @@ class Datagrams:
             return
         self.hears_of_changes = True
         self._loop.watch(changes.socket, partial(self._network_changed, changes))
-
-    def tell(
-        self,
-        received: Callable[[Datagram, float], None],
-        moved: Callable[[], None],
-        opened: Callable[[float], None],
-        changed: Callable[[], None],
-    ) -> None:
-        """Set the callbacks: a datagram arrived, the own addresses changed, the sockets were opened, something changed."""
-        self._received, self._moved, self._opened, self._changed = received, moved, opened, changed
 
     def tick(self, now: float) -> Optional[float]:
         """Do what is due; the time of the next call, None for any."""
@@ -103,7 +100,7 @@ class Datagrams:
             return
         if own != self.own_addresses:
             self.own_addresses = own
-            self._moved()
+            self._callbacks.moved()
         if place != self.place:
             self.place = place
             self._close(monotonic())
@@ -154,7 +151,7 @@ class Datagrams:
                 self.problem = text
                 program.LOG.warning("%s; waiting for it", text)
             if self.own_addresses != before:
-                self._moved()
+                self._callbacks.moved()
             return
         self.problem = ""
         for opened in self._udp.sockets:
@@ -164,11 +161,11 @@ class Datagrams:
             "opened",
             f"discovery by {self._group if multicast else 'unicast'} on {self.place.address}, port {self._port}",
         )
-        self._opened(now)
+        self._callbacks.opened(now)
 
     def _network_changed(self, changes: Changes) -> None:
         changes.clear()
-        self._changed()
+        self._callbacks.changed()
 
     def _close(self, open_due: float) -> None:
         """Have new sockets from then on, since the network has changed."""
@@ -184,7 +181,7 @@ class Datagrams:
             now = monotonic()
             for datagram in self._udp.receive(readable):
                 self.received += 1
-                self._received(datagram, now)
+                self._callbacks.received(datagram, now)
 
     def _addresses(self) -> Tuple[Set[str], Place]:
         """The own addresses, and the place in the network."""

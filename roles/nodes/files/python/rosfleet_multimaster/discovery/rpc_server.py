@@ -163,9 +163,12 @@ def _help(method: Any) -> str:
 class _Handler(BaseHTTPRequestHandler):
     server: RpcServer
     timeout = 5.0
-    _kept = False  # whether another request may follow on this connection
     wbufsize = -1
     disable_nagle_algorithm = True
+
+    def __init__(self, request: Any, client_address: Any, server: RpcServer) -> None:
+        self._kept = False  # another request may follow on this connection
+        super().__init__(request, client_address, server)  # serves the connection until its end
 
     def do_POST(self) -> None:  # the name is the standard library's
         if self.path not in ("/", "/RPC2"):

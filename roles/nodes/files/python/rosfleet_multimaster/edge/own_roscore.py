@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The roscore that a program belongs to: waited for at the start, and watched."""
 
-from typing import Any, Callable, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
+from ..protocol.parameters import Parameter
+from ..protocol.plain_text import quoted
 from .clock import monotonic, sleep
 from .lifeline import Lifeline, Socket, lifeline
-from .loop import Loop, Recurring, Workers
+from .loop import Ended, Loop, Recurring, Workers
 from .process import program
 from .process.systemd import notify
 from .roscore import Roscore
@@ -45,6 +47,39 @@ def refuse_second(roscore: Roscore, node: str) -> None:
     except program.FAILURES:
         return  # it is dead, and its registration is replaced
     raise program.Fatal(f"a node named {node} is already running at {uri}: stop it, or do not start this one beside it")
+
+
+class Start(NamedTuple):
+    """A node that has begun: its loop, its roscore, its names and its parameters."""
+
+    loop: Loop
+    ended: Ended  # it ends by itself: that ROS ends it, too, is nothing to tell of
+    roscore: Roscore
+    uri: str  # that the roscore calls itself
+    name: str  # of the node
+    node_uri: str
+    values: Dict[str, Any]
+
+
+def begin(ros: Any, default_name: str, table: Mapping[str, Parameter], description: str) -> Start:
+    """Become a node of the own roscore. `ros`: edge/ros.py. `table`: the parameters. Raises program.Fatal."""
+    given = program.arguments(description)
+    read = program.read_parameters(given.parameters, table)
+    env_uri = ros.master_uri()
+    uri = wait_for_roscore(env_uri)
+    name = ros.node_name(default_name)
+    roscore = Roscore(env_uri, name)
+    refuse_second(roscore, name)
+    loop, ended = Loop(), Ended()
+    node_name, node_uri = ros.start(default_name)
+    ros.ended_by(lambda reason: loop.post(_ended_by_ros, ended, reason))
+    values = program.settle_parameters(roscore, name, read, table)
+    return Start(loop, ended, roscore, uri, node_name, node_uri, values)
+
+
+def _ended_by_ros(ended: Ended, reason: str) -> None:
+    if not ended:
+        program.give_up(f"somebody ended this node: {quoted(reason)}")
 
 
 class Identity:

@@ -40,7 +40,8 @@ class Roscore:
     def __init__(self, options: argparse.Namespace) -> None:
         self._options, self._loop = options, Loop()
         self._workers = Workers(self._loop, THREADS, 1 << 16)
-        self._master = master.Master(WATCHED, imports.IMPORTS, imports.claims_of)
+        heard = master.Callbacks(self._hand_on, self._left, self._refused, self._not_ended, self._wait)
+        self._master = master.Master(WATCHED, imports.IMPORTS, imports.claims_of, heard)
         self._changes = Changes(
             uuid.uuid4().hex,
             self._master.ps_lock,
@@ -63,11 +64,6 @@ class Roscore:
         before = self._restored(found)
         memory.settled()
         self._keep_from_now_on(found)
-        self._master.handed_on = self._hand_on
-        self._master.left = self._survivors.look_after
-        self._master.refused = self._refused
-        self._master.not_ended = self._not_ended
-        self._master.wait = self._wait
         core_services.run_id(self._call)
         self._serve()
         if before is not None:
@@ -115,6 +111,9 @@ class Roscore:
             if record[0] == "refused":
                 text = f"the node {quoted(record[1])} at {quoted(record[2])} is refused: {record[3]}"
                 self._refusals.say(f"{record[1:3]}", text)
+
+    def _left(self, name: str, uri: str) -> None:
+        self._survivors.look_after(name, uri)
 
     def _refused(self, problem: Beyond) -> None:
         self._refusals.add(problem.bound, str(problem))

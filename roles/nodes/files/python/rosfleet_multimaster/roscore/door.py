@@ -156,12 +156,16 @@ class Handler(BaseHTTPRequestHandler):
     disable_nagle_algorithm = True
     rfile: Any
 
+    def __init__(self, request: socket.socket, client_address: Any, server: Any) -> None:
+        there, here = client_address[:2], request.getsockname()[:2]
+        self._caller = Caller(there[0], here[0], self._gone, (there, here))
+        self._until = 0.0  # the body of a request is to be here by then
+        super().__init__(request, client_address, server)  # serves the connection until its end
+
     def setup(self) -> None:
         """Begin."""
         super().setup()
         self.rfile = _Head(self.rfile)
-        there, here = self.client_address[:2], self.connection.getsockname()[:2]
-        self._caller = Caller(there[0], here[0], self._gone, (there, here))
 
     def handle_one_request(self) -> None:
         """A request."""

@@ -14,7 +14,7 @@ import threading
 from functools import partial
 from itertools import chain, islice
 from socket import socket as Socket
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 import rosgraph.names
 import rosgraph.network
@@ -80,9 +80,8 @@ Note = Callable[[Record], None]
 class Lock:
     """The lock of the registrations. Who holds it may take it again; what changed is handed on before it is free."""
 
-    def __init__(self) -> None:
-        self._lock, self._depth = threading.RLock(), 0
-        self.changed: Callable[[], None] = lambda: None
+    def __init__(self, changed: Callable[[], None]) -> None:
+        self._lock, self._depth, self._changed = threading.RLock(), 0, changed
 
     def acquire(self) -> bool:
         """Take it."""
@@ -94,7 +93,7 @@ class Lock:
         """Give it back."""
         try:
             if self._depth == 1:
-                self.changed()
+                self._changed()
         finally:
             self._depth -= 1
             self._lock.release()
@@ -220,10 +219,26 @@ class _Pool:
         """The workers end with the process."""
 
 
+class Callbacks(NamedTuple):
+    """What the program hears of, in the thread of a call."""
+
+    handed_on: Callable[[List[Record]], None]  # the changes of a call; the lock of the registrations is held
+    left: Callable[[str, str], None]  # a node, by name and URI, has withdrawn everything
+    refused: Callable[[Beyond], None]
+    not_ended: Callable[[str, str], None]  # a node, by name and URI, is not told to end
+    wait: Callable[[], None]  # before a change; raises Beyond where there is no room for it now
+
+
 class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     """The methods of rosmaster, and more of them. Others can call no other names."""
 
-    def __init__(self, watched: Tuple[str, ...], imports: str, imported: Callable[[Any], Any]) -> None:
+    def __init__(
+        self,
+        watched: Tuple[str, ...],
+        imports: str,
+        imported: Callable[[Any], Any],
+        callbacks: Callbacks,
+    ) -> None:
         """`watched`: parameters whose changes are told. `imported(value)`: the nodes in the parameter `imports`."""
         super().__init__(0)
         self.guard = NameGuard()
@@ -238,11 +253,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             Tuple[str, str], Set[Tuple[str, bool]]
         ] = {}  # (URI, name) of a node to be ended -> from where
         self._own, self._types_due = "/" + imports.strip("/").partition("/")[0], 0.0
-        self.left: Callable[[str, str], None] = lambda _name, _uri: None
-        self.handed_on: Callable[[List[Record]], None] = lambda _records: None
-        self.refused: Callable[[Beyond], None] = lambda _problem: None
-        self.wait: Callable[[], None] = lambda: None  # before a change; raises Beyond where there is no room for it now
-        self.not_ended: Callable[[str, str], None] = lambda _name, _uri: None
+        self.callbacks = callbacks
         self.more: Dict[str, Callable[..., Any]] = {
             "system.listMethods": self._methods,
             "system.multicall": partial(multicall, self.answer),
@@ -252,8 +263,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         note = self._note
         self.room = Room()
         self.thread_pool = _Pool(self._notifier, self._is_spared)
-        self.ps_lock = self._lock = Lock()
-        self._lock.changed = self._commit
+        self.ps_lock = self._lock = Lock(self._commit)
         self.reg_manager = _Manager(self.thread_pool, note, self._seen, self._tell_topics)
         self.publishers, self.subscribers = self.reg_manager.publishers, self.reg_manager.subscribers
         self.services, self.param_subscribers = self.reg_manager.services, self.reg_manager.param_subscribers
@@ -272,10 +282,10 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         """Each call of others comes here, also those of a multicall. What is beyond a bound has an answer that says so."""
         try:
             if name in CHANGES or name == TOGETHER:
-                self.wait()
+                self.callbacks.wait()
             return self._dispatch(name, arguments)
         except Beyond as problem:
-            self.refused(problem)
+            self.callbacks.refused(problem)
             return -1, str(problem), 0
 
     def _dispatch(self, name: str, arguments: Tuple[Any, ...]) -> Any:
@@ -321,7 +331,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                         raise ValueError(f"{name} changes nothing")
                     results.append(self._dispatch(name, tuple(arguments)))
                 except Beyond as refusal:
-                    self.refused(refusal)
+                    self.callbacks.refused(refusal)
                     results.append((-1, str(refusal), 0))
                 except Exception as problem:  # as in a multicall: one that fails does not end the others
                     results.append(f"{type(problem).__name__}: {problem}")
@@ -366,7 +376,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         elif name in _REGISTERS:
             self._registered_by(arguments[0])
         if name.startswith("unregister") and self.has_ended(arguments[0]):
-            self.left(arguments[0], self.reg_manager.nodes[arguments[0]].api)
+            self.callbacks.left(arguments[0], self.reg_manager.nodes[arguments[0]].api)
 
     def _heavier(self, name: str, arguments: Tuple[Any, ...]) -> int:
         """How much heavier the parameters get by a call. Raises Beyond. Wrong arguments have their answer from rosmaster."""
@@ -458,7 +468,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         host = addresses.host_of(call.uri)
         if addresses.addresses_of_all([host]).get(host) in {address for address, _own in callers}:
             return True
-        self.not_ended(call.key[1], call.uri)
+        self.callbacks.not_ended(call.key[1], call.uri)
         return False
 
     def _refusal(self, node: str, uri: str) -> str:
@@ -508,7 +518,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             for record in records:
                 if record[0] == "node" and not record[2]:
                     self.guard.gone(record[1])
-            self.handed_on(records)
+            self.callbacks.handed_on(records)
 
     def _tell_topics(self, topics: List[str]) -> None:
         for topic in topics:
@@ -729,7 +739,7 @@ def serve(
         master.uri = uri
         settled.set()
 
-    _Server.door, _Server.held = Door(master.answer, master.refused, master.calls), held
+    _Server.door, _Server.held = Door(master.answer, master.callbacks.refused, master.calls), held
     rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
     master._ready = ready  # rosgraph calls it
     node = rosgraph.xmlrpc.XmlRpcNode(port, master, failed)

@@ -9,7 +9,6 @@ from ..edge.lifeline import Lifeline, Socket, lifeline
 from ..edge.loop import Loop, Recurring, Workers
 from ..edge.process import program
 from ..edge.process.systemd import notify
-from ..edge.roscore import Roscore
 from ..protocol.imports import Claims
 from ..protocol.messages import Announced
 from .core.sync import View
@@ -36,10 +35,8 @@ class Finder:
     def __init__(
         self,
         loop: Loop,
-        roscore: Roscore,
         graph: OwnGraph,
         roscore_calls: Workers,
-        rospy_calls: Workers,
         limited: program.Limited,
         claims: Callable[[], Claims],
         list_masters: Callable[[str], List[Announced]],
@@ -48,13 +45,13 @@ class Finder:
     ) -> None:
         """`subscribe(topic)` and `listed(masters, first, asked at)` are called in the loop; `list_masters(service)` in a worker."""
         self.listed_once = False
-        self._roscore, self._graph, self._limited, self._claims = roscore, graph, limited, claims
+        self._graph, self._limited, self._claims = graph, limited, claims
         self._subscribe, self._on_list = subscribe, listed
         self._service = ""
         self._line = Lifeline(loop, self._ended)
         self._finds = Recurring(roscore_calls, lambda: FIND if self._service else LIST_FIRST, self._find, self._found)
         self._lists = Recurring(
-            rospy_calls,
+            Workers(loop, 2),
             lambda: LIST if self.listed_once else LIST_FIRST,
             lambda: (monotonic(), list_masters(self._service)),
             self._listed,
@@ -93,7 +90,7 @@ class Finder:
         if service:
             self._service = service
         elif problem is None:
-            text = f"no master_discovery on the roscore at {self._roscore.rpc.uri}: waiting for it"
+            text = f"no master_discovery on the roscore at {self._graph.roscore.rpc.uri}: waiting for it"
             self._limited.say("warning", "discovery", text)
             if not self.listed_once:
                 notify(f"STATUS={text}")

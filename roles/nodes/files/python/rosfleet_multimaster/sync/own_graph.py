@@ -21,7 +21,7 @@ class OwnGraph:
     """The registrations. For one thread."""
 
     def __init__(self, roscore: Roscore) -> None:
-        self._roscore = roscore
+        self.roscore = roscore
         self._mirror: Optional[Mirror] = None
         self._epoch, self._revision = "", 0
         self._ask_again = 0.0  # when a roscore that did not tell its changes is asked again whether it does
@@ -50,9 +50,9 @@ class OwnGraph:
     def carry_out(self, calls: Sequence[Tuple[Any, ...]]) -> List[Any]:
         """Make calls, (method, caller, argument, ...), in one request; the results as of Rpc.multicall. Raises as `read`."""
         if self._mirror is None:
-            return self._roscore.rpc.multicall(calls)
+            return self.roscore.rpc.multicall(calls)
         try:
-            return self._roscore.together(calls)
+            return self.roscore.together(calls)
         except Exception:
             self._forget(0.0)  # the next one may be another roscore
             raise
@@ -60,7 +60,7 @@ class OwnGraph:
     def _tells(self) -> bool:
         if self._mirror is None and monotonic() >= self._ask_again:
             self._ask_again = monotonic() + KNOWN
-            if self._roscore.has(CHANGES):
+            if self.roscore.has(CHANGES):
                 self._mirror, self._epoch, self._revision = Mirror("", ""), "", 0
         return self._mirror is not None
 
@@ -69,7 +69,7 @@ class OwnGraph:
 
     def _changed(self) -> View:
         mirror = self._mirror
-        answer = self._roscore.rpc.call(CHANGES, self._roscore.caller, self._epoch, self._revision, 0, True)
+        answer = self.roscore.rpc.call(CHANGES, self.roscore.caller, self._epoch, self._revision, 0, True)
         if mirror is None or not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
             raise ValueError("the roscore does not tell its changes")
         self._epoch, self._revision, whole, records = answer[2]
@@ -79,13 +79,13 @@ class OwnGraph:
         return View(state.publishers, state.subscribers, state.services, state.types, *map(dict, uris))
 
     def _whole(self, look_up: Callable[[View], Sequence[Names]]) -> View:
-        types, system = self._roscore.ask(("getTopicTypes",), ("getSystemState",))
+        types, system = self.roscore.ask(("getTopicTypes",), ("getSystemState",))
         if types is None or system is None:
             raise OSError("the roscore does not tell its state")
         publishers, subscribers, services = ({name: tuple(nodes) for name, nodes in part} for part in system)
         view = View(publishers, subscribers, services, dict(types))
         nodes, names = look_up(view)
-        answers = self._roscore.ask(
+        answers = self.roscore.ask(
             *[("lookupNode", node) for node in nodes], *[("lookupService", name) for name in names]
         )
         view.node_uris = {node: uri for node, uri in zip(nodes, answers) if isinstance(uri, str)}

@@ -8,21 +8,19 @@ one needs no repair: the next one sees what became of it.
 
 from collections import Counter
 from dataclasses import replace
-from typing import AbstractSet, Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
+from typing import AbstractSet, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
 from ..edge.clock import monotonic
 from ..edge.loop import Workers
 from ..edge.process import program
-from ..edge.roscore import Roscore
 from ..edge.rpc_client import Rpc
 from ..protocol import imports
 from ..protocol.imports import Claims
 from ..protocol.messages import Registration
 from ..protocol.plain_text import quoted
 from .core import limits
-from .core.message_types import TypeGuard
 from .core.step import Known, Names, after, names, step
 from .core.sync import Plan, Refusal, Sync, View, Wanted, calls, nodes_of, plan
 from .lost import Lost
@@ -53,19 +51,28 @@ class Reading:
         self.wanted, self.view, self.claims, self.met = {item.registration for item in wanted}, view, claims, met
 
 
+class Callbacks(NamedTuple):
+    """What a round asks, and what it tells at its end."""
+
+    listed: Callable[[], bool]  # the list of masters was had
+    refused: Callable[[List[Refusal]], None]
+    over: Callable[[Optional[Exception]], None]
+
+
 class Rounds:
     """Carries out the rounds of one master_sync."""
 
     def __init__(
         self,
-        roscore: Roscore,
         graph: OwnGraph,
         node: Tuple[str, str],
         core: Sync,
-        guard: TypeGuard,
+        questions: TypeQuestions,
+        lost: Lost,
         roscore_calls: Workers,
         updaters: Workers,
         limited: program.Limited,
+        callbacks: Callbacks,
     ) -> None:
         """`node`: name and URI of this node. `roscore_calls`: one thread, in which everything is asked of the roscore."""
         self.claims: Claims = {}
@@ -74,8 +81,10 @@ class Rounds:
         self.working = False
         self.made: Counter[str] = Counter()  # what was done -> how many registrations
         self.failures = 0  # rounds that failed
-        self._roscore, self._graph, self._node, self._core, self._guard = roscore, graph, node, core, guard
+        self._roscore, self._graph, self._node, self._core = graph.roscore, graph, node, core
+        self._questions, self._lost, self._callbacks = questions, lost, callbacks
         self._calls, self._updaters, self._limited = roscore_calls, updaters, limited
+        self._started = float("inf")  # when the loop began: from then on leftovers wait
         self._due: Optional[float] = None  # a round for a reason
         self._regular: Optional[float] = None  # the round if nothing happens
         self._unsettled: Optional[float] = None  # when the first whole state came since the last round
@@ -86,22 +95,6 @@ class Rounds:
         self._touched: Set[Registration] = set()
         self._began = self.took = 0.0  # when the last round began, and seconds that it took
         self._rest = 0.0  # until then there is no other one: many masters that are met together make few rounds
-
-    def connect(
-        self,
-        questions: TypeQuestions,
-        lost: Lost,
-        listed: Callable[[], bool],
-        refused: Callable[[List[Refusal]], None],
-        over: Callable[[Optional[Exception]], None],
-    ) -> None:
-        """Set the other parts, last of all: the time that leftovers wait begins now.
-
-        `listed()`: the list of masters was had; `refused` and `over` are called at the end of a round.
-        """
-        self._questions, self._lost, self._listed = questions, lost, listed
-        self._refused, self._over = refused, over
-        self._started = monotonic()
 
     def take_over(self) -> None:
         """Read what an earlier life registered, and say from now on who keeps the record."""
@@ -142,6 +135,7 @@ class Rounds:
 
     def tick(self, now: float) -> Optional[float]:
         """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
+        self._started = min(self._started, now)
         gone, due = self._core.next_gone(now), self._next()
         if due is not None and now >= due and not self.working:
             self._begin(self._core.wanted(now))
@@ -221,7 +215,7 @@ class Rounds:
         )
 
     def _small_plan(self, touched: Set[Registration], now: float) -> Optional[Plan]:
-        if self._view is None or self._withdrawn or self._core.on_demand or not self._listed():
+        if self._view is None or self._withdrawn or self._core.on_demand or not self._callbacks.listed():
             return None
         if now - self._started < LEFTOVERS and not self.met.issuperset(self.claims.values()):
             return None
@@ -248,9 +242,9 @@ class Rounds:
         wanted = [] if self._withdrawn else self._core.wanted(now, view.own_nodes(reading.claims))
         # What came meanwhile is for the next round: nobody has looked whether its name is free.
         wanted = [item for item in wanted if item.registration in reading.wanted]
-        if not self._withdrawn and (now - self._started < LEFTOVERS or not self._listed()):
+        if not self._withdrawn and (now - self._started < LEFTOVERS or not self._callbacks.listed()):
             wanted += self._leftovers(reading)
-        verdict = self._guard.judge(wanted, view, reading.claims, self._core.stamps(), now)
+        verdict = self._questions.guard.judge(wanted, view, reading.claims, self._core.stamps(), now)
         for question in verdict.questions:
             self._questions.ask(question)
         todo = plan(verdict.wanted, view, reading.claims)
@@ -303,7 +297,7 @@ class Rounds:
             program.LOG.info("%s: %s the %s", self._name(master), verb, item)
         if len(done) > LINES:
             program.LOG.info("... and %d more registrations", len(done) - LINES)
-        self._refused(todo.refused)
+        self._callbacks.refused(todo.refused)
         self._end(None)
 
     def _name(self, master: str) -> str:
@@ -346,7 +340,7 @@ class Rounds:
                 self.soon(now + AGAIN[-1])
             if now < self._started + LEFTOVERS and not self.met.issuperset(self.claims.values()):
                 self.soon(self._started + LEFTOVERS)
-        self._over(problem)
+        self._callbacks.over(problem)
 
     def _end_withdrawal(self, problem: Optional[Exception], done: Callable[[str], None]) -> None:
         if self.held and problem is None:  # the round that was under way registered something

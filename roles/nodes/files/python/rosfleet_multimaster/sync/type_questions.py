@@ -30,7 +30,7 @@ class TypeQuestions:
     ) -> None:
         """`monitor_of(master)`: the URI of its discovery, "" where it has left; `md5sum(type)`: None where unknown here."""
         self._workers = Workers(loop, 4)
-        self._guard, self._monitor_of, self._md5sum, self._answered = guard, monitor_of, md5sum, answered
+        self.guard, self._monitor_of, self._md5sum, self._answered = guard, monitor_of, md5sum, answered
 
     def ask(self, question: Question) -> None:
         """Ask, and hand the answer to the guard later."""
@@ -45,12 +45,12 @@ class TypeQuestions:
         )
 
     def _told_by_node(self, node: NodeKey, types: Optional[Dict[str, str]]) -> None:
-        self._guard.told_by_node(node, types, monotonic())
+        self.guard.told_by_node(node, types, monotonic())
         self._answered()
 
     def _told_by_master(self, master: str, sums: Optional[Tuple[Dict[str, str], Dict[str, str]]]) -> None:
         there, here = sums or (None, {})
-        self._guard.told_by_master(master, there, here, monotonic())
+        self.guard.told_by_master(master, there, here, monotonic())
         self._answered()
 
 

@@ -172,6 +172,13 @@ def leave_after(seconds: float) -> None:
     after(seconds, partial(leave_process, 0))
 
 
+def give_up(reason: str) -> None:
+    """End at once, without a word to others: the service manager starts the program again."""
+    LOG.error("%s", reason)
+    notify("STOPPING=1", f"STATUS={reason}")
+    leave_process(1)
+
+
 def run(main: Callable[[], int]) -> None:
     """Run a program, and end it with one sentence where it cannot go on."""
     # Python would say something about each questionable pattern that a stranger sends.
