@@ -144,7 +144,7 @@ def test_a_rogue_is_named_once():
     fleet = Fleet(MEMBERS, ANSWERS[1])
     fleet.go(60.0, [(at, ROGUE, 11511, beat()) for at in range(2, 60)])
     said = [text for text in fleet.said if ROGUE in text]
-    assert len(said) == 1 and said[0].startswith(f"rogue (http://rogue:11311/) at {ROGUE} is ignored: ")
+    assert len(said) == 1 and said[0].startswith(f'"rogue" (http://rogue:11311/) at {ROGUE} is ignored: ')
     assert [outsider.name for outsider in fleet.core.outsiders.shown()] == ["rogue"]
 
 
