@@ -36,6 +36,11 @@ def obstacle(path: str, in_place: bool = False) -> str:
                 f"{place} is {flag} (lsattr shows it), so not even root changes it; expected one without that: "
                 f"run 'chattr -{flag[0]} {place}', or leave the path to whoever locked it."
             )
+    return _unfit(path, folder) or _closed(folder)
+
+
+def _unfit(path: str, folder: str) -> str:
+    """Say why this path is no place for a file that is replaced; empty where it is one."""
     longest = _longest_name(folder)
     if len(os.fsencode(os.path.basename(path))) > longest:
         return (
@@ -46,6 +51,11 @@ def obstacle(path: str, in_place: bool = False) -> str:
         return f"{folder} is no place for files, but a view into the kernel; expected a folder on a disk: correct the path {path}."
     if _mounted(path):
         return f"Something is mounted at {path}, so it cannot be replaced; expected a file of its folder: unmount it, or correct the path."
+    return ""
+
+
+def _closed(folder: str) -> str:
+    """Say why nothing can be written in a folder; empty where it can, or where it is none."""
     if not os.path.isdir(folder) or os.access(folder, os.W_OK | os.X_OK):
         return ""
     if os.statvfs(folder).f_flag & os.ST_RDONLY:
