@@ -188,6 +188,7 @@ def diagnostics(lab, seconds=9):
     return [tuple(entry) for message in messages for entry in message]
 
 
+@pytest.mark.costly
 def test_strangers_write_no_line_of_diagnostics(fleet):
     draw = random.Random(25)
     names = {entry[1] for entry in diagnostics(fleet)}
@@ -257,6 +258,7 @@ time.sleep(600)
 LAUNCH = """<launch><node name="prints" pkg="prints" type="prints" output="screen" /></launch>"""
 
 
+@pytest.mark.costly
 def test_what_the_roscore_of_ros_prints_is_plain_too(fleet):
     """The program of upstream (roslaunch is its roscore with a node) below ours, with calls of strangers on its port."""
     port, unit, since = 11399, "rosfleet-test-plain", time.time()
