@@ -106,7 +106,7 @@ options:
         default: ""
   brief:
     description:
-      - The difference shows files below these folders with size and digest, instead of their content, for example
+      - The difference counts the files below each of these folders in one line, instead of their content, for example
         V([/usr/local/lib/example]) where the content is code.
     type: list
     elements: str

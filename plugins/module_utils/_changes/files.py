@@ -86,6 +86,9 @@ class Item(typing.NamedTuple):
     mode: int
 
 
+Pair = typing.Tuple[typing.Optional[Found], typing.Optional[Wanted]]  # a file before and after
+
+
 class Plan(typing.NamedTuple):
     """The changes, and the record before and after them."""
 
@@ -558,22 +561,37 @@ def _put_back(path: str, before: typing.Optional[Found]) -> None:
 def differences(
     planned: Plan, machine: Machine, brief: typing.Iterable[str] = ()
 ) -> typing.List[typing.Dict[str, str]]:
-    """The `diff` of a module: one entry per file that changes, and one for all that are below the `brief` folders."""
+    """The `diff` of a module: one entry per file that changes, and one line for all that are below a `brief` folder."""
     entries = []
-    named = ["", ""]  # lines before and after
-    below = tuple(folder.rstrip("/") + "/" for folder in brief)
+    folders: typing.Dict[str, typing.List[Pair]] = {folder.rstrip("/"): [] for folder in brief}
     after: typing.Optional[Wanted]
     for path, after in [(file.path, file) for file in planned.writes] + [(path, None) for path in planned.removals]:
         found = machine.found[path]
-        if path.startswith(below):
-            named[0] += _line(path, found)
-            named[1] += _line(path, after)
-        else:
+        folder = next((folder for folder in folders if path.startswith(folder + "/")), None)
+        if folder is None:
             entries.append(_difference_of(path, found, after, machine.owner))
-    if any(named):
-        header = "files below " + ", ".join(brief)
-        entries.append(dict(before=named[0], after=named[1], before_header=header, after_header=header))
-    return entries
+        else:
+            folders[folder].append((found, after))
+    return entries + [_summary(folder, pairs) for folder, pairs in folders.items() if pairs]
+
+
+def _summary(folder: str, pairs: typing.List[Pair]) -> typing.Dict[str, str]:
+    """Count what changes below a folder; for example "3 files, 900 bytes: 1 new, 2 changed, 0 removed"."""
+    before = [found for found, after in pairs if found]
+    left = [after for found, after in pairs if after]
+    changed = len(before) + len(left) - len(pairs)
+    deeds = f"{len(left) - changed} new, {changed} changed, {len(before) - changed} removed"
+    header = f"files below {folder} that change"
+    return {
+        "before_header": header,
+        "after_header": header,
+        "before": f"{_size(before)}\n" if before else "",
+        "after": f"{_size(left)}: {deeds}\n",
+    }
+
+
+def _size(held: typing.Sequence[typing.Union[Found, Wanted]]) -> str:
+    return f"{len(held)} files, {sum(len(file.content) for file in held)} bytes"
 
 
 def _difference_of(
@@ -587,10 +605,3 @@ def _difference_of(
     elif found and found.kind != _FILE:
         entry["before"] = f"({found.kind})\n"
     return entry
-
-
-def _line(path: str, file: typing.Union[Found, Wanted, None]) -> str:
-    if file is None:
-        return ""
-    fingerprint = hashlib.sha256(file.content).hexdigest()[:12]
-    return f"{path}, mode {file.mode:04o}, {len(file.content)} bytes, SHA-256 {fingerprint}\n"

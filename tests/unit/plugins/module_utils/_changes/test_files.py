@@ -405,11 +405,13 @@ def test_the_digest_tells_any_change_and_no_order():
     assert len({digest(a, b), digest(a), digest(("/a", "A", "0755"), b), digest(("/a", "X", "0644"), b)}) == 4
 
 
-def test_the_difference_names_code_and_shows_the_rest(place):
-    planned, machine, _steps = place.steps({"lib/node.py": ("import this\n", "0644"), "etc/a": ("A", "0644")})
-    entries = files_module.differences(planned, machine, [place.path("lib")])
-    assert len(entries) == 2
-    shown = next(entry for entry in entries if entry["after_header"] == place.path("etc/a"))
-    named = next(entry for entry in entries if entry is not shown)
-    assert shown["after"] == "A"
-    assert "import this" not in named["after"] and "lib/node.py, mode 0644, 12 bytes" in named["after"]
+def test_the_difference_counts_code_and_shows_the_rest(place):
+    place.run_modes({"lib/same.py": ("s", "0644"), "lib/other.py": ("12345", "0644"), "lib/old.py": ("old", "0644")})
+    wanted = {"lib/same.py": "s", "lib/other.py": "import this", "lib/new.py": "", "etc/a": "A"}
+    planned, machine, _steps = place.steps({name: (text, "0644") for name, text in wanted.items()})
+    entries = files_module.differences(planned, machine, [place.path("lib") + "/", place.path("untouched")])
+    shown, counted = entries
+    assert (shown["after_header"], shown["after"]) == (place.path("etc/a"), "A")
+    assert counted["before_header"] == counted["after_header"] == f"files below {place.path('lib')} that change"
+    assert counted["before"] == "2 files, 8 bytes\n"
+    assert counted["after"] == "2 files, 11 bytes: 1 new, 1 changed, 1 removed\n"
