@@ -30,6 +30,7 @@ CONTROLLER_ONLY = (
     "fleet_plan",
     "fleet_predict",
     "fleet_report",
+    "fleet_summary",
     "fleet_watch",
     "import_role",
     "include_role",

@@ -53,6 +53,7 @@ DOORS = {
             "action/fleet_bundle.py",
             "action/fleet_predict.py",
             "action/fleet_report.py",
+            "action/fleet_summary.py",
             "action/fleet_watch.py",
         },
         "warning": set(),

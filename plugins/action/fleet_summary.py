@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The action fleet_summary: what the tasks of a run have registered on each computer in, a line for each out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ansible.plugins.action import ActionBase
+from ansible.utils.display import Display
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.summary import summarize
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import registered
+
+
+class ActionModule(ActionBase):
+    """Prints what changed, by computer."""
+
+    _VALID_ARGS = frozenset(("results",))
+    _requires_connection = False
+
+    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
+        """Return and print the summary; see ActionBase."""
+        result: dict[str, Any] = super().run(tmp, task_vars)
+        variables = task_vars or {}
+        names = self._task.args.get("results") or []
+        hostvars = variables["hostvars"]
+        ended = {
+            plain(host): [registered(hostvars[host], name) for name in names]
+            for host in variables.get("ansible_play_hosts_all", ())
+        }
+        first, *lines = (
+            plain(line, LINE) if line[:1] != " " else "  " + plain(line, LINE)
+            for line in summarize(ended, self._task.check_mode)
+        )
+        Display().display("\n".join(["", first, *lines]))
+        return {**result, "changed": False, "msg": first, "computers": [line.strip() for line in lines]}

@@ -1,0 +1,54 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: fleet_summary
+short_description: Say what a run changed on each computer
+version_added: "0.1.0"
+description:
+  - Prints one line for the fleet, and one for each computer on which M(rosfleet.multimaster.multimaster_computer) changed
+    something or failed. In check mode it says what would change.
+  - Runs on the controller and connects to no host, so it is run once.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.info
+options:
+  results:
+    description: The names of the variables that the runs of C(multimaster_computer) were registered in, for example V([brought]).
+    type: list
+    elements: str
+    required: true
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.multimaster_computer
+"""
+
+EXAMPLES = r"""
+- name: Set kernel settings
+  rosfleet.multimaster.multimaster_computer:
+    sysctl:
+      settings:
+        - name: net.ipv4.ip_forward
+          value: "1"
+  register: brought
+
+- name: Say what changed
+  rosfleet.multimaster.fleet_summary:
+    results: [brought]
+  run_once: true
+"""
+
+RETURN = r"""
+computers:
+  description: What changed, a line for each computer that is not as it was.
+  returned: success
+  type: list
+  elements: str
+  sample: ["kobuki1computer: kernel settings, /etc/hosts, files, services"]
+msg:
+  description: The result in one sentence.
+  returned: success
+  type: str
+  sample: "SUMMARY: 1 of 13 computers changed."
+"""
