@@ -214,7 +214,7 @@ msg:
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import OPTIONS, ManagedFiles
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 
 
 def main() -> None:

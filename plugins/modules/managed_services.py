@@ -222,7 +222,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.mana
     ManagedServices,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 
 
 def main() -> None:

@@ -150,7 +150,7 @@ msg:
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import asked_for
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.run import SHELLS, carry_out
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 
 
 def main() -> None:

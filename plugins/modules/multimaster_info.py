@@ -1031,8 +1031,8 @@ problems:
 """
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 
 
 def main() -> None:

@@ -1429,11 +1429,12 @@ import typing
 from itertools import chain
 
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
     changes,
     claims,
@@ -1449,7 +1450,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify impor
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as ros_commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
 
 # Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
 LONGEST = 900.0

@@ -208,15 +208,15 @@ import ipaddress
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import (
     Visit,
     end_others,
     leave,
     open_door,
     path_of,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.process import heartbeats_socket, serve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Wanted
 

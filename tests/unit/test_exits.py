@@ -14,7 +14,7 @@ import sys
 from unittest.mock import MagicMock, patch
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
@@ -41,9 +41,9 @@ from rosfleet_multimaster.protocol.plain_text import is_plain  # noqa: E402
 #: a way out -> the only files that use it, by tree
 DOORS = {
     "plugins": {
-        "exit_json": {"module_utils/_machine/ends.py"},
-        "fail_json": {"module_utils/_machine/ends.py"},
-        "warn": {"module_utils/_machine/ends.py"},
+        "exit_json": {"module_utils/_module/ends.py"},
+        "fail_json": {"module_utils/_module/ends.py"},
+        "warn": {"module_utils/_module/ends.py"},
         "deprecate": set(),
         "print": set(),
         "write to a standard stream": {  # JSON for the module that runs them, which reads and ends with it

@@ -18,8 +18,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall imp
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, nftables, ufw
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run as hosts_run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, problem, ros, trust
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import VALUE, plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import problem, trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import VALUE, plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan as routes_plan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run as routes_run

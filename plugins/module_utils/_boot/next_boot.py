@@ -11,7 +11,8 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import cloud_init
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import boot
 
 Row = typing.Dict[str, str]  # kind, name, expected, found, file

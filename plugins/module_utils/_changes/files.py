@@ -23,9 +23,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import trust
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 _FILE = "a file"
 _FOLDER = "a folder"

@@ -16,7 +16,7 @@ import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 NAME = "lock"  # of the file, in the folder of the records
 WAIT = 60.0  # seconds for a run before this one

@@ -14,9 +14,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     intent,
     settled,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence, unreadable
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence, unreadable
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 FILE = dict(
     path=dict(type="str", required=True),

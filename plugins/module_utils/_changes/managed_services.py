@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.modu
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.systemctl import Systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, carry_out
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence, unreadable
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence, unreadable
 
 USUAL_FOLDER = "/etc/systemd/system"
 UNIT = dict(

@@ -11,8 +11,8 @@ A module's `main` makes the AnsibleModule and gives it to `run_module`, with the
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import lock
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 Fields = typing.Dict[str, typing.Any]
 

@@ -9,7 +9,7 @@ import os
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, remedy
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, remedy
 
 RECORDS = "/var/lib/rosfleet-multimaster"
 T = typing.TypeVar("T")

@@ -16,9 +16,10 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.unit
     State,
     files_read,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, processes, systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands, processes
 
 _JOURNAL_LINES = 15
 _QUICK = 60.0  # seconds; calls that start nothing

@@ -25,8 +25,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.unit
     Unit,
     says_when_up,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
 
 SWITCHES = ("disable", "enable", "reenable")  # verbs of systemctl
 SETTLE = 1.0  # seconds in which a service that dies at once does so, where it does not say when it is up

@@ -9,8 +9,8 @@ What is compiled costs more than what is done. So the code of a concern is impor
 import typing
 
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import NO_OBJECT
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import NO_OBJECT
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 Options = typing.Mapping[str, typing.Any]
 

@@ -13,8 +13,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, run_locked
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import concerns
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import Concern, Options
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 _READING = 20.0  # seconds until shells have said what they see
 SHELLS = dict(

@@ -14,8 +14,8 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import FIRST, Wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports, systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
 
 _SERVERS = ("sshd", "sshd-session", "dropbear")  # processes that serve ssh
 _SOCKETS = ("ssh.socket", "sshd.socket")  # units of systemd that listen for one

@@ -30,8 +30,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.bac
     BACKENDS,
     CHOICES,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, unreadable
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, unreadable
 
 OPTIONS: typing.Dict[str, typing.Any] = {
     "members": {"type": "list", "elements": "str", "required": True},

@@ -18,7 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     carry_out,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import Binding
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 # Renaming is refused on a mount point, and there is no writing beside a file that is mounted writable alone.
 _NO_RENAME = (errno.EBUSY, errno.EROFS)

@@ -20,8 +20,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindin
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import concerned
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import HostsFile, resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.plan import plan
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import (
     Problem,
     remedy,
     unreadable,

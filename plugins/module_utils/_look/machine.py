@@ -8,7 +8,6 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import (
-    commands,
     filters,
     fkie,
     network,
@@ -17,7 +16,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
     shells,
     system,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import tables
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding

@@ -13,8 +13,8 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer, run, text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer, run, text
 
 _UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # netdevice(7), linux/if.h
 _HOST_PREFIX = {"inet": 32, "inet6": 128}

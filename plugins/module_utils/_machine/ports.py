@@ -10,8 +10,8 @@ import socket
 import struct
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
 
 _TABLES = (("tcp", "tcp"), ("tcp", "tcp6"), ("udp", "udp"), ("udp", "udp6"))
 _LISTEN = "0A"  # include/net/tcp_states.h

@@ -14,14 +14,15 @@ import shlex
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, imports, set_up, trust
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, imports, set_up
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import is_plain, plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import (
     BASE_PATH,
     CLEAN,
     run,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import is_plain, plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import foreign
 
 PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
 PYTHON2 = "/usr/bin/python2.7"  # what the ROS distributions before Noetic are built for

@@ -6,7 +6,7 @@
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.trust import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.trust import (
     A_GROUP,
     EVERYBODY,
     Doubt,

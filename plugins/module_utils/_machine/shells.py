@@ -15,13 +15,13 @@ import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import home_files, systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import (
     BASE_PATH,
     run,
     text,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
 
 Found = typing.List[typing.Dict[str, typing.Any]]
 

@@ -11,9 +11,10 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import OPTIONS as FILES
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import ManagedFiles
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, fkie
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, plain, quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 OPTIONS = {
     "names": {"type": "list", "elements": "str", "required": True},

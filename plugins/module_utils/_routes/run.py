@@ -15,9 +15,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.diff
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, carry_out
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import may_change_network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.rights import may_change_network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan, record, wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot, Choice
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (

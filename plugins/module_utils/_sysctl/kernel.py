@@ -8,8 +8,8 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.rights import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.rights import (
     has_all_rights,
     may_change_network,
 )

@@ -18,8 +18,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.diff
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Foreseen, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, Step, carry_out
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem, sentence
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import (
     Assignment,

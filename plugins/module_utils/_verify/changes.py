@@ -12,7 +12,8 @@ import re
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 # about -> the files that decide it; of those of a folder the one that was changed last is told.
 FILES = {

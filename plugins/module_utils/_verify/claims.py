@@ -16,7 +16,7 @@ import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
 
 ARP, REQUEST, REPLY = 0x0806, 1, 2
 ETHERNET, IPV4 = 1, 0x0800

@@ -10,13 +10,13 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import last_line
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types, tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import NODE, STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import CALLER, NO_SCRIPT, Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
 IMPORTS = "/rosfleet_multimaster/imports"  # the bundled master_sync writes there what it registers, and for whom

@@ -10,10 +10,10 @@ import typing
 import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import STATE
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
 CALLER = "/multimaster_info"

@@ -16,7 +16,7 @@ import struct
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import (
     admit,
     answer,
     open_door,

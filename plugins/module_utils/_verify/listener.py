@@ -13,7 +13,7 @@ import threading
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import node, tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server

@@ -9,14 +9,14 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import (
     Visit,
     end_others,
     leave,
     path_of,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper import Settings
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper_process import (
     icmp_rounds,

@@ -5,7 +5,7 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 
 
 def icmp_round(

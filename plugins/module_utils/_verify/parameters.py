@@ -6,7 +6,7 @@
 import json
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
 
 FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin

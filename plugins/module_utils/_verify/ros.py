@@ -14,13 +14,13 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import BASE_PATH, text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.foreign import foreign
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain, quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.reading import read_regular
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import BASE_PATH, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import foreign
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import STATE
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
 CALLER = "/multimaster_verify"

@@ -9,7 +9,7 @@ The talker is found at the own roscore, so names, routes and packet filters are 
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import place_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros

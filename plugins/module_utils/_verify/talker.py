@@ -12,8 +12,8 @@ import inspect
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import node
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import FAREWELL, Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.services import states_of

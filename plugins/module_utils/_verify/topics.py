@@ -8,12 +8,12 @@ import time
 import typing
 from urllib.parse import urlsplit
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import PAUSE, awaited, concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import Listener, Said, listener_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import sentence_of, topic_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import PAUSE, awaited, concurrently
 
 LEAST = 5.0  # seconds that are listened at least, also where the roscore was waited for
 REGISTERING = 5.0  # seconds for the registration of a node that was heard

@@ -14,7 +14,7 @@ import threading
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.left_behind import admit, answer, put_away
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import admit, answer, put_away
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper_process import only_port
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import packet
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Before, Wanted, everything

@@ -24,9 +24,9 @@ import shutil
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Wanted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 MARK = "rosfleet.multimaster"
 HEADER = "Managed by Ansible: rosfleet.multimaster.firewall writes this whole file, so changes here do not last."

@@ -14,7 +14,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import FIRST, LAST, Wanted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 
 FOLDER = "/etc/firewalld/policies"
 INPUT, FORWARD = "rosfleet-input", "rosfleet-forward"  # firewalld takes 17 letters at most

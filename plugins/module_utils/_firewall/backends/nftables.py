@@ -17,8 +17,8 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import FIRST, LAST, Wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 TABLE = "rosfleet_multimaster"
 UNIT = "multimaster-firewall.service"

@@ -7,8 +7,8 @@ import os
 import shlex
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, words_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 

@@ -15,9 +15,9 @@ import tempfile
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import LINE, quoted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import (
     contract,

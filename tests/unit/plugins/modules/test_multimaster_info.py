@@ -11,8 +11,9 @@ import sys
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, shells, system
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports as ports_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells, system
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 
 def assert_gone(command):

@@ -12,7 +12,7 @@ import time
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, transaction
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files as files_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import ansible_collections
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import lock
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 COLLECTIONS = Path(next(iter(ansible_collections.__path__))).parent
 

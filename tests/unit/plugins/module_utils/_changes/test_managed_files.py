@@ -10,8 +10,8 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import ManagedFiles
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 
 class Machine:

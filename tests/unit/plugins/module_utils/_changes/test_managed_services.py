@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_services import ManagedServices
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import State, planned_inputs
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 CORE, SYNC = "core.service", "sync.service"
 

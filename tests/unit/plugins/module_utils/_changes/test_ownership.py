@@ -8,7 +8,7 @@ import subprocess
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.ownership import mode_of, owner_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import time
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 
 def test_write_replaces_content_and_mode(tmp_path):

@@ -8,8 +8,9 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import systemctl, units
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 SHOWN = """Id=a.service
 LoadState=loaded

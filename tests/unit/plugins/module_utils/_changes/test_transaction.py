@@ -9,7 +9,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import transaction
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 BACK = "Everything is as it was before."
 

@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.con
     asked_for,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 OPTIONS = {"name": {"type": "str", "required": True}, "fails": {"type": "str", "default": ""}}
 OPTIONS["records"] = {"type": "str", "default": "none"}  # no absolute path, so there is no lock

@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import wanted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 NOTHING = {"members": [], "also": [], "networks": [], "open_ports": [], "ssh_ports": []}
 

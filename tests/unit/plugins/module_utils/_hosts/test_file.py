@@ -17,7 +17,7 @@ import time
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import file as hosts_file
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 from tests.unit import module_server
 

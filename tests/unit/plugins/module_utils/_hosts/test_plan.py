@@ -9,7 +9,7 @@ import time
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import bindings as hosts_entries
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import plan as hosts_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 

@@ -19,7 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import concerned
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.guard import Guard
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import Run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 OLD = b"127.0.0.1 localhost\n127.0.1.1 kobuki1computer\n"
 FIRST = [{"address": "192.168.1.229", "names": ["kobuki1computer"]}]

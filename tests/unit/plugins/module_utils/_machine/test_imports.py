@@ -10,7 +10,7 @@ import tempfile
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import imports
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 
 PYTHON = "/usr/bin/python3"
 pytestmark = pytest.mark.skipif(not os.path.exists(PYTHON), reason=f"there is no {PYTHON}")

@@ -7,8 +7,9 @@ import json
 import socket
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands, network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface, RouteTo
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 IP_JSON = [
     {},

@@ -8,9 +8,9 @@ import random
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._packages import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 
 NAMES = ["ros-a", "ros-b", "ros-c", "ros-d"]
 

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from hypothesis import given

@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import wanted as wanted_routes
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 

@@ -6,7 +6,7 @@
 import json
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import plan as settings_plan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import SettingsRecord

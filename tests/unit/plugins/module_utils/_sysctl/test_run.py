@@ -15,7 +15,7 @@ import sys
 import tempfile
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan import HEADER, settings_of
 

@@ -3,7 +3,7 @@
 
 """The last lines of a service: bounded, plain, and a sentence where there are none. The journal itself: tests/systems/test_bundle.py."""
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import logs
 
 

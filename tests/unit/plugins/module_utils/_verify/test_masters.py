@@ -9,8 +9,8 @@ import time
 import xmlrpc.server
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import masters
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.waiting import awaited
 
 
 @pytest.fixture

@@ -19,8 +19,8 @@ from pathlib import Path
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, nftables
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Port, Wanted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import Answer
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 
 NODES = Path(__file__).parents[6] / "lab" / "nodes"
 TOOLS = ("nft", "unshare", "nsenter", "ip", "sysctl")

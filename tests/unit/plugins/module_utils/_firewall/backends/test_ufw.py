@@ -9,7 +9,7 @@ tests/long/test_firewall.py has the real ufw.
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, ufw
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Port, Wanted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 WANTED = Wanted(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))
 OTHERS = "allow tcp 22 0.0.0.0/0 any 0.0.0.0/0 in"

@@ -7,9 +7,9 @@ import os
 
 import pytest
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract, netplan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager as nm

@@ -6,7 +6,7 @@
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import waiting
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import waiting
 
 
 def test_concurrently_keeps_the_order_and_leaves_the_late_behind():

@@ -8,7 +8,7 @@ import subprocess
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import processes
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import processes
 
 
 def test_entries_end_with_a_zero_byte():

@@ -11,7 +11,7 @@ import time
 import typing
 import uuid
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import (
     BASE_PATH,
     MOST,
     Answer,

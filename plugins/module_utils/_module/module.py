@@ -10,7 +10,7 @@ listeners send each other would be there for everybody who may read logs.
 import typing
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
 
 #: The sentence for what ansible-core (2.19 and before) looks into before it has seen that it is no object.
 NO_OBJECT = "A list among the options has an item that is no object, expected items of names and values, as the documentation has them."

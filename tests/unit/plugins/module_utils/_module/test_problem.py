@@ -7,7 +7,7 @@ import errno
 import os
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.problem import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import (
     Problem,
     remedy,
     sentence,

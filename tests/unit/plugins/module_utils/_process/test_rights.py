@@ -6,7 +6,7 @@
 import os
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import rights
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import rights
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root to be somebody else")

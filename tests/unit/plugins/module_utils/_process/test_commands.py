@@ -7,7 +7,7 @@ import subprocess
 import time
 from pathlib import Path
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 
 def until_gone(note):

@@ -7,9 +7,9 @@ import os
 import socket
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.commands import text, within
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.fkie import packages
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.reading import read_regular
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.reading import read_regular
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text, within
 
 
 def test_a_regular_file_is_read_whole_or_its_beginning(tmp_path):

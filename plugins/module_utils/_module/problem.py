@@ -6,7 +6,7 @@
 import errno
 import os
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 
 
 class Problem(Exception):

@@ -8,7 +8,7 @@ Nothing else calls exit_json, fail_json or warn (tests/unit/test_exits.py).
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.plain_text import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import (
     VALUE,
     plain,
     plain_data,

@@ -8,7 +8,7 @@ import pathlib
 
 import pytest
 from ansible.module_utils import basic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.module import Module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 
 MODULES = sorted((pathlib.Path(__file__).resolve().parents[5] / "plugins/modules").glob("[a-z]*.py"))
 SPECIFICATION = {
