@@ -18,7 +18,7 @@ NODES = "roles/nodes/files/python/rosfleet_multimaster"
 #: copy -> original
 COPIES = {
     "plugins/module_utils/_module/plain_text.py": f"{NODES}/protocol/plain_text.py",
-    "plugins/module_utils/_verify/documents.py": f"{NODES}/protocol/xml_rpc.py",
+    "plugins/module_utils/_client/documents.py": f"{NODES}/protocol/xml_rpc.py",
     "plugins/plugin_utils/_fleet/filters.py": f"{NODES}/protocol/filters.py",
     "plugins/plugin_utils/_fleet/plain_text.py": f"{NODES}/protocol/plain_text.py",
 }

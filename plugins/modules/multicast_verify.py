@@ -488,7 +488,7 @@ msg:
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import multicast
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import multicast
 
 
 def main() -> None:

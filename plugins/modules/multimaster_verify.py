@@ -1429,6 +1429,8 @@ import typing
 from itertools import chain
 
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import ros as ros_commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
@@ -1448,8 +1450,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify impor
     talker,
     topics,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as ros_commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
 
 # Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
 LONGEST = 900.0
@@ -1549,7 +1549,7 @@ def group(params: Params, state: str) -> typing.Optional[Result]:
     """Return what multicast_verify returns in this state; None where nothing is measured on the group."""
     if params["multicast"] is None:
         return None
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import multicast
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import multicast
 
     try:
         options = validated(

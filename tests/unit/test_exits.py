@@ -47,7 +47,7 @@ DOORS = {
         "deprecate": set(),
         "print": set(),
         "write to a standard stream": {  # JSON for the module that runs them, which reads and ends with it
-            "module_utils/_verify/message_types.py"
+            "module_utils/_client/message_types.py"
         },
         "display": {
             "action/fleet_bundle.py",

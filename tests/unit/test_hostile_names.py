@@ -21,13 +21,14 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import problem, trust
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import VALUE, plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import multicast
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan as routes_plan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run as routes_run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import wanted as routes_wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl_run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import multicast, topics
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight

@@ -13,10 +13,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import documents, node, xml_rpc
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands, foreign
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import documents, node, xml_rpc
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import asked
 

@@ -54,7 +54,7 @@ def table(number: int) -> typing.List[typing.Dict[str, typing.Any]]:
 
 def masters(wanted: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
     """Describe the roscores; what speaks with them is imported here alone, since the start of a module is its imports."""
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import facts
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import facts
 
     return facts.masters(wanted)
 

@@ -10,14 +10,14 @@ import time
 import typing
 import xmlrpc.client
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import message_types, tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import NODE, STATE
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import CALLER, NO_SCRIPT, Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import message_types, tcpros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import NODE, STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import CALLER, NO_SCRIPT, Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
 IMPORTS = "/rosfleet_multimaster/imports"  # the bundled master_sync writes there what it registers, and for whom
 SYNC_INFO = "/get_sync_info"  # the end of the name of upstream's service for it

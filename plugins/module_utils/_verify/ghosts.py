@@ -11,8 +11,8 @@ import socket
 import typing
 from urllib.parse import urlsplit
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import listener_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import listener_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import node_of
 
 CONNECT = 2.0  # seconds

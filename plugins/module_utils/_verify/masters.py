@@ -9,11 +9,11 @@ import typing
 import xmlrpc.client
 from urllib.parse import urlsplit
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
 CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent again after one second
 

@@ -17,11 +17,15 @@ import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import (
+    TOO_LARGE,
+    echo,
+    echo_request,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import run, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.changes import carrier
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import TOO_LARGE, echo, echo_request
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
 ANSWER = 1.0  # seconds that an echo reply may take

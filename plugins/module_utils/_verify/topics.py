@@ -8,11 +8,11 @@ import time
 import typing
 from urllib.parse import urlsplit
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import Listener, Said, listener_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import PAUSE, awaited, concurrently
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import Listener, Said, listener_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import sentence_of, topic_of
 
 LEAST = 5.0  # seconds that are listened at least, also where the roscore was waited for

@@ -14,9 +14,9 @@ import threading
 import time
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper_process import only_port
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import packet
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import admit, answer, put_away
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper_process import only_port
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import packet
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Before, Wanted, everything
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.watch import Watch
 

@@ -14,8 +14,8 @@ import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.memberships import igmp_memberships
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.memberships import igmp_memberships
 
 CONNECT = 2.0  # seconds that a TCP port has to open
 STEP = 0.1  # seconds by which the clock may move beside the time that has passed

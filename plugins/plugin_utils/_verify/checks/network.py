@@ -234,7 +234,7 @@ def _ping_evidence(case: Case) -> Parts:
 
 
 def _ping_suspects(case: Case) -> Parts:
-    """An ICMP error tells who has sent it, and why; see _verify/packets.py of the modules."""
+    """An ICMP error tells who has sent it, and why; see _multicast/packets.py of the modules."""
     if _answers_sometimes(case):
         return losing(case, case.observer.name, case.target)
     error = _ping_error(case)

@@ -13,8 +13,9 @@ import types
 import xmlrpc.server
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import exchange, message_types
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ros as probe_ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import message_types
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import ros as probe_ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import exchange
 from hypothesis import given
 from hypothesis import strategies as st
 from provider import GET_SYNC_INFO, answer, head, provider, rows, synced

@@ -6,7 +6,8 @@
 import socket
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ghosts, node
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ghosts
 from talking import Roscore, served, talking, until
 
 TOPIC = "/multimaster_verify/a"

@@ -3,8 +3,8 @@
 
 """Streams to talkers that are the programs that they are, found at a roscore."""
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import streams
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import node_of, sentence_of, topic_of
 from talking import Roscore, served, talking, until
 

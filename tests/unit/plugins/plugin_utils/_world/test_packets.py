@@ -406,7 +406,7 @@ def test_a_kernel_agrees(name, namespaces):
 
 
 def test_the_words_of_routers_are_those_of_the_probes():
-    text = open(os.path.join(os.path.dirname(packets.__file__), "../../module_utils/_verify/packets.py")).read()
+    text = open(os.path.join(os.path.dirname(packets.__file__), "../../module_utils/_multicast/packets.py")).read()
     assert all(f'"{words}"' in text for words in packets.REPORTS.values())
 
 

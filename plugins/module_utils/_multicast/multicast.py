@@ -11,25 +11,28 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper import Settings
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper_process import (
+    icmp_rounds,
+    open_sockets,
+    plain,
+    serve,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.memberships import (
+    igmp6_memberships,
+    igmp_memberships,
+    without_own,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.multicast_report import (
+    explain,
+    icmp_round,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import (
     Visit,
     end_others,
     leave,
     path_of,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper import Settings
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper_process import (
-    icmp_rounds,
-    open_sockets,
-    plain,
-    serve,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.memberships import (
-    igmp6_memberships,
-    igmp_memberships,
-    without_own,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast_report import explain, icmp_round
 
 KIND = "multicast"  # of the doors of helpers
 MOST_ICMP_ROUNDS = 5

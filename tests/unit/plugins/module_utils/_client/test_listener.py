@@ -7,7 +7,7 @@ import threading
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.listener import Listener
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import Listener
 from talking import Roscore, served, talking, until
 
 ONE, TWO = "/multimaster_verify/one", "/multimaster_verify/two"

@@ -7,8 +7,8 @@ import socket
 import struct
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import packets
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import echo_request
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import packets
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import echo_request
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -3,7 +3,7 @@
 
 """Sentences about the result of multicast_verify."""
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import multicast_report as m
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import multicast_report as m
 
 
 def test_an_icmp_round_names_who_answered():

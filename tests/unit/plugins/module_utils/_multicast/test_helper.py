@@ -6,10 +6,10 @@
 import random
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import helper as m
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.messages import ASK, Message, encode
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast import wrong
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.multicast_report import explain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import helper as m
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.messages import ASK, Message, encode
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.multicast import wrong
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.multicast_report import explain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

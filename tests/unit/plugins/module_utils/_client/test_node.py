@@ -12,7 +12,7 @@ import urllib.parse
 import xmlrpc.client
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import node, tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node, tcpros
 from talking import Roscore, served, talking, until
 
 TOPIC = "/multimaster_verify/kobuki1computer"

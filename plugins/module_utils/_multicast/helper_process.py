@@ -16,19 +16,19 @@ import struct
 import time
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper import (
+    Address,
+    Datagrams,
+    Helper,
+    Settings,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import echo, echo_request, packet
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import (
     admit,
     answer,
     open_door,
     put_away,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.helper import (
-    Address,
-    Datagrams,
-    Helper,
-    Settings,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.packets import echo, echo_request, packet
 
 # linux/in.h, linux/icmp.h and asm-generic/socket.h; Python does not name them in every version
 IP_PKTINFO = 8

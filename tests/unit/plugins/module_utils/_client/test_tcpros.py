@@ -6,7 +6,7 @@
 import struct
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
 from hypothesis import given
 from hypothesis import strategies as st
 from provider import GET_SYNC_INFO, LIST_MASTERS, answer, head, master, provider, rows, synced, text

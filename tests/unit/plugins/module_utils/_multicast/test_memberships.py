@@ -3,7 +3,7 @@
 
 """The multicast memberships in the kernel's tables."""
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import memberships as m
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import memberships as m
 
 IGMP = """Idx\tDevice    : Count Querier\tGroup    Users Timer\tReporter
 1\tlo        :     1      V3

@@ -14,14 +14,14 @@ import time
 import typing
 import xmlrpc.client
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import STATE
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.reading import read_regular
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import BASE_PATH, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import foreign
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import awaited
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import tcpros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import STATE
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
 CALLER = "/multimaster_verify"
 SHORTEST = 10  # seconds that a command of ROS may take at least: rospy alone needs several to start on a small computer

@@ -5,7 +5,7 @@
 
 import struct
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import messages as m
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import messages as m
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -11,7 +11,7 @@ import threading
 import xmlrpc.server
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import facts, xml_rpc
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import facts, xml_rpc
 from provider import GET_SYNC_INFO, LIST_MASTERS, answer, head, master, provider, rows, synced
 
 THERE = "http://there:11311/"

@@ -9,12 +9,12 @@ Whatever answers on a port may be anything: each answer is bounded, and made pla
 import typing
 import xmlrpc.client
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import STATE
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import tcpros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.documents import STATE
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.xml_rpc import server
 
 CALLER = "/multimaster_info"
 LIST_MASTERS, SYNC_INFO = "/list_masters", "/get_sync_info"  # the ends of the names of services

@@ -10,7 +10,7 @@ have you heard?
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.messages import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.messages import (
     ANSWER,
     ASK,
     HELLO,
