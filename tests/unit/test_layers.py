@@ -6,6 +6,7 @@ ROOMS is the picture in docs/develop/architecture.md, line by line.
 """
 
 import ast
+import collections
 import pathlib
 
 import pytest
@@ -65,6 +66,7 @@ ROOMS = {
         "": {"discovery", "edge", "protocol", "roscore", "sync"},
     },
 }
+MOST_FILES = 15  # beside each other
 COLLECTION = "ansible_collections.rosfleet.multimaster."
 
 INPUT_AND_OUTPUT = set(
@@ -133,6 +135,12 @@ def test_no_arrow_goes_up(tree):
         below[room] = arrows
 
 
+@pytest.mark.parametrize("tree", [MODULE_UTILS, NODES])
+def test_no_folder_is_a_heap(tree):
+    counts = collections.Counter(str(path.parent.relative_to(ROOT)) for path in sources(tree))
+    assert max(counts.values()) <= MOST_FILES, counts
+
+
 @pytest.mark.parametrize("tree", ROOMS)
 def test_the_picture_in_the_documentation_is_this_table(tree):
     text = (ROOT / "docs/develop/architecture.md").read_text(encoding="utf-8")
@@ -158,7 +166,6 @@ def test_the_halves_do_not_know_each_other():
 
 #: the format of XML-RPC is in a module of Python that has servers and clients, too
 FORMATS = {"protocol/xml_rpc.py": {"xmlrpc"}}
-MOST_FILES = 15  # beside each other
 
 
 def in_the_nodes(path):
@@ -182,12 +189,6 @@ def test_protocol_and_core_have_no_sockets_no_threads_no_clock_and_no_ros(path):
     ]
     used = [name for name in ours if (ROOT / NODES / name).exists()]
     assert all(map(is_pure, used)), used
-
-
-def test_no_folder_of_the_nodes_is_a_heap():
-    folders = {path.parent for path in sources(NODES)}
-    counts = {in_the_nodes(folder): len(list(folder.glob("*.py"))) for folder in folders}
-    assert max(counts.values()) <= MOST_FILES, counts
 
 
 @pytest.mark.parametrize("path", sources(NODES), ids=lambda path: path.stem)

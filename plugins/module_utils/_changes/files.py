@@ -20,10 +20,10 @@ import stat
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, ownership
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 

@@ -12,7 +12,6 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
@@ -30,6 +29,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.bac
     BACKENDS,
     CHOICES,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, unreadable
 

@@ -8,7 +8,6 @@ import socket
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import writable
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
@@ -20,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindin
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import concerned
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import HostsFile, resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.plan import plan
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import (
     Problem,

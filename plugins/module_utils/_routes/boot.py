@@ -8,7 +8,7 @@ import os
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference, of_mode
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, of_mode
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, text_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.contract import Machine, Wanted

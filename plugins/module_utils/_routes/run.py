@@ -11,10 +11,10 @@ import os
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, writable
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.rights import may_change_network

@@ -14,10 +14,10 @@ import stat
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, writable
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference, of_mode
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Foreseen, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, Step, carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, of_mode
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record

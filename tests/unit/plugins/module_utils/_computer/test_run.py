@@ -5,7 +5,6 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import run as computer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import (
@@ -15,6 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.con
     asked_for,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 OPTIONS = {"name": {"type": "str", "required": True}, "fails": {"type": "str", "default": ""}}
