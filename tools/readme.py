@@ -15,8 +15,8 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import table as checks
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import variables
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import checks
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "tests/bench" / folder) for folder in ("", "network", "site")]
@@ -65,7 +65,7 @@ TABLES = (
     Table(
         "docs/operate/variables.md", "variables", "plugins/plugin_utils/_fleet/variables.py", variables.markdown_table
     ),
-    Table("docs/operate/verification.md", "checks", "plugins/plugin_utils/_verify/checks", checks.markdown_table),
+    Table("docs/operate/verification.md", "checks", "plugins/plugin_utils/_checks/table.py", checks.markdown_table),
     *measured(),
 )
 

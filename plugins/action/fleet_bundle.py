@@ -21,12 +21,12 @@ from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather, secrets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import packed
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import Bundle
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import BY_NAME, RESERVED
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import registered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import page
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import registered
 
 ROLES = Path(__file__).parents[2] / "roles"
 WORD = re.compile(r"[\w.-]+")

@@ -10,11 +10,11 @@ from typing import Any
 from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.plugins.action import ActionBase
 from ansible.release import __version__
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain, to_plain
 
 
 class ActionModule(ActionBase):

@@ -10,9 +10,9 @@ from typing import Any
 
 from ansible.errors import AnsibleError
 from ansible.plugins.action import ActionBase
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read, variables
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 
 

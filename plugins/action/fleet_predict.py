@@ -10,15 +10,15 @@ from typing import Any
 
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     LINE,
     plain,
     plain_data,
     plain_lines,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import registered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import registered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, prediction
 
 OPTIONS = ("fleet", "machine", "table")

@@ -27,21 +27,21 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle impor
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import LARGEST, Unreadable, unpacked
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import JUDGED, Bundle, heard, read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.gather import verdict
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     LINE,
     plain,
     plain_data,
     plain_lines,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import junit
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.matrices import Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import page
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import Diagnosis
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED
 
 AUTO = "auto"  # the folder of the user
 NAME = "%Y-%m-%dT%H%M%S"  # of the files of a run

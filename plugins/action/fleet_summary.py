@@ -10,8 +10,8 @@ from typing import Any
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import registered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.summary import summarize
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import registered
 
 
 class ActionModule(ActionBase):

@@ -11,6 +11,7 @@ from typing import Any
 
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     LINE,
     plain,
@@ -18,9 +19,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     plain_lines,
     quoted,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import gathered, watched
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.watched import Event, Lost, Watched
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import gathered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import watched
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.watched import Event, Lost, Watched
 
 OPTIONS = ("watched", "duration", "known")
 

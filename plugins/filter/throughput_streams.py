@@ -54,7 +54,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import pairs as tried
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import pairs as tried
 
 MOST = 1_000_000  # Mbit/s
 

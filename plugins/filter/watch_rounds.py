@@ -39,7 +39,7 @@ _value:
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.watched import Unreadable, planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.watched import Unreadable, planned
 
 
 def watch_rounds(duration: Any) -> dict[str, Any]:

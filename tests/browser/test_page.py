@@ -15,7 +15,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 UNIT = ROOT / "tests/unit/plugins/plugin_utils"
-sys.path[:0] = [str(pathlib.Path(__file__).parent), str(UNIT / "_report"), str(UNIT / "_verify")]
+sys.path[:0] = [str(pathlib.Path(__file__).parent), str(UNIT)]
 
 import fleets  # noqa: E402
 from chromium import Chromium  # noqa: E402

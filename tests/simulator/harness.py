@@ -12,7 +12,7 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
 from random import Random
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import diagnose
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import diagnose
 
 from tests.simulator import faults, inventories
 from tests.simulator.observe import observe

@@ -10,7 +10,7 @@ from dataclasses import fields, replace
 from functools import lru_cache
 from ipaddress import AddressValueError, IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import NO_WAY, OUT, Packet
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import (
     REJECTED,

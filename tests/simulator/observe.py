@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.found import HOOKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import ACCEPT
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import rules

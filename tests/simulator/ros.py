@@ -8,8 +8,8 @@ from __future__ import annotations
 from functools import lru_cache
 from ipaddress import IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import observations as seen
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import Flows, Item
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Flows, Item
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet
 
 from tests.simulator.network import NODES

@@ -15,12 +15,12 @@ from unittest.mock import MagicMock, patch
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, Row
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Found
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import Diagnosis, Found
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

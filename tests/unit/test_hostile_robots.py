@@ -25,12 +25,12 @@ from ansible_collections.rosfleet.multimaster.plugins.action import (
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.asked import answer_of
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned
 
 HERE = Path(__file__).parent
 ROOM = HERE / "plugins" / "plugin_utils"
-sys.path += [str(ROOM / name) for name in ("_adopt", "_verify", "_world")] + [str(HERE.parents[1] / "lab" / "nodes")]
+sys.path += [str(ROOM), str(ROOM / "_adopt"), str(ROOM / "_world"), str(HERE.parents[1] / "lab" / "nodes")]
 
 import fleets  # noqa: E402
 import hostile_answers  # noqa: E402

@@ -13,16 +13,16 @@ from xml.etree import ElementTree
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     is_plain,
     plain_lines,
     quoted,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import MOST
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page as page_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import junit
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import MOST
 
 from tests.simulator import faults, harness
 

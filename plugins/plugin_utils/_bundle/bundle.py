@@ -17,11 +17,11 @@ from typing import Any
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.anonymous import Anonymous
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import Unreadable
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import Secrets
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import planned_names, told
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import Mismatch, from_plain, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import planned_names, told
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
 
 FORMAT = 1
 ABOUT, PLAN, OBSERVATIONS = "about.json", "plan.json", "observations.json"
@@ -153,7 +153,7 @@ def read(texts: Mapping[str, str]) -> Bundle:
 
 
 def heard(bundle: Bundle) -> Bundle:
-    """Return a bundle of anybody's with its texts as they may stand in sentences, as those of robots are (_verify/gathered.py)."""
+    """Return a bundle of anybody's with its texts as they may stand in sentences, as those of robots are (_observed/gathered.py)."""
     names = planned_names(bundle.fleet)
     said = {name: told(to_plain(entry), names=names) for name, entry in bundle.observations.items()}
     return dataclasses.replace(

@@ -9,20 +9,20 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import Bundle
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, AUTO
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quoted
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.judged import Judged, judge
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import Verification
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.gathered import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judged import Judged, judge
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import (
     KEY,
     observation,
     planned_names,
     registered,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.pairs import ALL, AUTO
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
 
 OPTIONS = (
     "fleet",

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import (
     contradictions,
-    discovery,
+    heartbeats,
     kinds,
     networks,
     variables,
@@ -86,12 +86,12 @@ def read_fleet(inventory: Inventory) -> Fleet:
     for name, hosts, own in reading.robots():
         problems += _robot_problems(name, hosts, own)
     problems += _ambiguous_names(reading) + _network_problems(reading, router) + _contradictions(reading)
-    problems += discovery.too_few_heartbeats(
+    problems += heartbeats.too_few_heartbeats(
         reading.shared.get("multimaster_heartbeat_hz"), reading.shared.get("multimaster_offline_after")
     )
     if not problems:
         fleet = _made_fleet(reading, router)
-        problems = discovery.unreached_masters(fleet)
+        problems = heartbeats.unreached_masters(fleet)
     if problems:
         raise InventoryProblems(_collapsed(problems, [*reading.hosts, *inventory.routers]))
     return fleet
@@ -373,7 +373,7 @@ def _collapsed(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
 def _made_fleet(reading: _Reading, router: Router | None) -> Fleet:
     """Make the model of values that have no problem."""
     rate = reading.shared["multimaster_heartbeat_hz"]
-    computed = {"multimaster_offline_after": discovery.default_offline_after(rate)}
+    computed = {"multimaster_offline_after": heartbeats.default_offline_after(rate)}
     return Fleet(
         robots=tuple(_made_robot(reading, name, hosts, own) for name, hosts, own in reading.robots()),
         router=router,

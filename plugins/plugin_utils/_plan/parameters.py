@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import spelling, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
     FILTERS,
     FROM_CLIENT,
@@ -29,7 +30,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filter
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS, Flow
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Fleet, Robot
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import Parameters
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import spelling, to_plain
 
 UPSTREAM = ("fkie_apt", "fkie_existing")
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import TEST_NODES
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Exchange, Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.exchange import TEST_NODES
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Exchange, Observation
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.uris import plain
 
 OWN_TOPICS = "/multimaster_verify/"  # of the verification itself
 MOST = 2000  # names of a robot that are kept

@@ -12,18 +12,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import TITLES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     LINE,
     LONGEST,
     plain,
     plain_data,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.discovery import arrows
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.matrices import Matrices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.arrows import arrows
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import SIGNS, Mark, picture
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import TITLES
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, UNKNOWN, WARNING
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 

@@ -16,10 +16,10 @@ from itertools import islice
 from typing import TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, RobotNetwork
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.ways import COMMON
 
 _T = TypeVar("_T")
 

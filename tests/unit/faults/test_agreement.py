@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "tests" / "unit" / "plugins" / "plugin_utils" / "_world")]
 
 from agreement import agreement  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned  # noqa: E402
 from worlds import change, fig12, info_of  # noqa: E402

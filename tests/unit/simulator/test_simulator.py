@@ -11,15 +11,15 @@ from collections import Counter
 from random import Random
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     FAILED,
     OK,
     Verification,
     evaluate,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain, to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
 
 from tests.simulator import faults, harness, inventories
 from tests.simulator.observe import observe

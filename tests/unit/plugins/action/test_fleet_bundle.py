@@ -16,10 +16,10 @@ import zipfile
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_bundle, fleet_report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 
 UNIT = pathlib.Path(__file__).parents[1] / "plugin_utils"
-sys.path[:0] = [str(UNIT / "_verify"), str(UNIT / "_bundle")]
+sys.path[:0] = [str(UNIT), str(UNIT / "_bundle")]
 import fleets  # noqa: E402
 from planted import PLANTED  # noqa: E402
 

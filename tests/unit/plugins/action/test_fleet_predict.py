@@ -10,7 +10,7 @@ import types
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_predict
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned
 

@@ -4,9 +4,9 @@
 """The filter talkers_heard: a robot hears who gives it something, as far as talkers run."""
 
 from ansible_collections.rosfleet.multimaster.plugins.filter.talkers_heard import talkers_heard
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
 
 ADDRESSES = {"a-pc": "192.168.1.1", "b-pc": "192.168.1.2", "c-pc": "192.168.1.3"}
 RUNNING = {"started": {"talker": {"running": True}}}

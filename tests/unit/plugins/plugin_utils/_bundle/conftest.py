@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Lets these tests import the fleets of the tests of the verification."""
+"""The module `planted`, which the tests of bundles share, is beside this file."""
 
 import pathlib
 import sys
 
-sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[1] / "_verify")]
+sys.path.insert(0, str(pathlib.Path(__file__).parent))

@@ -14,8 +14,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secre
     named,
     values,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Differing
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Differing
 from planted import ORDINARY, PLANTED, TIME, any_secret
 
 

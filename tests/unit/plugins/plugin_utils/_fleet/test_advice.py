@@ -9,8 +9,8 @@ import re
 import shlex
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FAULTS, Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import FAULTS, Part
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -105,8 +105,8 @@ PROGRAM = re.compile(
 #: file -> why it may put values into a text that begins as a command
 OTHERS = {
     "_fleet/advice.py": "it is the one",
-    "_verify/parts.py": "texts of ours, filled by Part._advice, which asks it",
-    "_verify/commands.py": "the place is planned, and each command is one of advice.command",
+    "_case/parts.py": "texts of ours, filled by Part._advice, which asks it",
+    "_diagnosis/commands.py": "the place is planned, and each command is one of advice.command",
     "_plan/preflight.py": "before and after a command of ours; the one with an interface is of advice.command",
     "_plan/providers.py": "before a command of ours",
     "_plan/environment.py": "before a command of ours",

@@ -10,13 +10,13 @@ import pathlib
 import sys
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import contradictions
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports as exports_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

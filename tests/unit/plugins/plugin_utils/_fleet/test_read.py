@@ -6,10 +6,10 @@
 import copy
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
 from hypothesis import given
 from hypothesis import strategies as st
 

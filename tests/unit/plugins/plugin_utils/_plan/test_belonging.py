@@ -3,9 +3,9 @@
 
 """Who belongs to the fleet: addresses and URIs of each robot, on gateways and behind them."""
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import to_plain
 
 TIBI = {
     "multimaster_network": "192.168.11.0/24",

@@ -13,9 +13,9 @@ import subprocess
 import sys
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound, ComputerPlan, Setting
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plain import from_plain
 
 PLAN = {
     "computer": "kobuki1computer",

@@ -8,15 +8,15 @@ from html.parser import HTMLParser
 
 import fleets
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, Row
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Found
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import KINDS, MOST, Matrices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page as page_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.matrices import KINDS, MOST, Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import flows
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify import report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnosis import Diagnosis, Found
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.engine import FAILED, OK, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observations import Ping
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.parts import Part
 from reported import TEMPLATE, reported
 
 

@@ -1,0 +1,283 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A case: one observer and one target of a fleet, with everything that a check may look at."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Exchanges
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import ReadFilters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON, Way, Ways
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    Datagrams,
+    Exchange,
+    ForwardingInterface,
+    HeardTopic,
+    Icmp,
+    ListedMaster,
+    Multicast,
+    Observation,
+    Probe,
+    SeenMaster,
+    SeenMember,
+    Stream,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
+    ComputerPlan,
+    FleetPlan,
+    Master,
+    Member,
+)
+
+ANSWERS_BROADCASTS = ("net.ipv4.icmp_echo_ignore_broadcasts", "0")
+
+
+@dataclass(frozen=True)
+class Participant:
+    """A computer of the run: its plan and its observation, with an index for each list of the observation."""
+
+    name: str
+    plan: ComputerPlan
+    seen: Observation
+    members: Mapping[str, SeenMember] = field(default_factory=dict)
+    masters: Mapping[str, SeenMaster] = field(default_factory=dict)  # by computer
+    listed: Mapping[str, ListedMaster] = field(default_factory=dict)
+    topics: Mapping[str, HeardTopic] = field(default_factory=dict)  # by computer of the talker
+    streams: Mapping[str, Stream] = field(default_factory=dict)  # by computer, to which it was sent
+    udp: Mapping[str, Datagrams] = field(default_factory=dict)
+    answered: frozenset[str] = frozenset()  # the members that answered its pings
+    callers: frozenset[str] = frozenset()  # the addresses from which it was called
+    # who answered each round of pings of the group, by the number of the round
+    rounds: Sequence[tuple[int, frozenset[str]]] = ()
+    answers_broadcasts: bool = False  # by plan
+    claimed: Mapping[str, bool] = field(default_factory=dict)  # address on its networks -> somebody answered for it
+    macs: frozenset[str] = frozenset()  # its hardware addresses
+
+    @classmethod
+    def of(cls, name: str, plan: ComputerPlan, seen: Observation) -> Participant:
+        """Index an observation."""
+        probe = seen.probe or Probe()
+        multicast = seen.multicast or Multicast()
+        return cls(
+            name=name,
+            plan=_possible(plan, seen),
+            seen=seen,
+            members={entry.name: entry for entry in probe.members},
+            masters={entry.computer: entry for entry in probe.masters},
+            listed={entry.name: entry for entry in probe.list_masters.masters},
+            topics={entry.computer: entry for entry in probe.topics},
+            streams=_streams(seen),
+            udp={entry.name: entry for entry in multicast.udp},
+            answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
+            callers=frozenset(entry.address for entry in multicast.callers),
+            rounds=_rounds(multicast.icmp),
+            claimed=_claimed(probe),
+            macs=frozenset(entry.mac.lower() for entry in probe.forwarding.interfaces if entry.mac),
+            answers_broadcasts=ANSWERS_BROADCASTS in {(entry.name, entry.value) for entry in plan.sysctl},
+        )
+
+    @property
+    def services(self) -> tuple[str, ...]:
+        """The services that are to run, with the one of a gateway that passes the group on."""
+        return (*self.plan.services, *(("multicast-routing",) if self.plan.multicast_routing else ()))
+
+    @property
+    def without_ros(self) -> bool:
+        """True for the router, and for a second computer of a robot without ROS; a master's computer needs ROS."""
+        return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))
+
+
+def _streams(seen: Observation) -> Mapping[str, Stream]:
+    return {entry.computer: entry for entry in seen.streams.streams} if seen.streams else {}
+
+
+def _claimed(probe: Probe) -> Mapping[str, bool]:
+    found: dict[str, bool] = {}
+    for claim in probe.claims:
+        found[claim.address] = found.get(claim.address, False) or bool(claim.macs)
+    return found
+
+
+def _possible(plan: ComputerPlan, seen: Observation) -> ComputerPlan:
+    """Leave out of a plan the services that cannot run there, as preflight found."""
+    return plan if seen.services is None else replace(plan, services=seen.services)
+
+
+def _rounds(icmp: Icmp | None) -> Sequence[tuple[int, frozenset[str]]]:
+    return [(entry.round, frozenset(entry.answered)) for entry in icmp.rounds] if icmp else ()
+
+
+def _set_up(computer: Participant) -> bool:
+    """The collection has records there; so it is taken where nobody looked."""
+    return computer.seen.found is None or computer.seen.found.set_up
+
+
+def _runs(computer: Participant) -> bool:
+    return computer.seen.found is not None and bool(computer.seen.found.runs)
+
+
+def wrong_prefixes(computer: Participant) -> list[str]:
+    """List the planned addresses of a computer whose interface has a network of another size."""
+    sizes = {str(entry.address): entry.network.prefixlen for entry in computer.plan.networks}
+    seen = computer.seen.probe.forwarding.interfaces if computer.seen.probe else ()
+    pairs = (pair for entry in seen for pair in zip(entry.addresses, entry.prefixes, strict=False))
+    return [f"{address}/{size}" for address, size in pairs if sizes.get(address, size) != size]
+
+
+def own_networks(computer: Participant, ways: Ways) -> dict[str, ForwardingInterface]:
+    """Return the interface of a computer on each of its networks, as far as it was looked at."""
+    probe, plan = computer.seen.probe, computer.plan
+    planned = {str(plan.common_address): COMMON, str(plan.address): ways.network(plan.robot)}
+    return {
+        planned[address]: interface
+        for interface in (probe.forwarding.interfaces if probe else ())
+        for address in interface.addresses
+        if address in planned
+    }
+
+
+def own_mtus(computer: Participant, ways: Ways) -> dict[str, int]:
+    """Return the MTU of a computer on each of its networks, as far as it was looked at."""
+    networks = own_networks(computer, ways).items()
+    return {network: interface.mtu for network, interface in networks if interface.mtu is not None}
+
+
+def usual_mtus(computers: Iterable[Participant], ways: Ways) -> dict[str, int]:
+    """Return the MTU that most computers have on each network."""
+    counts: dict[str, Counter[int]] = defaultdict(Counter)
+    for computer in computers:
+        for network, mtu in own_mtus(computer, ways).items():
+            counts[network][mtu] += 1
+    return {network: max(sizes, key=lambda mtu: (sizes[mtu], mtu)) for network, sizes in counts.items()}
+
+
+@dataclass(frozen=True)
+class Everything:
+    """The fleet and all that was seen of it, which all cases share."""
+
+    fleet: FleetPlan
+    ways: Ways
+    run: Mapping[str, Participant]  # the computers of this run
+    exchanges: Exchanges
+    usual: Mapping[str, int]  # network -> the MTU that most have there
+    least: float  # Mbit/s that are expected of a stream; 0 for any
+    filters: ReadFilters  # the packet filters, by the rules that were read
+
+
+class Case:  # no dataclass: there are hundreds of thousands in a large fleet, and each is looked at by many checks
+    """The fleet, an observer, and a target, which is a member or a master of the plan."""
+
+    __slots__ = (
+        "address",
+        "counted",
+        "exchanges",
+        "filters",
+        "fleet",
+        "least",
+        "member",
+        "observer",
+        "own",
+        "peer",
+        "planned",
+        "probe",
+        "run",
+        "stream",
+        "target",
+        "target_master",
+        "topic",
+        "udp",
+        "usual",
+        "ways",
+        "_way",
+    )
+
+    def __init__(
+        self, everything: Everything, observer: Participant, target: str, address: str, target_master: Master | None
+    ) -> None:
+        self.fleet = everything.fleet
+        self.ways = everything.ways
+        self.run = everything.run
+        self.exchanges = everything.exchanges
+        self.filters = everything.filters
+        self.usual = everything.usual
+        self.least = everything.least
+        self.observer = observer
+        self.target = target
+        self.address = address  # of the target
+        self.counted = False  # what is good is only counted: nobody reads its sentences
+        self.target_master = target_master  # in a check of masters only
+        # the result of multimaster_verify on the observer
+        self.probe: Probe | None = observer.seen.probe
+        # the target, if it takes part in this run, and the datagrams between the two
+        self.peer: Participant | None = self.run.get(target)
+        self.udp: Datagrams | None = observer.udp.get(target) if self.peer is not None else None
+        # the target, as multimaster_verify on the observer saw it, and the topic of its talker
+        self.member: SeenMember | None = observer.members.get(target)
+        self.topic: HeardTopic | None = observer.topics.get(target)
+        self.stream: Stream | None = observer.streams.get(target)
+        # target and observer among the members of the plan; None for the router
+        self.planned: Member | None = self.ways.members.get(target)
+        self.own: Member | None = self.ways.members.get(observer.name)
+        self._way: Way | None = None
+
+    @property
+    def master(self) -> Master:
+        """The master that the target is, in a check of masters. Raises LookupError in other checks."""
+        if self.target_master is None:
+            raise LookupError(f"{self.target} is looked at as a computer, not as a master")
+        return self.target_master
+
+    @property
+    def robots(self) -> tuple[str, str]:
+        """The robot of the observer, and that of the target."""
+        its = self.target_master or self.planned
+        return self.observer.plan.robot, its.robot if its else ""
+
+    @property
+    def exchange(self) -> Exchange | None:
+        """The content of the observer's roscore; None without a roscore, and where it does not answer."""
+        if not self.observer.plan.is_master or self.probe is None or self.probe.roscore.error:
+            return None
+        return self.probe.exchange
+
+    @property
+    def by_hand(self) -> bool:
+        """The collection did not set the computer up, and not its robot's master, where something else runs the nodes."""
+        if _set_up(self.observer):
+            return False
+        master = self.run.get(self.masters[0])
+        return master is None or (not _set_up(master) and (master is not self.observer or _runs(master)))
+
+    @property
+    def back_udp(self) -> Datagrams | None:
+        """The datagrams between target and observer, as the target counts them."""
+        return self.peer.udp.get(self.observer.name) if self.peer else None
+
+    def hears_target(self) -> bool:
+        """Say if datagrams of the target arrive here on the group."""
+        return bool(self.udp and self.udp.heard_from)
+
+    @property
+    def way(self) -> Way:
+        """The planned way of packets to the target."""
+        if self._way is None:
+            self._way = self.ways.way(self.observer.plan, self.target)
+        return self._way
+
+    @property
+    def gateways(self) -> tuple[Gateway | None, Gateway | None]:
+        """The gateways on the way to the target; in a check of one computer the gateway of its network, and None."""
+        if self.target in self.ways.members and self.target != self.observer.name:
+            return self.way.own, self.way.its
+        behind = not self.observer.plan.common_address
+        return self.ways.gateways.get(self.observer.plan.robot) if behind else None, None
+
+    @property
+    def masters(self) -> tuple[str, str]:
+        """The computers with the roscores of the observer and of the target."""
+        return self.ways.master(self.observer.plan.robot), self.ways.master(self.planned.robot if self.planned else "")

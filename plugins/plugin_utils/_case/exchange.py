@@ -1,0 +1,332 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The exchange between robots: what each is to get of another one (Flows), compared with what its roscore holds (Exchanges).
+
+Pure: the plan of the fleet and the observed contents of roscores in, facts out. Each robot's registrations are read
+once. Pairs are compared by their sets, and names only where two robots have the same one.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import NamedTuple, cast
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import filters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    Connection,
+    Exchange,
+    Import,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+
+TEST_NODES = "/multimaster_verify_"  # the beginning of the names of the verification's own nodes
+
+
+class Item(NamedTuple):
+    """One registration of a node."""
+
+    kind: str  # publisher, subscriber or service
+    name: str
+    node: str
+
+    def __str__(self) -> str:
+        return f"the {self.kind} {self.name} of {self.node}" if self.kind != "service" else f"the service {self.name}"
+
+
+class Clash(NamedTuple):
+    """A node or service that two robots have: a roscore can hold only one of them."""
+
+    kind: str  # node or service
+    name: str
+    robots: tuple[str, str]
+
+
+class Conflict(NamedTuple):
+    """A topic that is something else on two robots; each of the two is (robot, type, md5 sum)."""
+
+    topic: str
+    one: tuple[str, str, str]
+    other: tuple[str, str, str]
+
+
+@dataclass(frozen=True)
+class Rules(filters.Rules):
+    """The rules for a pair of robots: the filters of the receiving one, and the declared flow where there is one."""
+
+    hide_subscribers: filters.Pattern = filters.Pattern()  # a parameter of the giving robot
+
+    @classmethod
+    def of(cls, patterns: Mapping[str, Iterable[str]]) -> Rules:
+        """Make rules of patterns as people write them, by the names of the fields."""
+        rules = cls(**{rule.name: filters.usable(patterns.get(rule.name, ())) for rule in fields(cls)})
+        return cast(Rules, rules.closed())  # closed() keeps the class
+
+    def passes(self, item: Item, type_name: str) -> bool:
+        """Say if a registration is to be known to the receiving robot."""
+        if item.kind == "service":
+            return self.service(item.node, item.name)
+        if item.kind == "subscriber" and self.hide_subscribers.matches(item.name):
+            return False
+        return self.topic(item.node, item.name, type_name, item.kind == "publisher")
+
+
+NOTHING = Rules.of({"ignore_nodes": ("*",)})
+
+
+class Flows:
+    """The planned flows between the robots of a fleet."""
+
+    def __init__(self, fleet: FleetPlan) -> None:
+        self._masters = fleet.master_of
+        self._plans = {robot: fleet.computers[master.computer] for robot, master in self._masters.items()}
+        self._given: dict[tuple[str, str], tuple[list[str], list[str]]] = defaultdict(lambda: ([], []))
+        for flow in fleet.flows:
+            for source in flow.givers:
+                for target in flow.to:
+                    if source != target:
+                        topics, services = self._given[source, target]
+                        topics += flow.topics
+                        services += flow.services
+        self._rules: dict[tuple[str, str], Rules] = {}
+        self._same: dict[tuple[tuple[str, ...], ...], Rules] = {}  # of the same patterns there is one
+        self._filters = {
+            robot: filters.Filters(plan.sync, lenient=True) for robot, plan in self._plans.items()
+        }  # of the receiving robots
+        self._general: dict[
+            str, Mapping[str, Sequence[str]]
+        ] = {}  # robot -> patterns, where none is for one master alone
+
+    def rules(self, source: str, target: str) -> Rules:
+        """Return the rules by which registrations pass from one robot to another."""
+        key = source, target
+        if key not in self._rules:
+            self._rules[key] = self._made(source, target)
+        return self._rules[key]
+
+    def declared_away(self, source: str, target: str) -> bool:
+        """Say if a robot with a declaration (multimaster_exports) gives another one nothing."""
+        return self._masters[source].declared and self.rules(source, target) == NOTHING
+
+    def _made(self, source: str, target: str) -> Rules:
+        """Make the rules of a pair. The declared flow itself is used, not the white lists that the plan makes of it."""
+        name, parameters = self._masters[source].name, self._filters[target]
+        if any(map(parameters.values.get, filters.HOSTS)) and not parameters.wants_host(name):
+            return NOTHING
+        values: dict[str, Iterable[str]] = {**self._patterns(target, name)}
+        if self._masters[source].declared:
+            topics, services = self._given.get((source, target), ((), ()))
+            if not topics and not services:
+                return NOTHING
+            values.update(sync_nodes=(), sync_topics=(*topics, VERIFICATION_TOPICS), sync_services=tuple(services))
+        hidden = self._plans[source].discovery.get("hide_subscribers", ())
+        values["hide_subscribers"] = hidden
+        key = tuple(tuple(patterns) for patterns in values.values())
+        if key not in self._same:
+            self._same[key] = Rules.of(values)
+        return self._same[key]
+
+    def _patterns(self, target: str, name: str) -> Mapping[str, Sequence[str]]:
+        """Return the patterns of a receiving robot for a master: mostly those for all masters, which are read once."""
+        parameters = self._filters[target]
+        if _particular(parameters.values.values()):
+            return {rule: parameters.patterns(rule, name) for rule in filters.NAMES}
+        if target not in self._general:
+            self._general[target] = {rule: tuple(parameters.patterns(rule, name)) for rule in filters.NAMES}
+        return self._general[target]
+
+
+def _particular(values: Iterable[object]) -> bool:
+    """Say if some of the parameters of master_sync are for one master alone: such are mappings."""
+    return any(isinstance(value, dict) or (isinstance(value, list) and _particular(value)) for value in values)
+
+
+class Has(NamedTuple):
+    """The content of a robot's roscore, indexed."""
+
+    own: Mapping[Item, str]  # registration of an own node -> type
+    sums: Mapping[str, tuple[str, str]]  # topic of own nodes -> type, md5 sum
+    imported: Mapping[str, Mapping[Item, str]]  # URI of the other master -> item -> type
+
+    @classmethod
+    def of(cls, exchange: Exchange) -> Has:
+        """Index an observation."""
+        return cls(
+            own=dict(_items(exchange)),
+            sums={topic.name: (topic.type, topic.md5sum) for topic in exchange.topics},
+            imported={plain(part.master): dict(_items(part)) for part in exchange.imports},
+        )
+
+    def names(self) -> dict[tuple[str, str], list[Item]]:
+        """List the registrations by (kind, name) of own nodes and services, without those that every robot has."""
+        found: dict[tuple[str, str], list[Item]] = defaultdict(list)
+        for item in self.own:
+            if filters.matches(filters.BUILT_IN["ignore_nodes"], item.node) or item.node.startswith(TEST_NODES):
+                continue
+            found["node", item.node].append(item)
+            if item.kind == "service":
+                found["service", item.name].append(item)
+        return found
+
+
+def _items(part: Exchange | Import) -> Iterator[tuple[Item, str]]:
+    """Yield each registration with its type."""
+    for topic in part.topics:
+        for kind, nodes in (("publisher", topic.publishers), ("subscriber", topic.subscribers)):
+            for node in nodes:
+                yield Item(kind, topic.name, node), topic.type
+    for service in part.services:
+        yield Item("service", service.name, service.node), ""
+
+
+class Exchanges:
+    """The contents of all roscores of a run, beside the planned flows."""
+
+    def __init__(self, fleet: FleetPlan, seen: Mapping[str, Exchange]) -> None:
+        """Index the contents of the roscores, by robot; robots that gave none are left out."""
+        self.flows = Flows(fleet)
+        self.robots = {robot: Has.of(exchange) for robot, exchange in seen.items()}
+        self._uris = {master.robot: plain(master.uri) for master in fleet.masters}
+        self._wanted: dict[tuple[str, int], frozenset[Item]] = {}  # robot, and the rules, of which equal ones are one
+        self._holders, self._shared = _held_twice({robot: has.names() for robot, has in self.robots.items()})
+        self._unlike = _unlike({robot: has.sums for robot, has in self.robots.items()})
+
+    def wanted(self, source: str, target: str) -> frozenset[Item]:
+        """Return what a robot is to get of another one that was looked at."""
+        rules = self.flows.rules(source, target)
+        key = source, id(rules)
+        if key not in self._wanted:
+            self._wanted[key] = frozenset(
+                item
+                for item, kind in self.robots[source].own.items()
+                if not item.node.startswith(TEST_NODES)
+                and not (item.kind == "publisher" and kind in filters.UNKNOWN_TYPES)
+                and rules.passes(item, kind)
+            )
+        return self._wanted[key]
+
+    def missing(self, source: str, target: str) -> list[Item]:
+        """List what a robot is to get and has not, without what it refuses for a reason that another check tells."""
+        if source not in self.robots:
+            return []
+        absent = self.wanted(source, target) - self.imported(source, target).keys()
+        if not absent:
+            return []
+        clashes = {(clash.kind, clash.name) for clash in self.clashes(source, target)}
+        topics = {conflict.topic for conflict in self.conflicts(source, target)}
+        return sorted(
+            item
+            for item in absent
+            if ("node", item.node) not in clashes
+            and (item.name not in topics if item.kind != "service" else ("service", item.name) not in clashes)
+        )
+
+    def superfluous(self, source: str, target: str) -> list[Item]:
+        """List what a robot has of another one and is not to get."""
+        has = self.imported(source, target)
+        known = self.wanted(source, target) if source in self.robots else frozenset()
+        rules = self.flows.rules(source, target)
+        return sorted(item for item in has.keys() - known if not rules.passes(item, has[item]))
+
+    def imported(self, source: str, target: str) -> Mapping[Item, str]:
+        """Return what a robot that was looked at has of another one, with the types."""
+        return self.robots[target].imported.get(self._uris[source], {})
+
+    def clashes(self, source: str, target: str) -> list[Clash]:
+        """List the names that pass from `source` and that `target` has itself, or gets of a third robot."""
+        found: dict[tuple[str, str], Clash] = {}
+        for key in self._shared.get(source, ()):  # nodes come first
+            if key[0] == "service" and ("node", self._holders[key][source][0].node) in found:
+                continue  # with its node, that is told already
+            if self._passes(key, source, target) and (other := self._other(key, source, target)):
+                first, second = sorted((source, other))
+                found[key] = Clash(*key, robots=(first, second))
+        return list(found.values())
+
+    def _other(self, key: tuple[str, str], source: str, target: str) -> str | None:
+        holders = self._holders[key]
+        if target in holders:
+            return target
+        return next((robot for robot in holders if robot != source and self._passes(key, robot, target)), None)
+
+    def _passes(self, key: tuple[str, str], source: str, target: str) -> bool:
+        return not self.wanted(source, target).isdisjoint(self._holders[key][source])
+
+    def conflicts(self, source: str, target: str) -> list[Conflict]:
+        """List the topics that pass from `source` and that own nodes of `target` have with another type or md5 sum."""
+        mine, theirs = self.robots[target].sums, self.robots[source].sums
+        topics = [
+            name for name in self._unlike if name in mine and name in theirs and _differ(mine[name], theirs[name])
+        ]
+        if not topics:
+            return []
+        passing = {item.name for item in self.wanted(source, target) if item.kind != "service"}
+        return [Conflict(name, (source, *theirs[name]), (target, *mine[name])) for name in topics if name in passing]
+
+    def odd(self, conflict: Conflict) -> str:
+        """Name the robot that alone has another type or md5 sum of a topic than all others; empty where nobody can tell."""
+        topic = conflict.topic
+        kinds = {robot: has.sums[topic] for robot, has in self.robots.items() if topic in has.sums}
+        alone = [
+            one for one in kinds if all(_differ(kinds[one], kind) for robot, kind in kinds.items() if robot != one)
+        ]
+        return alone[0] if len(alone) == 1 else ""
+
+    def crossing(self, links: Iterable[Connection], own: str, other: str) -> list[Connection]:
+        """List the connections between nodes of two robots that neither the publisher nor the subscriber explains.
+
+        A subscriber that passes hears all publishers of its topic on the other robot, also nodes that never pass themselves.
+        """
+        types = self.robots[own].sums
+        found = []
+        for link in links:
+            if link.robot != other:
+                continue
+            mine, theirs = (own, link.node), (other, link.peer)
+            publisher, subscriber = (theirs, mine) if link.direction == "in" else (mine, theirs)
+            kind = types.get(link.topic, ("", ""))[0]
+            passing = self.flows.rules(publisher[0], subscriber[0]).passes(
+                Item("publisher", link.topic, publisher[1]), kind
+            )
+            back = self.flows.rules(subscriber[0], publisher[0]).passes(
+                Item("subscriber", link.topic, subscriber[1]), kind
+            )
+            if not passing and not back:
+                found.append(link)
+        return found
+
+
+def _held_twice(
+    names: Mapping[str, Mapping[tuple[str, str], Sequence[Item]]],
+) -> tuple[dict[tuple[str, str], dict[str, Sequence[Item]]], dict[str, list[tuple[str, str]]]]:
+    """Find the (kind, name) that several robots have: robot and registrations of each, and the list of each robot."""
+    holders: dict[tuple[str, str], dict[str, Sequence[Item]]] = defaultdict(dict)
+    for robot, held in names.items():
+        for key, items in held.items():
+            holders[key][robot] = items
+    holders = {key: robots for key, robots in holders.items() if len(robots) > 1}
+    shared: dict[str, list[tuple[str, str]]] = defaultdict(list)
+    for key in sorted(holders):
+        for robot in holders[key]:
+            shared[robot].append(key)
+    return holders, shared
+
+
+def _unlike(sums: Mapping[str, Mapping[str, tuple[str, str]]]) -> list[str]:
+    """List the topics that are not the same on all robots that have them."""
+    kinds: dict[str, set[tuple[str, str]]] = defaultdict(set)
+    for topics in sums.values():
+        for name, kind in topics.items():
+            kinds[name].add(kind)
+    return sorted(name for name, found in kinds.items() if len(found) > 1)
+
+
+def _differ(one: tuple[str, str], other: tuple[str, str]) -> bool:
+    """Say if two of (type, md5 sum) are known to be different."""
+    if one[0] in filters.UNKNOWN_TYPES or other[0] in filters.UNKNOWN_TYPES:
+        return False
+    return one[0] != other[0] or bool(one[1] and other[1] and one[1] != other[1])

@@ -1,0 +1,167 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The packet filters on the planned way of a packet, by the rules that were read on the computers.
+
+A rule that drops what has failed is the reason. Where all rules were read and understood and none of them drops it, a packet
+filter is a poor explanation; it is none for sure nowhere, since some do not show themselves (XDP, the old iptables).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from ipaddress import IPv4Address
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part, both
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Filters, Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Member
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, packets, planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
+    FORWARD,
+    IN,
+    OUT,
+    Machine,
+    Packet,
+    Rule,
+    World,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.prediction import NODES
+
+GROUP, ROSCORE = "group", "roscore"
+ALL = "all"  # of a rule, or of a policy, that is for packets of any kind
+# the word of a filter's mode -> the protocol of such packets
+TRAFFIC: Mapping[str, str] = {"icmp": "icmp", "udp": "udp", GROUP: "udp", "rpc": "tcp", ROSCORE: "tcp", "nodes": "tcp"}
+WORDS = {IN: "in", OUT: "out"}
+CHAINS = {"in": (IN,), "out": (OUT,), "forward": (FORWARD,)}  # by the last word of a mode; of the others both ends
+
+
+class ReadFilters:
+    """The rules of all computers of a run, on the ways of the plan."""
+
+    def __init__(self, fleet: FleetPlan, observations: Mapping[str, Observation]) -> None:
+        self._fleet = fleet
+        self._observations = observations
+        self._members: Mapping[str, Member] = {member.name: member for member in fleet.members}
+        self._known: dict[tuple[str, str, str], Part | None] = {}
+
+    def dropping(self, sender: str, target: str, traffic: str) -> Part | None:
+        """Return the packet filter that drops a packet of this kind, or its answer; None where no rule is known to."""
+        key = (sender, target, traffic)
+        if key not in self._known:
+            self._known[key] = self._dropping(*key)
+        return self._known[key]
+
+    def lets_pass(self, part: Part) -> bool:
+        """Say if the rules at the place of a filter were all read and understood, in the chains that would drop it."""
+        seen = self._observations.get(part.place)
+        if seen is None or seen.filters is None or not seen.filters.readable or part.place not in self._world.machines:
+            return False
+        chains = CHAINS.get(part.mode.rpartition(" ")[2], (IN, OUT))
+        return self._world.machines[part.place].unclear.isdisjoint(chains)
+
+    def _dropping(self, sender: str, target: str, traffic: str) -> Part | None:
+        member, machines = self._members.get(target), self._world.machines
+        if member is None or sender not in machines or target not in machines:
+            return None
+        if traffic == GROUP:
+            return self._of_group(sender, target)
+        way = packets.echo(self._world, sender, self._packet(member, traffic))
+        failed = way.failed
+        if failed is None or failed.rule is None or failed.rule.chain in machines[failed.where].unclear:
+            return None  # nobody drops it, or a rule that is not understood may have let it pass before
+        if _of_two(failed.rule):
+            return Part("filter", both(sender, target), "pair")
+        if failed.rule.chain == FORWARD:
+            return Part("filter", failed.where, "forward", TRAFFIC[traffic].upper() if failed.rule.protocol else "")
+        mode = traffic if failed.rule.protocol else ALL
+        answered = failed is way.back
+        return Part("filter", failed.where, mode if answered else f"{mode} {WORDS[failed.rule.chain]}")
+
+    def _of_group(self, sender: str, target: str) -> Part | None:
+        """Return the filter at one of the two ends that drops a datagram to the group."""
+        speaker, hearer = (self._world.machines[name] for name in (sender, target))
+        source, there = (self._address(name) for name in (sender, target))
+        packet = Packet("udp", IPv4Address(self._fleet.multicast_group), source=source, port=self._fleet.multicast_port)
+        leaving, coming = (_device(one, own) for one, own in ((speaker, source), (hearer, there)))
+        ends = (
+            (speaker, OUT, speaker.objection(OUT, packet, leaving=leaving)),
+            (hearer, IN, hearer.objection(IN, packet, coming)),
+        )
+        for machine, chain, rule in ends:
+            if rule is not None and chain not in machine.unclear:
+                mode = GROUP if rule.destinations else "udp" if rule.protocol else ALL
+                return Part("filter", machine.name, f"{mode} {WORDS[chain]}")
+        return None
+
+    def _packet(self, member: Member, traffic: str) -> Packet:
+        protocol = TRAFFIC[traffic]
+        if traffic == "icmp":
+            return Packet(protocol, member.address)
+        if traffic == "udp":
+            return Packet(protocol, self._address(member.name), port=self._fleet.multicast_port)
+        return Packet(protocol, member.address, port=self._port(member.name, traffic))
+
+    def _port(self, name: str, traffic: str) -> int:
+        if traffic == ROSCORE:
+            return self._fleet.computers[name].roscore_port
+        ports = (master.rpc_port for master in self._fleet.masters if master.computer == name)
+        return next(ports, NODES) if traffic == "rpc" else NODES
+
+    def _address(self, name: str) -> IPv4Address:
+        """Return the address by which a computer is discovered, or else its own."""
+        member = self._members.get(name)
+        return (member.discovery_address or member.address) if member else self._fleet.computers[name].address
+
+    @cached_property
+    def _world(self) -> World:
+        world = planned.planned(self._fleet)
+        read = {
+            name: _with_rules(world.machines[name], seen, seen.filters)
+            for name, seen in self._observations.items()
+            if name in world.machines and seen.filters is not None and seen.filters.readable
+        }
+        return World({**world.machines, **read}, world.links)
+
+
+def _with_rules(machine: Machine, seen: Observation, filters: Filters) -> Machine:
+    """Return the planned machine with the names of its interfaces and the rules that were read; as planned where they make no sense."""
+    chains = [to_plain(chain) for chain in filters.chains]
+    try:
+        rules, unclear = found.rules(chains), found.unclear(chains)
+    except (LookupError, TypeError, ValueError):
+        return replace(machine, unclear=frozenset({IN, OUT, FORWARD}))
+    names = _names(machine, seen)
+    return replace(
+        machine,
+        interfaces=tuple(replace(one, name=names[one.name]) for one in machine.interfaces),
+        routes=tuple(replace(route, device=names.get(route.device, route.device)) for route in machine.routes),
+        rules=(*rules, *machine.rules),
+        unclear=unclear,
+    )
+
+
+def _names(machine: Machine, seen: Observation) -> dict[str, str]:
+    """Return the real name of each interface of a planned machine, as far as somebody has one of its addresses."""
+    real = {
+        address: entry.interface
+        for entry in (seen.probe.forwarding.interfaces if seen.probe else ())
+        for address in entry.addresses
+    }
+    own = {one.name: [str(entry.ip) for entry in one.addresses] for one in machine.interfaces}
+    return {
+        name: next((real[address] for address in addresses if address in real), name) for name, addresses in own.items()
+    }
+
+
+def _of_two(rule: Rule) -> bool:
+    """Say if a rule is for one sender and one receiver alone."""
+    ends = (rule.sources, rule.destinations)
+    return all(len(networks) == 1 and networks[0].prefixlen == 32 for networks in ends)
+
+
+def _device(machine: Machine, address: IPv4Address | None) -> str:
+    interface = machine.interface_of(address) if address else None
+    return interface.name if interface else ""

@@ -1,0 +1,339 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The needs of an observation: the parts on the way between two computers, and those of ROS between two robots.
+
+Pure: a case in, parts out. A check joins these sets; see `engine.Check`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part, both
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
+
+Parts = frozenset[Part]
+NONE: Parts = frozenset()
+
+NAMES = ("unknown", "loopback", "old", "several")  # a name that means something else
+DISCOVERY = ("dead", "hung", "group")
+
+
+def of(kind: str, place: str, *modes: str, what: str = "") -> Parts:
+    """Make parts of one kind at one place; none where nobody is there."""
+    return frozenset(Part(kind, place, mode, what) for mode in modes) if place else NONE
+
+
+# The network
+
+
+def way(case: Case, one: str, other: str) -> Parts:
+    """List the parts that a packet and its answer need between two computers."""
+    if not one or not other or one == other:
+        return NONE
+    known = case.ways.parts
+    if (one, other) not in known:
+        known[one, other] = _way(case, one, other)
+    return known[one, other]
+
+
+def _way(case: Case, one: str, other: str) -> Parts:
+    parts = set(of("filter", both(one, other), "pair"))
+    for computer in (one, other):
+        parts |= of("computer", computer, "off") | of("interface", computer, "address", "prefix")
+    parts |= duplicates(case, one, other) | neighbours(case, one, other) | neighbours(case, other, one)
+    for asks, answers in pairwise(dict.fromkeys(place for place, _network in links(case, one, other))):
+        parts |= of("neighbour", asks, "fixed", what=answers) | of("neighbour", answers, "fixed", what=asks)
+    for place, network in links(case, one, other):
+        parts |= of("link", place, "down", what=network) | of("network", network, "dead")
+    for gateway in gateways(case, one, other):
+        parts |= of("computer", gateway, "off") | of("forwarding", gateway, "off") | of("filter", gateway, "forward")
+        parts |= of("reverse_path", gateway, "strict")
+    return frozenset(parts | _routes(case, one, other))
+
+
+def neighbours(case: Case, sender: str, target: str) -> Parts:
+    """List who has to answer ARP, so that a packet gets from one computer to the other; its answer needs those of the way back."""
+    pairs = pairwise(dict.fromkeys(place for place, _network in links(case, sender, target)))
+    return joined(of("neighbour", answers, "mute") for _asks, answers in pairs)
+
+
+def duplicates(case: Case, one: str, other: str) -> Parts:
+    """List the addresses on the way that somebody else may have, too. Of two, chance says which one a neighbour gets."""
+    pairs = pairwise(dict.fromkeys(place for place, _network in links(case, one, other)))
+    return joined(
+        of("interface", place, "duplicate", what=what)
+        for asks, answers in pairs
+        for place, other_one in ((answers, asks), (asks, answers))
+        for what in (other_one, "")
+    )
+
+
+def _routes(case: Case, one: str, other: str) -> Parts:
+    """List the routes that the packet and its answer need: those of the two ends, and those of the gateways between them."""
+    if _robot(case, one) == _robot(case, other):
+        return NONE
+    member = case.ways.members.get(other)
+    there = (
+        case.ways.network(member.robot) if member else COMMON
+    )  # of the address of the other, which may be a gateway's
+    back = _network(case, one) if _gateway(case, one) else COMMON
+    if is_in(case, one, there) and is_in(case, other, back):
+        return NONE
+    between = gateways(case, one, other)
+    parts = set(of("route", one, "defaults") | of("route", other, "defaults"))
+    for destination, computers in ((there, [one, *between]), (back, [*between, other])):
+        for computer in computers:
+            parts |= of("route", computer, "circle", what=destination) | of("route", computer, "closed", "rule")
+            if not is_in(case, computer, destination):
+                parts |= of("route", computer, "missing", "other", what=destination)
+                parts |= of("route", computer, "missing", "other")
+    return frozenset(parts)
+
+
+def is_in(case: Case, computer: str, network: str) -> bool:
+    """Say if a computer has an address in a network."""
+    plan = case.fleet.computers.get(computer)
+    return plan is not None and (
+        network == case.ways.network(plan.robot) or (bool(plan.common_address) and network == COMMON)
+    )
+
+
+def _network(case: Case, computer: str) -> str:
+    """Name the network of a computer's address; the router's is the common one."""
+    return case.ways.network(_robot(case, computer))
+
+
+def links(case: Case, one: str, other: str) -> list[tuple[str, str]]:
+    """List the links on the way, as (computer, network), from one end to the other."""
+    robots = [_robot(case, name) for name in (one, other)]
+    if robots[0] == robots[1]:
+        network = _network(case, one)
+        return [(one, network), (other, network)]
+    return [*_out(case, one), *reversed(_out(case, other))]
+
+
+def _out(case: Case, computer: str) -> list[tuple[str, str]]:
+    """List the links from a computer to the common network."""
+    gateway = _gateway(case, computer)
+    if gateway is None:
+        return [(computer, COMMON)]
+    network = _network(case, computer)
+    return [(computer, network), (gateway.title, network), (gateway.title, COMMON)]
+
+
+def gateways(case: Case, one: str, other: str) -> list[str]:
+    """List the computers that pass the packets on."""
+    found = [place for (place, _network_), (next_, _other) in pairwise(links(case, one, other)) if place == next_]
+    plan = case.fleet.computers.get(one)
+    if found and plan and plan.routes_expected and case.fleet.router and case.fleet.router.name:
+        found.append(case.fleet.router.name)  # with multimaster_routes: existing they may go by it
+    return found
+
+
+def _robot(case: Case, computer: str) -> str:
+    member = case.ways.members.get(computer)
+    return member.robot if member else ""
+
+
+def _gateway(case: Case, computer: str) -> Gateway | None:
+    """Return the gateway that a computer is behind."""
+    plan = case.fleet.computers.get(computer)
+    found = case.ways.gateways.get(_robot(case, computer))
+    return None if found is None or plan is None or plan.common_address else found
+
+
+def large(case: Case, one: str, other: str) -> Parts:
+    """List the parts that lose only large packets on the way."""
+    if one == other:
+        return NONE
+    parts: set[Part] = set()
+    for place, network in links(case, one, other):
+        parts |= of("interface", place, "mtu", what=network) | of("network", network, "large")
+    for gateway in gateways(case, one, other):
+        parts |= of("forwarding", gateway, "large")
+    return frozenset(parts)
+
+
+def asked_for(case: Case, one: str, other: str) -> Parts:
+    """List what stands between two computers where nobody answers the question who has the next address on the way.
+
+    Whoever passes packets on tells that to their sender ("host unreachable"); of devices of another make nobody knows it.
+    """
+    parts: set[Part] = set()
+    for (place, network), (following, beyond) in pairwise(links(case, one, other)):
+        if network == beyond and place in case.fleet.computers:
+            parts |= (
+                of("computer", following, "off")
+                | of("network", network, "dead")
+                | of("interface", following, "address")
+            )
+            parts |= of("link", place, "down", what=network) | of("link", following, "down", what=network)
+    return frozenset(parts)
+
+
+def losing(case: Case, one: str, other: str) -> Parts:
+    """List the parts that lose some packets on the way."""
+    parts: set[Part] = set()
+    for place, network in links(case, one, other):
+        parts |= of("link", place, "loss", what=network) | of("network", network, "loss")
+    return frozenset(parts)
+
+
+def slow(case: Case, one: str, other: str) -> Parts:
+    """List the parts that may make a stream slow, which goes out of one link and into the next."""
+    parts: set[Part] = set()
+    for number, (place, network) in enumerate(links(case, one, other)):
+        parts |= of("link", place, "slow", "slow in" if number % 2 else "slow out", what=network)
+        parts |= of("network", network, "slow")
+    return frozenset(parts)
+
+
+def translated(case: Case, one: str, other: str) -> Parts:
+    """List the gateways that may translate addresses on the way: a gateway translates what leaves by one of its interfaces."""
+    crossed = pairwise(links(case, one, other))
+    return joined(
+        of("translation", place, "on", what=network) for (before, _came), (place, network) in crossed if before == place
+    )
+
+
+def translating(case: Case, one: str, other: str) -> Parts:
+    """List those of them that may really have: their address has called the other end, as far as that has listened."""
+    hearer = case.run.get(other)
+    heard = hearer.seen.multicast if hearer else None
+    parts = translated(case, one, other)
+    if hearer is None or heard is None or not heard.udp:
+        return parts
+    return frozenset(part for part in parts if _leaves_from(case, part) & hearer.callers)
+
+
+def _leaves_from(case: Case, part: Part) -> frozenset[str]:
+    """Return the address of a gateway on the network by which it translates."""
+    found = (gateway for gateway in case.ways.gateways.values() if gateway.title == part.place)
+    return frozenset(str(one.common_address if part.what == COMMON else one.address) for one in found)
+
+
+def passes(one: str, other: str, *whats: str) -> Parts:
+    """List the packet filters at the ends that may drop packets from one computer to the other, or their answers."""
+    if one == other or not one or not other:
+        return NONE
+    coming = [mode for what in (*whats, "all") for mode in (f"{what} in", what)]
+    going = [mode for what in (*whats, "all") for mode in (f"{what} out", what)]
+    changed = of("filter", one, "changed") | of("filter", other, "changed")
+    return of("filter", other, *coming) | of("filter", one, *going) | changed
+
+
+def multicast(case: Case, hearer: str, speaker: str) -> Parts:
+    """List the parts that datagrams on the group need from the speaker to the hearer."""
+    parts = set(passes(speaker, hearer, "udp", "group"))
+    parts |= of("interface", hearer, "multicast") | of("interface", speaker, "multicast")
+    for place, network in links(case, speaker, hearer):
+        parts |= of("link", place, "down", what=network) | of("network", network, "dead", "multicast")
+    for gateway in _passing_on(case, hearer, speaker):
+        parts |= of("computer", gateway, "off") | of("filter", gateway, "forward")
+        parts |= of("service", gateway, "down", what="multimaster-multicast-routing.service")
+    sends = of("computer", speaker, "off") | of("interface", speaker, "address")
+    return frozenset(parts | sends | of("filter", both(hearer, speaker), "pair"))
+
+
+def _passing_on(case: Case, one: str, other: str) -> list[str]:
+    """List who passes the group on between two computers: a gateway also what it says itself, or hears, on its other side."""
+    found = gateways(case, one, other)
+    if not found and _robot(case, one) == _robot(case, other):
+        return [place for place in (one, other) if (plan := case.fleet.computers.get(place)) and plan.multicast_routing]
+    return found
+
+
+# Names, and ROS on a computer
+
+
+def names(observer: str, target: str) -> Parts:
+    """List the ways in which the name of one computer may mean something else on the other."""
+    if not observer or not target:
+        return NONE
+    return of("names", observer, *NAMES, what=target) | of("names", observer, "rights", "order")
+
+
+def talks(case: Case, one: str, other: str, *whats: str) -> Parts:
+    """List what a connection by name needs: the way, the packet filters, and the name."""
+    if not one or not other:
+        return NONE
+    return way(case, one, other) | passes(one, other, *whats) | names(one, other)
+
+
+def roscore(case: Case, computer: str, master: str) -> Parts:
+    """List what a computer needs to ask its roscore."""
+    asked = of("roscore", master, "dead", "hung", "name") | of("environment", computer, "shell")
+    return asked | (talks(case, computer, master, "roscore") if computer != master else names(computer, master))
+
+
+def discovery(computer: str) -> Parts:
+    """List what a discovery node and its roscore may be."""
+    return of("discovery", computer, *DISCOVERY) | of("roscore", computer, "dead", "hung")
+
+
+def between_masters(case: Case, own: str, its: str) -> Parts:
+    """List what the discovery node of another master, and what it knows, needs to be asked."""
+    if own == its:
+        return NONE
+    served = (
+        of("discovery", its, "configuration", "port")
+        | of("environment", its, "service", "shell")
+        | of("roscore", its, "name")
+    )
+    return discovery(its) | served | talks(case, own, its, "rpc")
+
+
+def heartbeats(case: Case, own: str, its: str) -> Parts:
+    """List what may keep the heartbeats of another master from the own one, of either transport.
+
+    Where the probes' datagrams arrive, it is only that its node sends by another interface, or that somebody translates their
+    source address: they are nobody's then.
+    """
+    if own == its:
+        return NONE
+    changed = translating(case, its, own)
+    if _arrive(case, its, own):
+        return changed | of("interface", own, "multicast") | of("interface", its, "multicast")
+    members = [case.ways.members.get(name) for name in (own, its)]
+    grouped = case.fleet.transport != "unicast" and all(member is not None and member.multicast for member in members)
+    to_itself = passes(its, own, "udp") | changed
+    return to_itself | passes(its, own, "group") | multicast(case, own, its) if grouped else to_itself
+
+
+def _arrive(case: Case, sender: str, hearer: str) -> bool:
+    """Say if datagrams are known to arrive, on the group or to the computer itself, as the transport has it."""
+    here, there = case.run.get(hearer), case.run.get(sender)
+    on_group = here.udp.get(sender) if here else None
+    to_it = there.udp.get(hearer) if there else None
+    heard = case.fleet.transport != "unicast" and on_group is not None and on_group.heard_from
+    return heard or (case.fleet.transport != "multicast" and to_it is not None and to_it.unicast is True)
+
+
+def registered(case: Case, observer: str, target: str) -> Parts:
+    """List what the registrations of the target's robot need to reach the observer's roscore, and what the observer asks."""
+    own, its = case.ways.master(_robot(case, observer)), case.ways.master(_robot(case, target))
+    at_home = roscore(case, target, its) | of("registration", target, "talker") | of("environment", target, "shell")
+    asked = roscore(case, observer, own)
+    if own == its:
+        return at_home | asked
+    return at_home | asked | between_masters(case, own, its) | of("sync", own, "dead", "hung")
+
+
+def connected(case: Case, observer: str, target: str) -> Parts:
+    """List what a connection between nodes of two computers needs."""
+    return (
+        talks(case, observer, target, "nodes")
+        | of("environment", target, "shell")
+        | of("environment", observer, "shell")  # by its URI the roscore tells a subscriber of new publishers
+        | of("registration", observer, "listener")
+    )
+
+
+def joined(groups: Iterable[Parts]) -> Parts:
+    """Join sets of parts."""
+    return frozenset().union(*groups)

@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the collection did not set up: who runs the nodes then, and what cannot be judged there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, of
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
+    COMPUTER,
+    OK,
+    UNKNOWN,
+    WARNING,
+    Check,
+    Documented,
+    Judgement,
+)
+
+NOT_OURS = Judgement(UNKNOWN, "what site.yml sets up", "the collection has not set this computer up")
+
+Judge = Callable[[Case], Judgement | None]
+
+
+def of_site_yml(judge: Judge, looked: Callable[[Case], bool]) -> Judge:
+    """Return the judge of a check on what site.yml makes: where it has not run, and yet `looked` is true, nothing is judged."""
+
+    def judged(case: Case) -> Judgement | None:
+        if not case.by_hand:
+            return judge(case)
+        return NOT_OURS if looked(case) else None
+
+    return judged
+
+
+def unless_by_hand(evidence: Callable[[Case], Parts]) -> Callable[[Case], Parts]:
+    """Return the evidence of such a check: where nothing is judged, because of this and nothing else."""
+    return lambda case: of("set_up", case.observer.name, "by_hand") if case.by_hand else evidence(case)
+
+
+def _as_planned(case: Case) -> Judgement | None:
+    found = case.observer.seen.found
+    if found is None:
+        return None
+    other = [text.removeprefix(f"{case.observer.name}: ") for text in (*found.runs, *found.noted)]
+    return Judgement(WARNING if other else OK, "nothing that site.yml would refuse", " ".join(other) or "nothing")
+
+
+def _against(case: Case) -> Parts:
+    found = case.observer.seen.found
+    return of("set_up", case.observer.name, "others" if found is not None and found.runs else "refused")
+
+
+AS_PLANNED = Check(
+    id="as_planned",
+    title="nothing stands against the plan",
+    scope=COMPUTER,
+    judge=_as_planned,
+    documented=Documented(
+        "computer",
+        "nobody else holds the ports of its services, and site.yml would refuse nothing else there (warning)",
+    ),
+    evidence=_against,
+)
+
+CHECKS = (AS_PLANNED,)

@@ -1,0 +1,578 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of one computer by itself: reachable, services, environment, kernel settings, roscore, default routes."""
+
+from __future__ import annotations
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
+    Case,
+    own_mtus,
+    own_networks,
+    wrong_prefixes,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import ROSCORE
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, joined, of, roscore
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.by_hand import of_site_yml, unless_by_hand
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
+    COMPUTER,
+    FAILED,
+    OK,
+    UNKNOWN,
+    WARNING,
+    Check,
+    Documented,
+    Judgement,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    DefaultRoute,
+    ForwardingInterface,
+    Probe,
+    Roscore,
+    Service,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import same_uri
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
+
+# The kernel of gateways and of the router
+
+
+def _passes_packets_on(case: Case) -> bool:
+    return case.observer.plan.is_gateway or case.observer.plan.is_router
+
+
+def _interfaces(probe: Probe, plan: ComputerPlan) -> list[ForwardingInterface]:
+    """List the observer's interfaces on the networks of the plan."""
+    planned = {str(entry.address) for entry in plan.networks}
+    return [entry for entry in probe.forwarding.interfaces if planned & set(entry.addresses)]
+
+
+def _forwarding(case: Case) -> Judgement | None:
+    if case.probe is None or not _passes_packets_on(case):
+        return None
+    ip_forward = case.probe.forwarding.ip_forward
+    expected = "net.ipv4.ip_forward is 1"
+    if ip_forward is None:
+        return Judgement(UNKNOWN, expected, "it cannot be read")
+    closed = [entry.interface for entry in _interfaces(case.probe, case.observer.plan) if entry.forwarding == 0]
+    if ip_forward == 0 or not closed:
+        return Judgement(OK if ip_forward else FAILED, expected, str(ip_forward))
+    return Judgement(FAILED, expected, f"1, but net.ipv4.conf.{closed[0]}.forwarding is 0")
+
+
+def _forwarding_evidence(case: Case) -> Parts:
+    name = case.observer.name
+    if case.probe is not None and case.probe.forwarding.ip_forward is None:
+        return of("setting", name, "unread", what="net.ipv4.ip_forward")
+    return of("forwarding", name, "off")
+
+
+FORWARDING = Check(
+    id="forwarding",
+    title="gateways and the router pass packets on",
+    scope=COMPUTER,
+    judge=_forwarding,
+    documented=Documented("gateways, router", "`net.ipv4.ip_forward` is 1, also on the interfaces of the plan", "4.2"),
+    needs=lambda case: of("forwarding", case.observer.name, "off"),
+    evidence=_forwarding_evidence,
+)
+
+
+# Reachable
+
+
+def _reachable(case: Case) -> Judgement:
+    if case.observer.seen.unreachable:
+        return Judgement(FAILED, "an answer to the controller", case.observer.seen.problem or "no answer")
+    return Judgement(OK, "an answer to the controller", "an answer")
+
+
+def _itself(case: Case) -> Parts:
+    return of("computer", case.observer.name, "off", "login")
+
+
+def _itself_or_gateway(case: Case) -> Parts:
+    """The controller may be on the other side of the gateway, or not."""
+    name, plan = case.observer.name, case.observer.plan
+    found = _itself(case) | of("interface", name, "address", "prefix")
+    for network in [case.ways.network(plan.robot)] + ([COMMON] if plan.common_address else []):
+        found |= of("link", name, "down", what=network) | of("network", network, "dead")
+    for gateway in filter(None, case.gateways):
+        found |= of("computer", gateway.title, "off") | of("forwarding", gateway.title, "off")
+        found |= of("filter", gateway.title, "forward")
+        found |= of("link", gateway.title, "down", what=case.ways.network(case.observer.plan.robot))
+        found |= of("route", case.observer.name, "missing", "other")
+    return found
+
+
+REACHABLE = Check(
+    id="reachable",
+    title="computer answers the controller",
+    scope=COMPUTER,
+    judge=_reachable,
+    documented=Documented("computer", "it answers the controller"),
+    needs=_itself,
+    suspects=_itself_or_gateway,
+)
+
+
+# Services
+
+
+def _has_services(case: Case) -> bool:
+    return case.probe is not None and bool(case.observer.services)
+
+
+def _services(case: Case) -> Judgement | None:
+    planned = case.observer.services
+    if case.probe is None or not planned:
+        return None
+    states = {entry.name: entry for entry in case.probe.services}
+    broken, restarted = [], []
+    for name in planned:
+        entry = states.get(name)
+        if entry is None or entry.active_state != "active":
+            state = "unknown" if entry is None else _state(entry)
+            broken.append(f"multimaster-{name}.service is {state}")
+        elif entry.restarts:
+            restarted.append(f"{entry.unit} was started again {entry.restarts} times")
+    expected = f"{', '.join(planned)} active"
+    if broken:
+        return Judgement(FAILED, expected, ", ".join(broken))
+    verdict = WARNING if restarted else OK
+    return Judgement(verdict, f"{expected}, never started again", ", ".join(restarted) or "all active")
+
+
+def _state(entry: Service) -> str:
+    return "not there" if entry.load_state == "not-found" else f"{entry.active_state} ({entry.sub_state})"
+
+
+def _services_evidence(case: Case) -> Parts:
+    found, name = NONE, case.observer.name
+    states = {entry.name: entry for entry in (case.probe.services if case.probe else ())}
+    for service in case.observer.services:
+        entry, unit = states.get(service), f"multimaster-{service}.service"
+        if entry is None or entry.active_state != "active":
+            missing = entry is not None and entry.load_state == "not-found"
+            if service == "roscore" and not missing and case.probe is not None and case.probe.roscore.answer:
+                found |= of("set_up", name, "others")  # one answers, and it is not that of the unit
+            else:
+                found |= of("service", name, "missing", what=unit) if missing else _down(name, service, unit)
+        elif entry.restarts:
+            found |= of("service", name, "restarting", what=unit)
+    return found
+
+
+def _down(computer: str, service: str, unit: str) -> Parts:
+    if service in ("roscore", "discovery", "sync"):
+        return of(service, computer, "dead")
+    return of("service", computer, "down", what=unit)
+
+
+def _running(case: Case) -> Parts:
+    name = case.observer.name
+    return frozenset().union(
+        *(_down(name, service, f"multimaster-{service}.service") for service in case.observer.services)
+    )
+
+
+SERVICES = Check(
+    id="services",
+    title="services are active",
+    scope=COMPUTER,
+    judge=of_site_yml(_services, _has_services),
+    documented=Documented("computer", "its services are active and were never started again by systemd", "3.3"),
+    needs=_running,
+    evidence=unless_by_hand(_services_evidence),
+)
+
+
+def _environment(case: Case) -> Judgement | None:
+    running = [entry for entry in (case.probe.services if case.probe else ()) if entry.active_state == "active"]
+    if not running:
+        return None
+    expected = "the planned environment in every service"
+    differing = [f"{', '.join(entry.differing)} of {entry.unit}" for entry in running if entry.differing]
+    closed = [entry.unit for entry in running if entry.differing is None]
+    if closed and not differing:
+        return Judgement(UNKNOWN, expected, f"the process of {', '.join(closed)} cannot be looked at")
+    return Judgement(FAILED if differing else OK, expected, "; ".join(differing) or "the same")
+
+
+def _environment_evidence(case: Case) -> Parts:
+    services = case.probe.services if case.probe else ()
+    differing = sorted({name for entry in services if entry.active_state == "active" for name in entry.differing or ()})
+    if not differing:
+        return of("setting", case.observer.name, "unread", what="the environment of a service")
+    return of("environment", case.observer.name, "service", what=", ".join(differing))
+
+
+ENVIRONMENT = Check(
+    id="environment",
+    title="services run with the planned environment",
+    scope=COMPUTER,
+    judge=of_site_yml(_environment, _has_services),
+    documented=Documented(
+        "computer",
+        "the process of each service really has the variables of the environment file and of the plan",
+        "3.2",
+    ),
+    needs=lambda case: of("environment", case.observer.name, "service"),
+    evidence=unless_by_hand(_environment_evidence),
+)
+
+
+# Measured
+
+
+def _measured(case: Case) -> Judgement | None:
+    seen = case.observer.seen
+    if seen.unreachable:
+        return None
+    problems = list(seen.probe.problems) if seen.probe is not None else []
+    measures_udp = case.own is not None and case.own.discovery
+    if seen.probe is None or (seen.multicast is None and measures_udp) or seen.problem:
+        problems.insert(0, seen.problem or "a measurement gave no result")
+    expected, good = (
+        ("results of both measurements", "both") if measures_udp else ("a result of the measurement", "one")
+    )
+    return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good)
+
+
+def _why(case: Case) -> str:
+    seen = case.observer.seen
+    return (seen.problem or next(iter(seen.probe.problems if seen.probe else ()), "")).rstrip(".")
+
+
+MEASURED = Check(
+    id="measured",
+    title="computer could be looked at",
+    scope=COMPUTER,
+    judge=_measured,
+    documented=Documented("computer", "the measurements gave a result"),
+    needs=lambda case: of("computer", case.observer.name, "unmeasured"),
+    evidence=lambda case: of("computer", case.observer.name, "unmeasured", what=_why(case)),
+)
+
+
+# Addresses
+
+DOWN = ("down", "lowerlayerdown")  # operational states of an interface without a link
+
+
+def _missing_addresses(case: Case) -> list[str]:
+    seen = case.probe.forwarding.interfaces if case.probe else ()
+    present = {address for entry in seen for address in entry.addresses}
+    return [str(entry.address) for entry in case.observer.plan.networks if str(entry.address) not in present]
+
+
+def _addresses(case: Case) -> Judgement | None:
+    if case.probe is None or not case.probe.forwarding.interfaces:
+        return None
+    expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
+    found = [f"no interface has {address}" for address in _missing_addresses(case)]
+    found += [f"the link to {network} is down" for network in _down_links(case)] + wrong_prefixes(case.observer)
+    # Where it does harm, other checks fail; a robot alone, without any network, is well without them.
+    return Judgement(WARNING if found else OK, expected, ", ".join(found) or "all of them")
+
+
+def _down_links(case: Case) -> list[str]:
+    networks = own_networks(case.observer, case.ways).items()
+    return [network for network, interface in networks if interface.state in DOWN]
+
+
+def _addresses_evidence(case: Case) -> Parts:
+    name = case.observer.name
+    found = of("interface", name, "address") if _missing_addresses(case) else NONE
+    found |= of("interface", name, "prefix") if wrong_prefixes(case.observer) else NONE
+    return found | joined(_without_link(case, network) for network in _down_links(case))
+
+
+def _without_link(case: Case, network: str) -> Parts:
+    """Where nobody on a network has a link, the network has no power. Of one that was looked at alone, nobody knows."""
+    states = _states(case, network)
+    if len(states) < 2:
+        return NONE
+    if all(state in DOWN for state in states):
+        return of("network", network, "dead")
+    return of("link", case.observer.name, "flapping" if _comes_and_goes(case, network) else "down", what=network)
+
+
+def _comes_and_goes(case: Case, network: str) -> bool:
+    """A link that is down now has carried answers in the same run: others on its network were answered through it."""
+    name = case.observer.name
+    near = (one for one in case.run.values() if one.name != name and network in own_networks(one, case.ways))
+    return any(name in one.answered for one in near)
+
+
+def _states(case: Case, network: str) -> list[str]:
+    """The states of the interfaces on a network, of all who could be looked at."""
+    there = [own_networks(computer, case.ways).get(network) for computer in case.run.values()]
+    return [interface.state for interface in there if interface is not None]
+
+
+def _addresses_suspects(case: Case) -> Parts:
+    down = _down_links(case)
+    links = joined(of("link", case.observer.name, "down", what=network) for network in down)
+    return links | joined(of("network", network, "dead") for network in down)
+
+
+def _addresses_needs(case: Case) -> Parts:
+    """A link whose state is told is up; where it is not told, nobody knows."""
+    networks = own_networks(case.observer, case.ways).items()
+    up = joined(
+        of("link", case.observer.name, "down", what=network) for network, seen in networks if seen.state == "up"
+    )
+    return of("interface", case.observer.name, "address", "prefix") | up
+
+
+ADDRESSES = Check(
+    id="addresses",
+    title="interfaces have the planned addresses",
+    scope=COMPUTER,
+    judge=_addresses,
+    documented=Documented(
+        "computer",
+        "an interface has each of its addresses with the prefix length of its network, and its link is up (warning)",
+    ),
+    needs=_addresses_needs,
+    suspects=_addresses_suspects,
+    evidence=_addresses_evidence,
+)
+
+
+def _odd_sizes(case: Case) -> dict[str, str]:
+    """Find the networks on which the computer's MTU is another than that of most: network -> what was found."""
+    found = {}
+    for network, mtu in own_mtus(case.observer, case.ways).items():
+        usual = case.usual.get(network, mtu)
+        if mtu != usual:
+            found[network] = f"{mtu} on {network}, where most have {usual}"
+    return found
+
+
+def _mtu(case: Case) -> Judgement | None:
+    if not own_mtus(case.observer, case.ways):
+        return None
+    odd = _odd_sizes(case)
+    return Judgement(WARNING if odd else OK, "the MTU of the others", "; ".join(odd.values()) or "the same")
+
+
+MTU = Check(
+    id="mtu",
+    title="interfaces have the MTU of the others",
+    scope=COMPUTER,
+    judge=_mtu,
+    documented=Documented("computer", "each interface has the MTU that most have on its network (warning)"),
+    needs=lambda case: joined(
+        of("interface", case.observer.name, "mtu", what=network) for network in own_mtus(case.observer, case.ways)
+    ),
+    evidence=lambda case: joined(
+        of("interface", case.observer.name, "mtu", what=network) for network in _odd_sizes(case)
+    ),
+)
+
+
+# More of the kernel
+
+
+def _reverse_path(case: Case) -> Judgement | None:
+    if case.probe is None or not _passes_packets_on(case):
+        return None
+    expected = "a loose reverse-path filter, or none"
+    strict = [entry.interface for entry in _interfaces(case.probe, case.observer.plan) if entry.rp_filter == 1]
+    found = f"a strict one on {', '.join(strict)}" if strict else "no strict one"
+    return Judgement(WARNING if strict else OK, expected, found)
+
+
+REVERSE_PATH = Check(
+    id="reverse_path",
+    title="no strict reverse-path filter",
+    scope=COMPUTER,
+    judge=_reverse_path,
+    documented=Documented(
+        "gateways, router",
+        "the reverse-path filter is not strict: the larger value of `all` and the interface is not 1 (warning)",
+    ),
+    needs=lambda case: of("reverse_path", case.observer.name, "strict"),
+    evidence=lambda case: of("reverse_path", case.observer.name, "strict"),
+)
+
+
+def _redirects(case: Case) -> Judgement | None:
+    if case.probe is None or not case.observer.plan.is_router:
+        return None
+    sending = [entry.interface for entry in _interfaces(case.probe, case.observer.plan) if entry.send_redirects]
+    found = f"they are sent on {', '.join(sending)}" if sending else "none"
+    return Judgement(WARNING if sending else OK, "no ICMP redirects", found)
+
+
+REDIRECTS = Check(
+    id="redirects",
+    title="router sends no redirects",
+    scope=COMPUTER,
+    judge=_redirects,
+    documented=Documented("router", "no ICMP redirects are sent into the common network (warning)"),
+    evidence=lambda case: of("redirects", case.observer.name, "sent"),
+)
+
+
+def _answers_pings(case: Case) -> Judgement | None:
+    ignored = case.probe.forwarding.icmp_echo_ignore_all if case.probe else None
+    if ignored is None:
+        return None
+    return Judgement(WARNING if ignored else OK, "net.ipv4.icmp_echo_ignore_all is 0", str(ignored))
+
+
+ANSWERS_PINGS = Check(
+    id="answers_pings",
+    title="kernel answers pings",
+    scope=COMPUTER,
+    judge=_answers_pings,
+    documented=Documented("computer", "`net.ipv4.icmp_echo_ignore_all` is 0, as pings of the fleet need it (warning)"),
+    needs=lambda case: of("setting", case.observer.name, "icmp_all"),
+    evidence=lambda case: of("setting", case.observer.name, "icmp_all"),
+)
+
+
+# The robot's roscore
+
+
+def _master_uri(case: Case) -> Judgement | None:
+    if case.probe is None or case.observer.without_ros:
+        return None
+    expected = case.ways.masters[case.observer.plan.robot].uri
+    roscore = case.probe.roscore
+    if roscore.error:
+        return Judgement(FAILED, expected, roscore.error)
+    good = same_uri(roscore.answer, expected) and same_uri(roscore.uri, expected)
+    found = (
+        roscore.answer
+        if same_uri(roscore.answer, roscore.uri)
+        else f"ROS_MASTER_URI {roscore.uri}, and the roscore calls itself {roscore.answer}"
+    )
+    return Judgement(OK if good else FAILED, expected, found)
+
+
+def _roscore_suspects(case: Case) -> Parts:
+    name, master = case.observer.name, case.masters[0]
+    if case.probe is not None and "refused" in case.probe.roscore.error.lower():
+        return of("roscore", master, "dead")
+    return roscore(case, name, master) - of("roscore", master, "dead")
+
+
+def _master_uri_evidence(case: Case) -> Parts:
+    seen = case.probe.roscore if case.probe else Roscore()
+    if seen.uri and not same_uri(seen.uri, case.ways.masters[case.observer.plan.robot].uri):
+        return of("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {seen.uri}")
+    return NONE if seen.error else of("roscore", case.masters[0], "name", what=seen.answer)
+
+
+MASTER_URI = Check(
+    id="master_uri",
+    title="ROS_MASTER_URI means the robot's roscore",
+    scope=COMPUTER,
+    judge=_master_uri,
+    carries=ROSCORE,
+    documented=Documented("computer", "`ROS_MASTER_URI` and the roscore's own `getUri` are the planned URI", "3.2"),
+    needs=lambda case: roscore(case, case.observer.name, case.masters[0]),
+    suspects=_roscore_suspects,
+    evidence=_master_uri_evidence,
+)
+
+
+# Names
+
+ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources that ask somebody in the network
+
+
+def _name_order(case: Case) -> Judgement | None:
+    sources = case.probe.name_sources if case.probe else ()
+    if not sources:
+        return None
+    before = sources[: sources.index("files")] if "files" in sources else sources
+    first = not any(source.startswith(ASK_OTHERS) for source in before) and {"files", "resolve"} & set(sources)
+    return Judgement(OK if first else WARNING, "files before dns", " ".join(sources))
+
+
+NAME_ORDER = Check(
+    id="name_order",
+    title="/etc/hosts is asked for names first",
+    scope=COMPUTER,
+    judge=_name_order,
+    documented=Documented(
+        "computer",
+        "the line `hosts` of `/etc/nsswitch.conf` has `files` before what asks a name server (warning)",
+        "3.1",
+    ),
+    needs=lambda case: of("names", case.observer.name, "order"),
+    evidence=lambda case: of("names", case.observer.name, "order"),
+)
+
+
+# Default routes
+
+
+def _default_routes(case: Case) -> Judgement | None:
+    if case.probe is None:
+        return None
+    routes = case.probe.default_routes
+    found = ", ".join(map(_told, routes)) or "none"
+    return Judgement(OK if len(routes) <= 1 else WARNING, "one default route at most", found)
+
+
+def _told(route: DefaultRoute) -> str:
+    metric = f" with the metric {route.metric}" if route.metric else ""
+    return f"{route.gateway or 'no gateway'} on {route.device}{metric}"
+
+
+DEFAULT_ROUTES = Check(
+    id="default_routes",
+    title="one default route at most",
+    scope=COMPUTER,
+    judge=_default_routes,
+    documented=Documented("computer", "one at most, of whatever metric (warning)", "4.2"),
+    needs=lambda case: of("route", case.observer.name, "defaults"),
+    evidence=lambda case: of("route", case.observer.name, "defaults"),
+)
+
+
+# The packet filter
+
+
+def _packet_filter(case: Case) -> Judgement | None:
+    found = case.observer.seen.packet_filter
+    if found is None:
+        return None
+    expected = "the packet filter of the plan" if case.observer.plan.firewall else "no packet filter of the collection"
+    return Judgement(FAILED if found.changed or found.failed else OK, expected, found.msg)
+
+
+PACKET_FILTER = Check(
+    id="packet_filter",
+    title="the packet filter is as planned",
+    scope=COMPUTER,
+    judge=of_site_yml(_packet_filter, lambda case: case.observer.seen.packet_filter is not None),
+    documented=Documented("computer", "with `multimaster_firewall: fleet`: all its rules are there, now and at boot"),
+    needs=lambda case: of("filter", case.observer.name, "changed"),
+    evidence=unless_by_hand(lambda case: of("filter", case.observer.name, "changed")),
+)
+
+
+CHECKS = (
+    FORWARDING,
+    REACHABLE,
+    SERVICES,
+    ENVIRONMENT,
+    MEASURED,
+    ADDRESSES,
+    MTU,
+    REVERSE_PATH,
+    REDIRECTS,
+    ANSWERS_PINGS,
+    MASTER_URI,
+    NAME_ORDER,
+    DEFAULT_ROUTES,
+    PACKET_FILTER,
+)

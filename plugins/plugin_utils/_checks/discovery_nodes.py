@@ -1,0 +1,637 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of discovery: datagrams between two computers, and the discovery node of each master."""
+
+from __future__ import annotations
+
+from ipaddress import IPv4Address
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case, own_networks
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import GROUP
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
+    NONE,
+    Parts,
+    between_masters,
+    discovery,
+    duplicates,
+    gateways,
+    heartbeats,
+    joined,
+    large,
+    losing,
+    multicast,
+    neighbours,
+    of,
+    passes,
+    roscore,
+    talks,
+    translated,
+    translating,
+    way,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
+    COMPUTER,
+    FAILED,
+    MASTER,
+    MASTER_TOO,
+    MEMBER,
+    OK,
+    PASSED,
+    WARNING,
+    Check,
+    Documented,
+    Judgement,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    Datagrams,
+    ListedMaster,
+    Route,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of, same_uri
+
+# The share of datagrams that may be lost.
+LOSS = 0.05
+# Seconds that two clocks may differ: tf extrapolates and messages are dropped from some tenths on.
+CLOCK_WARNING, CLOCK_FAILED = 0.1, 0.5
+
+
+# Datagrams on the group
+
+
+def _on_group(case: Case) -> Datagrams | None:
+    """The datagrams between two computers that the group reaches."""
+    udp, own, planned = case.udp, case.own, case.planned
+    if udp is None or own is None or planned is None or case.fleet.transport == "unicast":
+        return None
+    if own.robot == planned.robot and udp.other_interfaces:
+        return None  # a gateway that passes the group on hears its own robot on the inner interface
+    return udp if own.multicast and planned.multicast else None
+
+
+def _udp_multicast(case: Case) -> Judgement | None:
+    udp = _on_group(case)
+    if udp is None:
+        return None
+    address = case.ways.discovery_addresses[case.target]
+    loss = (case.back_udp.loss if case.back_udp else None) or 0.0  # the sender knows how many it has sent
+    if udp.heard_from and udp.source_address == address and loss <= LOSS and case.counted:
+        return PASSED
+    expected = f"datagrams on {case.ways.group} from {address}"
+    if not udp.heard_from:
+        elsewhere = f"none, but on {', '.join(udp.other_interfaces)}" if udp.other_interfaces else "none"
+        return Judgement(_other_leg(case, udp.unicast), expected, elsewhere)
+    if udp.source_address != address:
+        return Judgement(FAILED, expected, f"from {udp.source_address}")
+    if loss > LOSS:
+        return Judgement(WARNING, expected, f"{loss:.0%} of them are lost")
+    return Judgement(OK, expected, f"{udp.heard} datagrams")
+
+
+def _other_leg(case: Case, other: bool | None) -> str:
+    """With the transport `both`, the discovery nodes find each other as long as one of the two ways works."""
+    return WARNING if case.fleet.transport == "both" and other else FAILED
+
+
+def _group_needs(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    return multicast(case, one, other) | losing(case, one, other) | of("computer", other, "unmeasured", "login")
+
+
+def _group_suspects(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    if case.hears_target():
+        return losing(case, one, other)
+    sender = case.peer.seen.multicast if case.peer else None
+    if sender is not None and sender.send_errors.count:  # its own kernel refuses to send
+        return of("filter", other, "group out", "group", "udp out", "udp", "all out", "all")
+    return _group_needs(case) - losing(case, one, other)
+
+
+def _group_evidence(case: Case) -> Parts:
+    udp = case.udp
+    if udp and udp.heard_from and udp.source_address != case.ways.discovery_addresses.get(case.target):
+        return _translator(case, case.target)
+    if udp and udp.other_interfaces:
+        return of("interface", case.observer.name, "multicast")
+    return NONE
+
+
+def _translator(case: Case, computer: str) -> Parts:
+    """Whoever translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
+    between = translated(case, computer, case.observer.name if computer == case.target else case.target)
+    first = gateways(case, computer, case.observer.name if computer == case.target else case.target)
+    return (
+        frozenset(part for part in between if part.place == first[0]) if between else of("translation", computer, "on")
+    )
+
+
+UDP_MULTICAST = Check(
+    id="udp_multicast",
+    title="datagrams on the multicast group arrive",
+    scope=MEMBER,
+    judge=_udp_multicast,
+    carries=GROUP,
+    documented=Documented(
+        "pair that the group reaches",
+        "UDP datagrams on the group and port in use arrive, from the planned address",
+        "3.3",
+    ),
+    needs=_group_needs,
+    suspects=_group_suspects,
+    evidence=_group_evidence,
+)
+
+
+# Datagrams to the computer
+
+
+def _translated_here(case: Case) -> bool:
+    """The target's helper has heard this computer, from an address that is not the planned one."""
+    theirs = case.back_udp.source_address if case.back_udp else None
+    seen = (case.udp.own_source_address if case.udp else None) or theirs
+    return seen is not None and seen != case.ways.discovery_addresses.get(case.observer.name)
+
+
+def _udp_unicast(case: Case) -> Judgement | None:
+    if case.udp is None:
+        return None
+    if case.udp.unicast and case.counted:
+        return PASSED
+    expected = f"datagrams to port {case.fleet.multicast_port} arrive there"
+    if case.udp.unicast:
+        return Judgement(OK, expected, "they arrive")
+    if case.fleet.transport == "multicast":
+        return None  # nobody needs them
+    found = "no answer" if case.udp.unicast is None else "none arrives"
+    return Judgement(_other_leg(case, case.udp.heard_from), expected, found)
+
+
+def _unicast_needs(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    there = passes(one, other, "udp") | of("computer", other, "unmeasured", "login")
+    nobody_asks = neighbours(case, other, one) - neighbours(case, one, other)  # a datagram gets no answer
+    return way(case, one, other) - nobody_asks | there | _outside(case)
+
+
+UDP_UNICAST = Check(
+    id="udp_unicast",
+    title="datagrams to the computer arrive",
+    scope=MEMBER,
+    judge=_udp_unicast,
+    carries="udp",
+    documented=Documented("pair with discovery", "UDP datagrams to the computer itself arrive on that port"),
+    needs=_unicast_needs,
+    suspects=lambda case: (
+        _unicast_needs(case)
+        | translating(case, case.observer.name, case.target)
+        | translating(case, case.target, case.observer.name)
+        | passes(case.target, case.observer.name, "udp")  # the counts come back by the same port
+    ),
+    evidence=lambda case: _translator(case, case.observer.name) if _translated_here(case) else NONE,
+)
+
+
+# The source address of datagrams
+
+
+def _source(case: Case) -> Judgement | None:
+    """Judge if a gateway between networks translates addresses: the helper on the target counts who called."""
+    multicast = case.peer.seen.multicast if case.peer else None
+    if case.probe is None or case.peer is None or multicast is None or not multicast.udp:
+        return None
+    source = case.way.source
+    arrived = source in case.peer.callers
+    if not case.way.crosses and not arrived:
+        return None  # in one network nobody translates; what arrives clears the packet filters there
+    if arrived and case.counted:
+        return PASSED
+    expected = f"datagrams from {source} arrive there"
+    return Judgement(OK if arrived else WARNING, expected, "they arrive" if arrived else "none arrives")
+
+
+SOURCE = Check(
+    id="source",
+    title="datagrams arrive from the planned address",
+    scope=MEMBER,
+    judge=_source,
+    documented=Documented(
+        "pair between networks", "datagrams arrive from the planned address: no gateway translates it (warning)", "4.2"
+    ),
+    needs=lambda case: _unicast_needs(case) | translated(case, case.observer.name, case.target),
+    # Whatever drops the questions of ARP may drop the answers, too.
+    suspects=lambda case: (
+        _unicast_needs(case)
+        | neighbours(case, case.target, case.observer.name)
+        | translating(case, case.observer.name, case.target)
+    ),
+)
+
+
+# Pings of the group
+
+
+def _icmp_rounds(case: Case) -> Judgement | None:
+    icmp = case.observer.seen.multicast.icmp if case.observer.seen.multicast else None
+    if icmp is None or case.peer is None or not case.peer.answers_broadcasts:
+        return None  # by plan it does not answer: the kernel's default, and no harm
+    if not (case.observer.plan.common_address and case.peer.plan.common_address):
+        return None  # such a ping stays on the common network
+    missed = [number for number, answered in case.observer.rounds if case.target not in answered]
+    if not missed and not icmp.error and case.counted:
+        return PASSED
+    expected = f"an answer to each of {len(icmp.rounds)} pings of {icmp.group}"
+    if icmp.error or missed:
+        return Judgement(WARNING, expected, icmp.error or f"none in the rounds {', '.join(map(str, missed))}")
+    return Judgement(OK, expected, "all")
+
+
+ICMP_ROUNDS = Check(
+    id="icmp_rounds",
+    title="ping of the multicast group (informs only)",
+    scope=MEMBER,
+    judge=_icmp_rounds,
+    documented=Documented(
+        "pair on the common network",
+        "an answer in each round of `ping 224.0.0.1`; informs only, and only where computers are to answer",
+        "3.2",
+    ),
+    needs=lambda case: of("setting", case.target, "icmp_group"),
+    suspects=lambda case: (
+        losing(case, case.observer.name, case.target)
+        if any(
+            case.target in answered for _number, answered in case.observer.rounds
+        )  # a packet was lost: nobody drops them
+        else of("setting", case.target, "icmp_group")
+        | multicast(case, case.target, case.observer.name)
+        | way(case, case.observer.name, case.target)
+        | passes(case.observer.name, case.target, "icmp")
+        | losing(case, case.observer.name, case.target)
+    ),
+)
+
+
+# The port of a discovery node
+
+
+def _connect_error(case: Case) -> str:
+    entry = case.observer.masters.get(case.target)
+    return entry.error.lower() if entry else ""
+
+
+def _refused(case: Case) -> bool:
+    return "refused" in _connect_error(case)
+
+
+def _rpc_port(case: Case) -> Judgement | None:
+    entry = case.observer.masters.get(case.target)
+    if entry is None:
+        return None
+    if entry.open and case.counted:
+        return PASSED
+    expected = f"TCP port {entry.port} of {case.address} opens"
+    if entry.open:
+        return Judgement(OK, expected, f"{entry.connect_ms} ms")
+    return Judgement(FAILED, expected, entry.error)
+
+
+def _outside(case: Case) -> Parts:
+    """A computer's own gateway is asked at its other side, where its discovery node is."""
+    own, planned = case.own, case.planned
+    inner = own is not None and planned is not None and own.robot == planned.robot and own.name != planned.name
+    if own is None or planned is None or not inner or planned.discovery_address in own.network:
+        return NONE
+    return of("route", own.name, "missing", "other", what=COMMON) | of("route", own.name, "missing", "other")
+
+
+def _port_needs(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    node = of("discovery", other, "dead", "port")
+    return way(case, one, other) | passes(one, other, "rpc") | node | _outside(case)
+
+
+def _port_suspects(case: Case) -> Parts:
+    """A computer that refuses is there; one that says nothing would refuse if nobody listened on the port."""
+    if _refused(case):  # or somebody else has its address
+        node = of("discovery", case.target, "dead", "port") | of("roscore", case.target, "dead")
+        return node | duplicates(case, case.observer.name, case.target)
+    filtered = of(
+        "filter", case.target, "rpc in", "rpc", "all in", "all"
+    )  # one for all interfaces also drops what a computer sends itself
+    nobody = of("discovery", case.target, "dead", "port")
+    return _port_needs(case) - nobody | of("discovery", case.target, "hung") | filtered
+
+
+def _port_evidence(case: Case) -> Parts:
+    entry = case.observer.masters.get(case.target)
+    if entry is not None and "network is unreachable" in entry.error.lower():
+        return of("route", case.observer.name, "missing", what=COMMON)
+    if case.target == case.observer.name and _refused(case):  # nobody listens there, or the node listens elsewhere
+        runs = case.probe is not None and bool(case.probe.list_masters.masters)
+        return of("discovery", case.target, "port" if runs else "dead")
+    return NONE
+
+
+RPC_PORT = Check(
+    id="rpc_port",
+    title="port of the discovery node opens",
+    scope=MASTER_TOO,
+    judge=_rpc_port,
+    carries="rpc",
+    documented=Documented("to masters", "the TCP port of the discovery node opens"),
+    needs=_port_needs,
+    suspects=_port_suspects,
+    evidence=_port_evidence,
+)
+
+
+# The route to a discovery node
+
+
+def _hops(case: Case, address: IPv4Address) -> frozenset[str]:
+    """The next hops that packets to the address of a discovery node may have; an empty text is none."""
+    plan = case.observer.plan
+    if any(address in entry.network for entry in plan.networks):
+        return frozenset([""])
+    gateway = None if plan.common_address else case.ways.gateways.get(plan.robot)
+    return frozenset([str(gateway.address)]) if gateway else case.way.hops
+
+
+def _by_hops(case: Case, route: Route | None, address: IPv4Address) -> Judgement | None:
+    if route is None:
+        return None
+    by, hops = route.gateway or "", _hops(case, address)
+    if not route.error and by in hops and case.counted:
+        return PASSED
+    expected = " or ".join(f"a route by {hop}" if hop else "a route without a gateway" for hop in sorted(hops))
+    if route.error:
+        return Judgement(FAILED, expected, route.error)
+    return Judgement(OK if by in hops else FAILED, expected, f"by {by}" if by else "without a gateway")
+
+
+def _route_shows(case: Case, route: Route | None, address: IPv4Address) -> Parts:
+    if route is None or _hops(case, address) == {""}:
+        return NONE  # on one network: the checks of addresses and routes tell it
+    return of("route", case.observer.name, "missing" if route.error else "other", what=_beyond(case, address))
+
+
+def _beyond(case: Case, address: IPv4Address) -> str:
+    """The network of the address of a discovery node, as seen from the observer."""
+    return COMMON if address in case.fleet.common_network else case.ways.network(case.robots[1])
+
+
+def _to_master(case: Case) -> Route | None:
+    entry = case.observer.masters.get(case.target)
+    return entry.route if entry and case.target != case.observer.name else None
+
+
+MASTER_ROUTE = Check(
+    id="master_route",
+    title="route to the discovery node",
+    scope=MASTER,
+    judge=lambda case: _by_hops(case, _to_master(case), case.master.address),
+    documented=Documented(
+        "to masters", "packets to the address of its discovery node leave by the planned gateway", "4.2"
+    ),
+    needs=lambda case: of("route", case.observer.name, "missing", "other", what=_beyond(case, case.master.address)),
+    suspects=lambda case: of("interface", case.observer.name, "prefix", "address"),
+    evidence=lambda case: _route_shows(case, _to_master(case), case.master.address),
+)
+
+
+# The same for the other address of a gateway, which is no master: its datagrams are measured there
+
+
+def _outer(case: Case) -> IPv4Address:
+    return case.planned.discovery_address if case.planned else case.fleet.common_network.network_address
+
+
+def _to_outer(case: Case) -> Route | None:
+    return case.member.discovery_route if case.member else None
+
+
+OUTER_ROUTE = Check(
+    id="outer_route",
+    title="route to the other address of a gateway",
+    scope=MEMBER,
+    judge=lambda case: _by_hops(case, _to_outer(case), _outer(case)),
+    documented=Documented(
+        "to gateways", "packets to its address in the common network leave by the planned gateway", "4.2"
+    ),
+    needs=lambda case: of("route", case.observer.name, "missing", "other", what=_beyond(case, _outer(case))),
+    suspects=lambda case: of("interface", case.observer.name, "prefix", "address"),
+    evidence=lambda case: _route_shows(case, _to_outer(case), _outer(case)),
+)
+
+
+# The port of a roscore, seen from others: nobody needs it there, but it tells a roscore that has ended
+
+
+def _roscore_port(case: Case) -> Judgement | None:
+    entry = case.observer.masters.get(case.target)
+    if entry is None or not entry.roscore:
+        return None
+    expected = "the TCP port of the roscore opens"
+    if entry.roscore == "open":
+        return Judgement(OK, expected, "it opens")
+    # Nobody else needs it, so a packet filter may drop it.
+    return Judgement(WARNING, expected, entry.roscore) if "refused" in entry.roscore.lower() else None
+
+
+ROSCORE_PORT = Check(
+    id="roscore_port",
+    title="port of the roscore is not refused",
+    scope=MASTER,
+    judge=_roscore_port,
+    documented=Documented(
+        "to masters", "the TCP port of its roscore opens, or nothing comes back; refused: it has ended (warning)"
+    ),
+    needs=lambda case: of("roscore", case.target, "dead"),
+    evidence=lambda case: of("roscore", case.target, "dead"),
+)
+
+
+# Clocks
+
+
+def _clock(case: Case) -> Judgement | None:
+    entry = case.observer.masters.get(case.target)
+    if entry is None:
+        return None
+    expected = f"less than {CLOCK_WARNING} s apart"
+    offset = entry.clock_offset_s
+    if offset is None:
+        return Judgement(FAILED, expected, entry.clock_error or "no answer")
+    sure = abs(offset) - (entry.clock_uncertainty_s or 0.0)
+    verdict = OK if sure < CLOCK_WARNING else WARNING if sure < CLOCK_FAILED else FAILED
+    return Judgement(verdict, expected, f"{offset:+.4f} s")
+
+
+def _clock_needs(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    return _port_needs(case) | of("discovery", other, "hung") | of("clock", one, "off") | of("clock", other, "off")
+
+
+def _disciplined(case: Case, computer: str) -> bool:
+    """Something keeps the clock of a computer right, as chrony does."""
+    seen = case.run[computer].seen.probe if computer in case.run else None
+    return seen is not None and seen.clock.synchronised is True
+
+
+def _clock_suspects(case: Case) -> Parts:
+    entry = case.observer.masters.get(case.target)
+    if entry is not None and entry.clock_offset_s is not None:
+        free = [name for name in (case.observer.name, case.target) if not _disciplined(case, name)]
+        return joined(of("clock", name, "off") for name in free or (case.observer.name, case.target))
+    if entry is not None and entry.open:
+        return of("discovery", case.target, "hung") | large(case, case.observer.name, case.target)
+    return _port_suspects(case)
+
+
+CLOCK = Check(
+    id="clock",
+    title="clocks agree",
+    scope=MASTER,
+    judge=_clock,
+    documented=Documented("to masters", "less than 0.1 s apart (warning), less than 0.5 s (failure)"),
+    needs=_clock_needs,
+    suspects=_clock_suspects,
+)
+
+
+# The masters that a discovery node lists
+
+
+def _list_masters(case: Case) -> Judgement | None:
+    if case.probe is None or case.observer.without_ros:
+        return None
+    master = case.master
+    entry = case.observer.listed.get(master.name)
+    good = entry is not None and entry.online and same_uri(entry.uri, master.uri) and _monitored(entry, case)
+    if good and case.counted:
+        return PASSED
+    expected = f"{master.name} online, {master.uri}, monitored at {master.monitor_uri}"
+    if entry is None:
+        error = case.probe.list_masters.error
+        return Judgement(FAILED, expected, error or f"not among {', '.join(sorted(case.observer.listed)) or 'none'}")
+    state = "online" if entry.online else "offline"
+    found = f"{entry.name} {state}, {entry.uri}, monitored at {entry.monitoruri}"
+    return Judgement(OK if good else FAILED, expected, found)
+
+
+def _monitored(entry: ListedMaster, case: Case) -> bool:
+    """A node may see itself through its loopback interface; the others must see it at its planned address."""
+    host = host_of(entry.monitoruri)
+    own = case.master.robot == case.observer.plan.robot
+    return host == case.address or (own and host in ("localhost", "127.0.0.1"))
+
+
+def _asked(case: Case) -> Parts:
+    """List what calling the service of the own discovery node needs."""
+    one, master = case.observer.name, case.masters[0]
+    node = of("discovery", master, "dead", "hung")
+    return roscore(case, one, master) | node | (talks(case, one, master, "nodes") if one != master else NONE)
+
+
+def _list_needs(case: Case) -> Parts:
+    """A master stays in the list for a while, and one of two transports is enough: so little is cleared."""
+    own, its = case.masters[0], case.target
+    if own == its:
+        return _asked(case) | of("roscore", its, "name")
+    group = of("discovery", own, "group") | of("discovery", its, "group")
+    # the address of its heartbeats is in the list
+    return _asked(case) | group | of("roscore", its, "name") | translated(case, its, own)
+
+
+def _list_suspects(case: Case) -> Parts:
+    if not case.observer.listed:
+        return _asked(case)
+    own, its = case.masters[0], case.target
+    return _asked(case) | discovery(own) | between_masters(case, own, its) | heartbeats(case, own, its)
+
+
+def _list_evidence(case: Case) -> Parts:
+    entry = case.observer.listed.get(case.master.name)
+    if entry is None or not entry.online:
+        return NONE
+    if not same_uri(entry.uri, case.master.uri):
+        return of("roscore", case.target, "name", what=entry.uri)
+    if case.robots[0] == case.robots[1]:  # the node tells the address from which it sends
+        return of("interface", case.target, "multicast")
+    return _translator(case, case.target)
+
+
+LIST_MASTERS = Check(
+    id="list_masters",
+    title="rosservice call /master_discovery/list_masters",
+    scope=MASTER_TOO,
+    judge=_list_masters,
+    documented=Documented(
+        "to masters",
+        "`rosservice call /master_discovery/list_masters` has the master online, with its planned URIs",
+        "3.3, Fig. 8",
+    ),
+    needs=_list_needs,
+    suspects=_list_suspects,
+    evidence=_list_evidence,
+)
+
+
+# Who has joined the group: also of nodes that somebody started by hand, whose parameters nobody knows
+
+ALL_HOSTS = "224.0.0.1"  # every kernel has joined it
+
+
+def _joined_on(case: Case) -> set[str] | None:
+    """The interfaces on which a program has joined the group; None where that is not to be known, or nobody needs it."""
+    multicast, own, group = case.observer.seen.multicast, case.own, str(case.fleet.multicast_group)
+    if multicast is None or not multicast.memberships or own is None or not own.multicast or group == ALL_HOSTS:
+        return None
+    runs = case.observer.plan.is_master and bool(case.observer.listed)
+    if not runs or case.fleet.transport == "unicast":
+        return None
+    return {entry.interface for entry in multicast.memberships if entry.group == group}
+
+
+def _membership(case: Case) -> Judgement | None:
+    interfaces = _joined_on(case)
+    planned = own_networks(case.observer, case.ways).get(COMMON)
+    if interfaces is None or planned is None:
+        return None
+    expected = f"a program has joined {case.fleet.multicast_group} on {planned.interface}"
+    found = f"on {' and '.join(sorted(interfaces))}" if interfaces else "on no interface"
+    return Judgement(OK if planned.interface in interfaces else _other_leg(case, True), expected, found)
+
+
+MEMBERSHIP = Check(
+    id="membership",
+    title="discovery has joined the group",
+    scope=COMPUTER,
+    judge=_membership,
+    documented=Documented(
+        "masters",
+        "a program has joined the group on the planned interface, as the kernel has it in `/proc/net/igmp`",
+        "3.3",
+    ),
+    evidence=lambda case: (
+        of("interface", case.observer.name, "multicast")
+        if _joined_on(case)
+        else of("discovery", case.observer.name, "group")
+    ),
+)
+
+
+CHECKS = (
+    MEMBERSHIP,
+    UDP_MULTICAST,
+    UDP_UNICAST,
+    SOURCE,
+    ICMP_ROUNDS,
+    RPC_PORT,
+    MASTER_ROUTE,
+    OUTER_ROUTE,
+    ROSCORE_PORT,
+    CLOCK,
+    LIST_MASTERS,
+)

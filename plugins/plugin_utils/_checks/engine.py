@@ -1,0 +1,222 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The engine of the verification: it applies a table of checks to the observations of a fleet.
+
+Pure: the plan and the observations in, one row for each result out. Every observation is looked at once, so the cost grows
+with the number of observations. The engine knows no check; the package `checks` has the table.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
+    Case,
+    Everything,
+    Participant,
+    usual_mtus,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Exchanges
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import ReadFilters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, number, tried
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import Ways
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Master
+
+OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
+VERDICTS = (OK, WARNING, FAILED, UNKNOWN)
+
+# The scope of a check: the targets that each observer looks at.
+COMPUTER = "computer"  # the observer itself
+ITSELF_TOO = "itself too"  # every member, and the observer
+MEMBER = "member"  # every other member
+MASTER = "master"  # every other master
+MASTER_TOO = "master too"  # every master, also the observer's own
+
+
+class Row(NamedTuple):  # there are millions in a large fleet, and a frozen dataclass is five times slower to make
+    """The result of one check between an observer and a target; a check of one computer has it as both."""
+
+    check: str
+    observer: str
+    target: str
+    verdict: str
+    expected: str
+    found: str
+
+
+class Judgement(NamedTuple):
+    """Verdict, expected and found of one check."""
+
+    verdict: str
+    expected: str = ""
+    found: str = ""
+
+
+PASSED = Judgement(OK)  # what a judge may return for a case that is counted, before it makes sentences
+
+# what is good between two computers: robot of the observer, robot of the target, and the checks that passed -> pairs
+Passed = Counter[tuple[str, str, tuple[str, ...]]]
+
+
+class Documented(NamedTuple):
+    """A row of the table in docs/operate/verification.md: the targets, what is expected, and where the report has it."""
+
+    scope: str
+    expected: str
+    report: str = ""
+
+
+def _nothing(_case: Case) -> Parts:
+    return NONE
+
+
+@dataclass(frozen=True)
+class Check:
+    """A check: its targets, its judge, and what its results say about the parts of the fleet.
+
+    The judge returns None where there is nothing to judge, because another check says so already. A success needs the parts
+    of `needs`, so it clears them. A failure has its reason among `suspects`, or where there is no such function among the
+    same parts. `evidence` are parts that a value shows to be broken; then nobody is suspected.
+    """
+
+    id: str
+    title: str
+    scope: str
+    judge: Callable[[Case], Judgement | None]
+    documented: Documented
+    needs: Callable[[Case], Parts] = _nothing
+    suspects: Callable[[Case], Parts] | None = None
+    evidence: Callable[[Case], Parts] = _nothing
+    carries: str = ""  # the packets that it sends, a word of filtered.TRAFFIC: a rule that drops them is evidence, too
+    shown: bool = False  # what is good of it is read, too, so there is a row of each
+
+
+class Verification:
+    """The checks, applied to the observations of a fleet; `observations` has an entry for each computer of the run.
+
+    `pairs` says who was to look at whom: `all`, or `auto`; see `pairs.tried`. `least` are the Mbit/s that are expected.
+    """
+
+    def __init__(
+        self,
+        checks: Sequence[Check],
+        fleet: FleetPlan,
+        observations: Mapping[str, Observation],
+        pairs: str = ALL,
+        least: float = 0.0,
+    ) -> None:
+        self.checks = checks
+        self.fleet = fleet
+        self.ways = ways = Ways(fleet)
+        self.run = {
+            name: Participant.of(name, plan, observations[name])
+            for name, plan in fleet.computers.items()
+            if name in observations
+        }
+        self.tried = tried({member.name: str(member.network) for member in fleet.members}, fleet.computers, pairs)
+        exchanges = Exchanges(
+            fleet,
+            {
+                computer.plan.robot: computer.seen.probe.exchange
+                for computer in self.run.values()
+                if computer.plan.is_master and computer.seen.probe and not computer.seen.probe.exchange.error
+            },
+        )
+        filters = ReadFilters(fleet, {name: computer.seen for name, computer in self.run.items()})
+        self.everything = Everything(
+            fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways), least, filters
+        )
+
+    def rows(self, passed: Passed | None = None) -> Iterator[Row]:
+        """Apply every check to every computer of the run, and to every pair that was to be tried by one of them.
+
+        With `passed`, what is good between two computers is only counted there: nobody reads a million good rows.
+        """
+        for checks, case in self._cases():
+            if passed is None or case.target == case.observer.name:
+                yield from _judged(checks, case)
+            else:
+                yield from _counted(checks, case, passed)
+
+    def _cases(self) -> Iterator[tuple[Sequence[Check], Case]]:
+        """Make every case, with the checks that look at it."""
+        alone, itself, others = self._of(COMPUTER), self._of(ITSELF_TOO), self._of(ITSELF_TOO, MEMBER)
+        own_master, masters = self._of(MASTER_TOO), self._of(MASTER, MASTER_TOO)
+        addresses = [(master, master.computer, str(master.address)) for master in self.fleet.masters]
+        for observer in self.run.values():
+            name, targets = observer.name, self.tried[observer.name]
+            yield alone, self._case(observer, name, str(observer.plan.address))
+            for target, address in self.ways.addresses.items():
+                if target in targets or target == name:
+                    yield itself if target == name else others, self._case(observer, target, address)
+            for master, target, address in addresses:
+                yield own_master if target == name else masters, self._case(observer, target, address, master)
+
+    @property
+    def pairs(self) -> tuple[int, int]:
+        """The number of pairs that the computers of the run were to try, and of all that there are."""
+        chosen = {name: self.tried[name] for name in self.run}
+        return number(chosen), sum(len(self.ways.members.keys() - {name}) for name in self.run)
+
+    def cases(self, observer: str, target: str) -> Iterator[tuple[Check, Case]]:
+        """Make the cases of one pair, one for each scope, and give each check its own."""
+        made = {}
+        for check in self.checks:
+            if check.scope not in made:
+                made[check.scope] = self.case(check, observer, target)
+            if case := made[check.scope]:
+                yield check, case
+
+    def case(self, check: Check, observer: str, target: str) -> Case | None:
+        """Make the case of one pair; None where the check has none."""
+        if observer not in self.run or (observer != target) < (check.scope in (MEMBER, MASTER)):
+            return None
+        computer = self.run[observer]
+        if check.scope in (MASTER, MASTER_TOO):
+            master = self.ways.master_at.get(target)
+            return self._case(computer, target, str(master.address), master) if master else None
+        if check.scope == COMPUTER:
+            return self._case(computer, target, str(computer.plan.address)) if observer == target else None
+        address = self.ways.addresses.get(target)
+        return self._case(computer, target, address) if address else None
+
+    def _case(self, observer: Participant, target: str, address: str, master: Master | None = None) -> Case:
+        return Case(self.everything, observer, target, address, master)
+
+    def _of(self, *scopes: str) -> list[Check]:
+        return [check for check in self.checks if check.scope in scopes]
+
+
+def _judged(checks: Sequence[Check], case: Case) -> Iterator[Row]:
+    for check in checks:
+        judgement = check.judge(case)
+        if judgement is not None:
+            yield Row(check.id, case.observer.name, case.target, *judgement)
+
+
+def _counted(checks: Sequence[Check], case: Case, passed: Passed) -> Sequence[Row]:
+    """Count what is good, all of a case at once, and return the rest."""
+    case.counted = True
+    good, rows = [], []
+    for check in checks:
+        judgement = check.judge(case)
+        if judgement is None:
+            continue
+        if judgement is PASSED or (judgement.verdict == OK and not check.shown):
+            good.append(check.id)
+        else:
+            rows.append(Row(check.id, case.observer.name, case.target, *judgement))
+    own, its = case.robots
+    passed[own or case.observer.name, its or case.target, tuple(good)] += 1
+    return rows
+
+
+def evaluate(checks: Sequence[Check], fleet: FleetPlan, observations: Mapping[str, Observation]) -> Iterator[Row]:
+    """Judge everything, row by row."""
+    return Verification(checks, fleet, observations).rows()

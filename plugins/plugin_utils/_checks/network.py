@@ -1,0 +1,527 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of the network between two computers: names, routes, pings."""
+
+from __future__ import annotations
+
+import ipaddress
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case, own_networks, wrong_prefixes
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
+    NONE,
+    Parts,
+    asked_for,
+    is_in,
+    joined,
+    large,
+    links,
+    losing,
+    names,
+    of,
+    passes,
+    way,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
+    COMPUTER,
+    FAILED,
+    ITSELF_TOO,
+    MEMBER,
+    OK,
+    PASSED,
+    WARNING,
+    Check,
+    Documented,
+    Judgement,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.policy import taker
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping, Policy, Route
+
+LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
+
+# The name
+
+
+def _addresses(case: Case) -> tuple[str, ...]:
+    """List the addresses that the target's name has on the observer."""
+    return case.member.addresses if case.member else ()
+
+
+def _means(case: Case) -> Parts:
+    """Say how the name is wrong."""
+    addresses = _addresses(case)
+    if not addresses:
+        mode = "unknown"
+    elif any(_is_loopback(address) for address in addresses):
+        mode = "loopback"
+    else:
+        mode = "several" if len(addresses) > 1 else "old"
+    return of("names", case.observer.name, mode, what=case.target)
+
+
+def _is_loopback(address: str) -> bool:
+    """Say if an address is one of the loopback interface; a text that is none, as a strange machine may report, is not."""
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return False
+
+
+def _name(case: Case) -> Judgement | None:
+    if case.member is None or case.observer.plan.is_router:
+        return None
+    addresses, expected = case.member.addresses, case.address
+    good = addresses == (expected,)
+    if good and case.counted:
+        return PASSED
+    found = ", ".join(addresses) or case.member.resolve_error
+    # Fig. 6 of the report leaves 127.0.1.1 at the own name, and these robots talk.
+    verdict = WARNING if case.by_hand and case.target == case.observer.name and expected in addresses else FAILED
+    return Judgement(OK if good else verdict, expected, found)
+
+
+NAME = Check(
+    id="name",
+    title="name means the planned address",
+    scope=ITSELF_TOO,
+    judge=_name,
+    documented=Documented("pair, itself too", "the name resolves to the planned address and no other", "3.1, Fig. 6"),
+    needs=lambda case: names(case.observer.name, case.target),
+    evidence=_means,
+)
+
+
+# The name, as others than root look it up
+
+
+def _user_name(case: Case) -> Judgement | None:
+    found = case.member.user_addresses if case.member else None
+    if found is None or _addresses(case) != (case.address,) or case.observer.plan.is_router:
+        return None  # what root finds is another check
+    good = found == (case.address,)
+    if good and case.counted:
+        return PASSED
+    return Judgement(OK if good else FAILED, f"{case.address}, as for root", ", ".join(found) or "no address")
+
+
+USER_NAME = Check(
+    id="user_name",
+    title="name means the same without rights",
+    scope=ITSELF_TOO,
+    judge=_user_name,
+    documented=Documented(
+        "pair, itself too", "a user without rights, as nodes are, gets the same addresses for the name"
+    ),
+    needs=lambda case: of("names", case.observer.name, "rights"),
+    evidence=lambda case: of("names", case.observer.name, "rights", what=case.target),
+)
+
+
+# The route
+
+
+def _route(case: Case) -> Judgement | None:
+    route = case.member.route if case.member else None
+    if route is None:
+        return None
+    way = case.way
+    good = not route.error and route.source == way.source and (route.gateway or "") in way.hops
+    if good and case.counted:
+        return PASSED
+    expected = f"a route from {way.source}" + (f" by {way.next_hop}" if way.next_hop else "")
+    if route.error:
+        return Judgement(FAILED, expected, route.error)
+    via = f" by {route.gateway}" if route.gateway else ""
+    return Judgement(OK if good else FAILED, expected, f"on {route.device} from {route.source}{via}")
+
+
+def _route_needs(case: Case) -> Parts:
+    if not case.way.crosses or case.planned is None:
+        return NONE
+    found = of("route", case.observer.name, "missing", "other", what=case.ways.network(case.planned.robot))
+    return found | of("route", case.observer.name, "missing")
+
+
+def _route_evidence(case: Case) -> Parts:
+    route, name = case.member.route if case.member else None, case.observer.name
+    if route is None or case.planned is None:
+        return NONE
+    mode, what = taker(case.probe.policy if case.probe else Policy(), case.address)
+    if mode and (route.error or (route.gateway or "") not in case.way.hops):
+        return of("route", name, mode, what=what)
+    return _without_route(case) if route.error else _by_another(case, route)
+
+
+def _without_route(case: Case) -> Parts:
+    name, network = case.observer.name, case.ways.network(case.robots[1])
+    if not case.way.crosses:
+        small = bool(wrong_prefixes(case.observer))  # the target is beyond what it takes for its network
+        return of("interface", name, "prefix") if small else of("link", name, "down", what=network)
+    return of("route", name, "missing", what="" if _nowhere(case) else network)
+
+
+def _by_another(case: Case, route: Route) -> Parts:
+    name, network, by = case.observer.name, case.ways.network(case.robots[1]), route.gateway or ""
+    if _elsewhere(case, route.device):
+        return of("route", name, "other", what=network)
+    if by not in case.way.hops:
+        if not (by and case.way.crosses):  # it is sent to a gateway, and is in this network, or the other way round
+            return of("interface", name, "prefix")
+        return of("route", name, "missing" if _left_to_default(case, by) else "other", what=network)
+    return of("interface", name, "address")
+
+
+def _elsewhere(case: Case, device: str | None) -> bool:
+    """Packets leave by an interface that is on no network of the plan, as that of a VPN or of Docker."""
+    own = own_networks(case.observer, case.ways)
+    return len(own) == len(case.observer.plan.networks) and device not in {entry.interface for entry in own.values()}
+
+
+def _left_to_default(case: Case, by: str) -> bool:
+    """The planned route is one to the network, and is gone: the default route takes what it was for."""
+    special = all(route.destination.prefixlen for route in case.observer.plan.routes)
+    return special and case.probe is not None and by in {route.gateway for route in case.probe.default_routes}
+
+
+def _nowhere(case: Case) -> bool:
+    """The observer has a route to no other network."""
+    members, ways = case.observer.members.values(), case.ways
+    routes = [entry.route for entry in members if entry.route and ways.way(case.observer.plan, entry.name).crosses]
+    return all(route.error for route in routes)
+
+
+ROUTE = Check(
+    id="route",
+    title="packets leave from the planned address",
+    scope=MEMBER,
+    judge=_route,
+    documented=Documented("pair", "packets leave from the planned address, and by the planned gateway", "4.2"),
+    needs=_route_needs,
+    evidence=_route_evidence,
+)
+
+
+# The ping by address
+
+
+def _ping_error(case: Case) -> str:
+    ping = case.member.ping_address if case.member else None
+    return ping.error if ping else ""
+
+
+def _pinged(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    return way(case, one, other) | passes(one, other, "icmp") | of("setting", other, "icmp_all")
+
+
+def _answers_sometimes(case: Case) -> bool:
+    """Of further requests some were answered: packets get lost, and nobody keeps them back."""
+    return case.member is not None and case.member.loss is not None and case.member.loss < 1.0
+
+
+def _ping_evidence(case: Case) -> Parts:
+    """Whoever says that a packet has been passed on too often sends it back to where it came from; or he has no route."""
+    reporter, said, error = _ping_error(case).partition(" reports")
+    network = case.ways.network(case.robots[1])
+    if said and "network unreachable" in error:
+        return of("route", case.ways.at(reporter), "missing", what=network)
+    return of("route", case.ways.at(reporter), "circle", what=network) if said and "time to live" in error else NONE
+
+
+def _ping_suspects(case: Case) -> Parts:
+    """An ICMP error tells who has sent it, and why; see _multicast/packets.py of the modules."""
+    if _answers_sometimes(case):
+        return losing(case, case.observer.name, case.target)
+    error = _ping_error(case)
+    reporter = case.ways.at(error.partition(" reports")[0]) if " reports" in error else ""
+    if "prohibited" in error:
+        return of("filter", reporter or case.target, "forward") | passes(case.observer.name, case.target, "icmp")
+    if "host unreachable" in error and reporter:
+        return _unreachable(case, reporter)
+    silent = case.member is not None and case.member.silent
+    return _pinged(case) - asked_for(case, case.observer.name, case.target) if silent else _pinged(case)
+
+
+def _unreachable(case: Case, reporter: str) -> Parts:
+    """The reporter has looked in vain for the next one on the way: the target, or whoever passes the packets on."""
+    crossed = links(case, reporter, case.target)
+    network = crossed[0][1]
+    following = next((place for place, _network in crossed if place != reporter), case.target)
+    found = of("network", network, "dead") | of("computer", following, "off")
+    for place in (reporter, following):
+        found |= of("link", place, "down", what=network) | of("interface", place, "address", "prefix")
+        found |= of("neighbour", place, "mute")
+    beyond = case.ways.network(case.robots[1])
+    if not is_in(case, reporter, beyond):  # or it has looked for the target in a network of its own
+        found |= of("route", reporter, "missing", "other", what=beyond) | of("route", reporter, "missing")
+    return found
+
+
+def _ping_address(case: Case) -> Judgement | None:
+    return _judged(case, case.member.ping_address if case.member else None, case.address)
+
+
+def _judged(case: Case, ping: Ping | None, whom: str, size: str = "") -> Judgement | None:
+    if ping is None:
+        return None
+    if ping.ok and case.counted:
+        return PASSED
+    expected = f"an answer of {whom}{size}"
+    if not ping.ok:
+        return Judgement(FAILED, expected, ping.error)
+    return Judgement(OK, expected, "as planned" if ping.rtt_ms is None else f"{ping.rtt_ms} ms")
+
+
+PING_ADDRESS = Check(
+    id="ping_address",
+    title="ping by address",
+    scope=MEMBER,
+    judge=_ping_address,
+    carries="icmp",
+    documented=Documented("pair", "one of three ICMP echo requests to its address is answered", "3.2, 4.2"),
+    needs=_pinged,
+    suspects=_ping_suspects,
+    evidence=_ping_evidence,
+)
+
+
+# TCP, where no ping is answered: a packet filter that drops pings alone is told from a computer that is off
+
+
+def _answers_tcp(case: Case) -> Judgement | None:
+    if case.member is None or not case.member.tcp:
+        return None
+    expected = "a TCP port that nobody uses refuses"
+    refused = (
+        case.member.tcp == "refused"
+    )  # nothing comes back where a packet filter drops what is not let in: no fault
+    return Judgement(OK, expected, "refused") if refused else None
+
+
+TCP_ANSWER = Check(
+    id="tcp_answer",
+    title="TCP is refused, so the computer is there",
+    scope=MEMBER,
+    judge=_answers_tcp,
+    documented=Documented(
+        "pair without an answered ping",
+        "a TCP port that nobody uses refuses; tells a lost ping from a computer that is off",
+    ),
+    needs=lambda case: way(case, case.observer.name, case.target),
+)
+
+
+# The ping by name
+
+
+def _ping_name(case: Case) -> Judgement | None:
+    if case.observer.plan.is_router:
+        return None
+    return _judged(case, case.member.ping_name if case.member else None, case.target)
+
+
+PING_NAME = Check(
+    id="ping_name",
+    title="ping by name",
+    scope=MEMBER,
+    judge=_ping_name,
+    documented=Documented("pair", "one of three ICMP echo requests to what its name means is answered", "3.2, 4.2"),
+    needs=lambda case: _pinged(case) | names(case.observer.name, case.target),
+    suspects=lambda case: (
+        losing(case, case.observer.name, case.target)
+        if _answers_sometimes(case) and case.address in _addresses(case)[:1]
+        else _pinged(case) | names(case.observer.name, case.target)
+    ),
+)
+
+
+# Large packets
+
+
+def _ping_large(case: Case) -> Judgement | None:
+    """Judge by warnings: some devices drop only large pings. Where large packets are lost, other checks fail, too."""
+    judged = _judged(case, case.member.ping_large if case.member else None, case.address, " to a large packet")
+    if judged is not None and judged.verdict != OK and case.member and (case.member.loss or 0.0) > LOST:
+        return None  # small ones are lost, too: the size need not be the reason
+    return judged if judged is None or judged.verdict == OK else judged._replace(verdict=WARNING)
+
+
+PING_LARGE = Check(
+    id="ping_large",
+    title="large packets arrive",
+    scope=MEMBER,
+    judge=_ping_large,
+    documented=Documented(
+        "pair",
+        "an ICMP echo request as large as the interface allows is answered, or a router tells that it is too large (warning)",
+    ),
+    needs=lambda case: large(case, case.observer.name, case.target),
+)
+
+
+# Lost packets
+
+
+def _ping_loss(case: Case) -> Judgement | None:
+    loss = case.member.loss if case.member else None
+    if loss is None or loss == 1.0:  # nothing at all arrives: that is another check
+        return None
+    if loss <= LOST and case.counted:
+        return PASSED
+    return Judgement(WARNING if loss > LOST else OK, f"less than {LOST:.0%} of the pings are lost", f"{loss:.0%}")
+
+
+PING_LOSS = Check(
+    id="ping_loss",
+    title="few pings are lost",
+    scope=MEMBER,
+    judge=_ping_loss,
+    documented=Documented("pair", "of further ICMP echo requests at most every fifth has no answer (warning)"),
+    needs=lambda case: losing(case, case.observer.name, case.target),
+)
+
+
+# The neighbour
+
+
+def _neighbour(case: Case) -> Judgement | None:
+    seen = case.member.neighbour.lower() if case.member else ""
+    known = case.peer.macs if seen and case.peer is not None and not case.way.crosses else None
+    if not known:
+        return None
+    if seen in known and case.counted:
+        return PASSED
+    expected = f"{case.address} is at {' or '.join(sorted(known))}"
+    return Judgement(OK if seen in known else WARNING, expected, f"it is at {seen}")  # a proxy may answer for it
+
+
+def _neighbour_evidence(case: Case) -> Parts:
+    if case.member is not None and case.member.neighbour_fixed:
+        return of("neighbour", case.observer.name, "fixed", what=case.target)
+    return of("interface", case.target, "duplicate", what=case.observer.name)
+
+
+NEIGHBOUR = Check(
+    id="neighbour",
+    title="address belongs to one computer",
+    scope=MEMBER,
+    judge=_neighbour,
+    documented=Documented(
+        "pair on one network", "the hardware address of its address is one of that computer's own (warning)"
+    ),
+    needs=lambda case: of("interface", case.target, "duplicate", what=case.observer.name),
+    evidence=_neighbour_evidence,
+)
+
+
+# Whether a neighbour answers, whatever its packet filters drop
+
+
+def _asked(case: Case) -> tuple[str, str]:
+    """Return the target's address on a network of the observer, and this network; two empty texts where it has none."""
+    own, its = case.robots
+    if own == its and case.address in case.observer.claimed:
+        return case.address, case.ways.network(own)
+    outer = case.ways.discovery_addresses.get(case.target, "")
+    return (outer, COMMON) if own != its and outer in case.observer.claimed else ("", "")
+
+
+def _answers_arp(case: Case) -> Judgement | None:
+    address, _network = _asked(case)
+    answered = case.observer.claimed.get(address)
+    if answered is None or (not answered and case.member and case.member.ping_address and case.member.ping_address.ok):
+        return None  # the question may have got lost
+    if answered and case.counted:
+        return PASSED
+    expected = f"somebody answers who has {address}"
+    return Judgement(OK if answered else FAILED, expected, "somebody does" if answered else "nobody answers")
+
+
+def _arp_needs(case: Case) -> Parts:
+    one, other, network = case.observer.name, case.target, _asked(case)[1]
+    parts = of("computer", other, "off") | of("interface", other, "address") | of("neighbour", other, "mute")
+    parts |= of("link", one, "down", what=network) | of("link", other, "down", what=network)
+    return parts | of("network", network, "dead")
+
+
+ANSWERS_ARP = Check(
+    id="answers_arp",
+    title="computer on the same network answers ARP",
+    scope=MEMBER,
+    judge=_answers_arp,
+    documented=Documented(
+        "pair on one network",
+        "somebody answers the question who has its address, which no packet filter for IP drops; tells such a filter from a "
+        "network that is dead",
+    ),
+    needs=_arp_needs,
+)
+
+
+# Whose an address is
+
+
+def _twice(case: Case) -> dict[str, list[str]]:
+    """List the addresses on the observer's networks for which another one answers, too: address -> hardware addresses.
+
+    A computer with two interfaces in one network answers by both, so its own are left out.
+    """
+    found = {}
+    own = {str(entry.address) for entry in case.observer.plan.networks}
+    for claim in case.probe.claims if case.probe else ():
+        holder = case.run.get(case.ways.at(claim.address))
+        known = case.observer.macs if claim.address in own else holder.macs if holder else frozenset()
+        strange = [mac for mac in claim.macs if mac.lower() not in known]
+        if case.ways.at(claim.address) and len(strange) > (0 if known else 1):
+            found[claim.address] = strange
+    return found
+
+
+def _address_once(case: Case) -> Judgement | None:
+    if case.probe is None or not case.probe.claims:
+        return None
+    twice = _twice(case)
+    found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
+    return Judgement(FAILED if twice else OK, "one computer answers for each address", found or "one for each")
+
+
+def _doubled(case: Case) -> Parts:
+    return joined(of("interface", case.ways.at(address), "duplicate") for address in _twice(case))
+
+
+def _not_doubled(case: Case) -> Parts:
+    """Whoever asks for its own address in vain is alone with it, for all who ask."""
+    name = case.observer.name
+    return of("interface", name, "duplicate") | joined(
+        of("interface", name, "duplicate", what=other) for other in (*case.ways.members, *case.ways.titles)
+    )
+
+
+ADDRESS_ONCE = Check(
+    id="address_once",
+    title="nobody else answers for an address",
+    scope=COMPUTER,
+    judge=_address_once,
+    documented=Documented(
+        "computer, its networks",
+        "asked by ARP, one hardware address answers for each address of the fleet, none for its own",
+    ),
+    needs=_not_doubled,
+    evidence=_doubled,
+)
+
+
+CHECKS = (
+    ADDRESS_ONCE,
+    NAME,
+    USER_NAME,
+    ROUTE,
+    PING_ADDRESS,
+    TCP_ANSWER,
+    PING_NAME,
+    PING_LARGE,
+    PING_LOSS,
+    NEIGHBOUR,
+    ANSWERS_ARP,
+)

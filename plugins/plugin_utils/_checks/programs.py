@@ -1,0 +1,114 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of what programs on a computer have: their parameters, and room to write."""
+
+from __future__ import annotations
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, joined, of
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.by_hand import of_site_yml, unless_by_hand
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
+    COMPUTER,
+    FAILED,
+    OK,
+    Check,
+    Documented,
+    Judgement,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Differing, Disk
+
+# The parameters of the nodes
+
+# What a parameter decides: (node, parameter) -> the part; any other one is what the node serves or takes.
+DECIDES = {
+    ("master_discovery", "mcast_group"): ("discovery", "group"),
+    ("master_discovery", "mcast_port"): ("discovery", "group"),
+    ("master_discovery", "rpc_port"): ("discovery", "port"),
+    ("master_discovery", "interface"): ("interface", "multicast"),
+}
+KINDS = {"master_discovery": "discovery", "master_sync": "sync"}
+
+
+def _compared(case: Case) -> bool:
+    return case.probe is not None and case.observer.plan.is_master and bool(case.probe.parameters.nodes)
+
+
+def _parameters(case: Case) -> Judgement | None:
+    if case.probe is None or not _compared(case):
+        return None
+    differing = case.probe.parameters.differing
+    expected = "; ".join(f"{entry.name} {entry.expected}" for entry in differing)
+    found = "; ".join(f"{entry.name} of {entry.node} is {entry.found}" for entry in differing)
+    return Judgement(FAILED, expected, found) if differing else Judgement(OK, "the parameters of the plan", "the same")
+
+
+def _parameters_evidence(case: Case) -> Parts:
+    return joined(_decided(case, entry) for entry in (case.probe.parameters.differing if case.probe else ()))
+
+
+def _decided(case: Case, entry: Differing) -> Parts:
+    kind, mode = DECIDES.get((entry.node, entry.name), (KINDS[entry.node], "configuration"))
+    what = {"group": f"{entry.name} {entry.found}", "port": entry.expected, "multicast": ""}
+    return of(kind, case.observer.name, mode, what=what.get(mode, f"{entry.name} is {entry.found}"))
+
+
+def _as_planned(case: Case) -> Parts:
+    """A node that was compared has the parameters of the plan."""
+    name, nodes = case.observer.name, case.probe.parameters.nodes if case.probe else ()
+    found = of("discovery", name, "group", "port", "configuration") if "master_discovery" in nodes else NONE
+    return found | (of("sync", name, "configuration") if "master_sync" in nodes else NONE)
+
+
+PARAMETERS = Check(
+    id="parameters",
+    title="nodes have the planned parameters",
+    scope=COMPUTER,
+    judge=of_site_yml(_parameters, _compared),
+    documented=Documented(
+        "roscore", "the parameters of discovery and sync on the roscore are those of the plan", "3.3"
+    ),
+    needs=_as_planned,
+    evidence=unless_by_hand(_parameters_evidence),
+)
+
+
+# Room
+
+LEAST_BYTES, LEAST_FILES = 1 << 20, 16
+
+
+def _full(case: Case) -> list[Disk]:
+    disks = case.probe.disks if case.probe else ()
+    return [
+        disk
+        for disk in disks
+        if (disk.free_bytes is not None and disk.free_bytes < LEAST_BYTES)
+        or (disk.free_files is not None and disk.free_files < LEAST_FILES)
+    ]
+
+
+def _room(case: Case) -> Judgement | None:
+    if case.probe is None or not case.probe.disks:
+        return None
+    full = [f"{disk.path}: {disk.free_bytes} bytes and {disk.free_files} files" for disk in _full(case)]
+    return Judgement(
+        FAILED if full else OK, "1 MiB and 16 files left where services write", "; ".join(full) or "enough"
+    )
+
+
+ROOM = Check(
+    id="room",
+    title="services have room to write",
+    scope=COMPUTER,
+    judge=_room,
+    documented=Documented("computer", "where services write, 1 MiB and 16 files are left for others than root"),
+    needs=lambda case: of("computer", case.observer.name, "disk"),
+    evidence=lambda case: joined(of("computer", case.observer.name, "disk", what=disk.path) for disk in _full(case)),
+)
+
+
+CHECKS = (
+    PARAMETERS,
+    ROOM,
+)

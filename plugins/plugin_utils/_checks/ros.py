@@ -1,0 +1,199 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of ROS between two computers: a subscriber of the one hears a talker of the other."""
+
+from __future__ import annotations
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Item
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
+    NONE,
+    Parts,
+    connected,
+    discovery,
+    heartbeats,
+    large,
+    of,
+    passes,
+    registered,
+    roscore,
+    slow,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
+    FAILED,
+    MEMBER,
+    OK,
+    PASSED,
+    UNKNOWN,
+    WARNING,
+    Check,
+    Documented,
+    Judgement,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of
+
+TALKER_TYPE, TALKER_NODE = "std_msgs/String", "/multimaster_verify_talker_"
+
+
+# A topic is heard
+
+
+def _topic_heard(case: Case) -> Judgement | None:
+    target = case.peer
+    if case.probe is None or target is None or case.observer.without_ros or _declared_away(case):
+        return None
+    entry = case.topic
+    if entry is None:
+        # A talker that never was is no fault of this pair.
+        silent = target.seen.unreachable or (target.seen.probe is not None and target.without_ros)
+        return None if silent else Judgement(FAILED, "its message", "not listened to")
+    if entry.heard and case.counted:
+        return PASSED
+    expected = f"a message on {entry.topic}"
+    if entry.heard:
+        return Judgement(OK, expected, "heard")
+    if _filtered(case, entry.topic):
+        return Judgement(UNKNOWN, expected, "the topic is left out by multimaster_filters")
+    return Judgement(FAILED, expected, entry.error or "nothing")
+
+
+def _declared_away(case: Case) -> bool:
+    """The target's robot declares that it gives the observer's nothing."""
+    own, its = case.robots
+    return own != its and case.exchanges.flows.declared_away(its, own)
+
+
+def _filtered(case: Case, topic: str) -> bool:
+    """The filters between the two robots leave the topic out."""
+    own, its = case.robots
+    talker = Item("publisher", topic, TALKER_NODE + topic.rpartition("/")[2])
+    return own != its and not case.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
+
+
+def _heard_needs(case: Case) -> Parts:
+    """A topic that is heard need not be registered here: the other robot may have registered this subscriber, and called it.
+
+    A discovery node may have told it on a connection that was there before a packet filter: that port is not cleared.
+    """
+    one, other = case.observer.name, case.target
+    if case.topic is not None and not any(publisher.uri for publisher in case.topic.publishers):
+        return connected(case, one, other)
+    return (registered(case, one, other) - passes(*case.masters, "rpc")) | connected(case, one, other)
+
+
+def _heard_suspects(case: Case) -> Parts:
+    """A topic that is registered at the observer's roscore needs only the connection."""
+    one, other, topic = case.observer.name, case.target, case.topic
+    if topic is None:
+        missing = of("registration", other, "talker") | of("computer", other, "off", "unmeasured", "login")
+        return missing | of("registration", one, "listener") | roscore(case, other, case.masters[1])
+    if topic.error.startswith("the listener"):
+        failed = of("registration", one, "listener") | of("computer", one, "overloaded")
+        return failed | roscore(case, one, case.masters[0])
+    if topic.reached == "open":  # its message is late, or too large
+        late = of("computer", one, "overloaded") | of("computer", other, "overloaded") | large(case, one, other)
+        return late | passes(case.masters[0], one, "nodes") | of("registration", one, "listener")
+    if topic.publishers:
+        told = passes(case.masters[0], one, "nodes")  # its roscore tells it of a new publisher
+        listens = of("registration", one, "listener")
+        odd = of("computer", one, "overloaded") | large(case, one, other)
+        return connected(case, one, other) - listens | told | odd
+    own, its = case.masters
+    beyond = of("sync", own, "configuration", "stale") | discovery(own) | heartbeats(case, own, its)
+    sizes = large(case, own, its) | large(case, one, own) | large(case, other, its)
+    return registered(case, one, other) | sizes | (beyond if own != its else NONE)
+
+
+def _heard_evidence(case: Case) -> Parts:
+    topic, there = case.topic, case.peer.seen.probe if case.peer else None
+    if topic is None or topic.error.startswith("the listener"):
+        return NONE
+    if _filtered(case, topic.topic):
+        return of("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
+    if there is None or there.roscore.error or topic.publishers:  # without its roscore no talker runs
+        return NONE
+    if there.talker is not None and not there.talker.running:
+        return of("registration", case.target, "talker", what=there.talker.error)
+    return NONE
+
+
+TOPIC_HEARD = Check(
+    id="topic_heard",
+    title="subscriber hears the other's talker",
+    scope=MEMBER,
+    judge=_topic_heard,
+    documented=Documented(
+        "pair", "a subscriber hears what the talker of that computer says in this run", "3.3, 4.3, Fig. 9"
+    ),
+    needs=_heard_needs,
+    suspects=_heard_suspects,
+    carries="nodes",
+    evidence=_heard_evidence,
+)
+
+
+# The connection is direct
+
+
+def _direct_connection(case: Case) -> Judgement | None:
+    if case.topic is None or not case.topic.publishers:
+        return None
+    publishers = case.topic.publishers
+    good = all(host_of(publisher.uri) in case.ways.called[case.target] for publisher in publishers)
+    if good and case.counted:
+        return PASSED
+    found = ", ".join(publisher.uri or f"{publisher.node}, which is not registered here" for publisher in publishers)
+    return Judgement(OK if good else FAILED, f"the publisher is on {case.target}", found)
+
+
+def _said(case: Case) -> Parts:
+    uris = [entry.uri for entry in case.topic.publishers if entry.uri] if case.topic else []
+    hosts = sorted({host_of(uri) for uri in uris} - case.ways.called[case.target])
+    return of("environment", case.target, "shell", what=f"they call themselves {', '.join(hosts)}") if hosts else NONE
+
+
+DIRECT_CONNECTION = Check(
+    id="direct_connection",
+    title="rostopic info shows a direct connection",
+    scope=MEMBER,
+    judge=_direct_connection,
+    documented=Documented("pair", "the publisher in `rostopic info` is a node on that computer", "3.3"),
+    suspects=lambda case: registered(case, case.observer.name, case.target),
+    evidence=_said,
+)
+
+
+# Throughput, where it is measured
+
+
+def _throughput(case: Case) -> Judgement | None:
+    """Judge by what the user expects; nobody else knows how fast a link is to be."""
+    stream = case.stream
+    if stream is None or case.peer is None:
+        return None
+    expected = f"at least {case.least:g} Mbit/s" if case.least else "any"
+    if stream.mbit_s is None:
+        return Judgement(UNKNOWN, expected, f"not measured: {stream.error}")
+    return Judgement(OK if stream.mbit_s >= case.least else WARNING, expected, f"{stream.mbit_s:.1f} Mbit/s")
+
+
+THROUGHPUT = Check(
+    id="throughput",
+    title="throughput",
+    scope=MEMBER,
+    judge=_throughput,
+    documented=Documented(
+        "pair, with `verify_throughput`",
+        "a stream to its talker is as fast as `verify_throughput_least` says (warning); without that it only informs",
+    ),
+    needs=lambda case: slow(case, case.observer.name, case.target) if case.least else NONE,
+    shown=True,
+)
+
+
+CHECKS = (
+    TOPIC_HEARD,
+    DIRECT_CONNECTION,
+    THROUGHPUT,
+)

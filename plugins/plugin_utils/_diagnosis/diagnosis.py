@@ -1,0 +1,333 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The diagnosis: the smallest set of parts that explains what failed, and that no success contradicts.
+
+Pure: the plan and the observations in, findings out. What a value shows to be broken is a finding. What else failed is
+explained by the parts that it needs (cover.py); a success of the same kind clears them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain, islice
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import GROUP, ROSCORE
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, losing
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FOLLOWS, RULED, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
+    FAILED,
+    OK,
+    UNKNOWN,
+    WARNING,
+    Check,
+    Row,
+    Verification,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.commands import command
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.cover import Failure, explain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.offsets import offset
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.since import since
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+
+WEIGHTS = {FAILED: 1.0, WARNING: 0.9, UNKNOWN: 0.5}
+SERIOUS = (FAILED, WARNING, UNKNOWN)
+CHANCE = 0.3  # what a failure counts where packets are known to get lost
+ASKED = 60  # pairs that are looked at for a success that clears a part
+MOST = 20_000  # rows that are explained
+ENOUGH = 3  # successes that clear it, where it lets nothing pass
+MANY = 20  # those that are counted of a part that lets some things pass: their share says how likely it is
+UNREAD = 1.0  # what a part costs more that a value would show, if somebody had looked
+NOT_FOUND = 2.0  # what a packet filter costs more where the rules were read and none of them drops it
+NAMED = 4  # names, networks and the like that a finding names
+
+
+@dataclass(frozen=True)
+class Found:
+    """A finding: a part that is broken, the observations that show it, and those that follow from it."""
+
+    part: Part
+    verdict: str = FAILED
+    rivals: tuple[Part, ...] = ()  # that explain the same: it is one of these
+    proof: tuple[Row, ...] = ()  # rows with a value that shows it
+    rows: tuple[Row, ...] = ()  # rows that it explains
+    also: tuple[Part, ...] = ()  # the same at the same place: other names, other networks
+
+    passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
+    since: str = ""  # empty where nobody knows
+    command: str = ""  # that mends it, where what was read gives one
+
+    @property
+    def follows(self) -> int:
+        """Count the observations that failed because of it."""
+        return len(self.rows)
+
+    @property
+    def candidates(self) -> tuple[Part, ...]:
+        """It is one of these."""
+        return (self.part, *self.rivals)
+
+    @property
+    def what(self) -> str:
+        """Name what of the part is concerned: the first names or networks, and how many more."""
+        whats = list(dict.fromkeys(part.what for part in (self.part, *self.also) if part.what))
+        more = f" and {len(whats) - NAMED} more" if len(whats) > NAMED else ""
+        return ", ".join(whats[:NAMED]) + more
+
+    def sentence(self) -> str:
+        """Say what is wrong."""
+        return self.part._replace(what=self.what).sentence()
+
+    def remedy(self) -> str:
+        """Say what to do: the command first, and what to look at if it does not last."""
+        return f"{self.command}; if it does not last, {self.part.remedy()}" if self.command else self.part.remedy()
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The findings, the most important first, and the rows that none of them explains."""
+
+    findings: tuple[Found, ...] = ()
+    unexplained: tuple[Row, ...] = ()
+    looked_at: int = 0  # rows that are not ok
+    of: int = 0
+
+
+def diagnose(fleet: FleetPlan, observations: Mapping[str, Observation]) -> Diagnosis:
+    """Find the parts that explain what is not as expected; nothing where all is."""
+    verification = Verification(CHECKS, fleet, observations)
+    return explained(verification, [row for row in verification.rows() if row.verdict != OK])
+
+
+def explained(verification: Verification, rows: Sequence[Row]) -> Diagnosis:
+    """Explain the rows that are not ok; of very many, some out of all of them, since they say the same again and again."""
+    if not rows:
+        return Diagnosis()
+    some = rows if len(rows) <= MOST else _some(rows)
+    return replace(_Diagnosis(verification, some).result(), looked_at=len(some), of=len(rows))
+
+
+def _some(rows: Sequence[Row]) -> list[Row]:
+    """Take every so many of the rows, and all that are of one computer."""
+    step = -(-len(rows) // MOST)
+    return [row for number, row in enumerate(rows) if number % step == 0 or row.observer == row.target]
+
+
+@dataclass
+class _Broken:
+    """A part on its way to a finding."""
+
+    proof: list[Row] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+    rivals: tuple[Part, ...] = ()
+    passed: tuple[str, ...] = ()
+
+
+class _Diagnosis:
+    def __init__(self, verification: Verification, rows: Sequence[Row]) -> None:
+        self.verification = verification
+        self.checks = {check.id: check for check in verification.checks}
+        self.bad = {(row.check, row.observer, row.target) for row in rows}
+        self.broken: dict[Part, _Broken] = defaultdict(_Broken)
+        self.cleared: dict[tuple[str, str], Counter[Part]] = {}
+        self.open: list[tuple[Row, Parts]] = []
+        for row in rows:
+            self._read(row)
+
+    def _read(self, row: Row) -> None:
+        """Note what a row shows to be broken, or whom it lets suspect."""
+        check = self.checks[row.check]
+        case = self.verification.case(check, row.observer, row.target)
+        if case is None:
+            return
+        if evidence := check.evidence(case) or self._dropped(check, row):
+            for part in evidence:
+                self.broken[part].proof.append(row)
+        else:
+            self.open.append((row, (check.suspects or check.needs)(case)))
+
+    def _dropped(self, check: Check, row: Row) -> Parts:
+        """Find the packet filter with a rule that drops what a check has sent in vain."""
+        if not check.carries or row.verdict not in (FAILED, WARNING):
+            return NONE
+        ends = (row.target, row.observer) if check.carries == GROUP else (row.observer, row.target)
+        if check.carries == ROSCORE:
+            ends = row.observer, self.verification.ways.master(self.verification.run[row.observer].plan.robot)
+        part = self.verification.everything.filters.dropping(*ends, check.carries)
+        return NONE if part is None else frozenset({part})
+
+    def result(self) -> Diagnosis:
+        """Explain what no value explains."""
+        self._drop_consequences()
+        lost = self._lost()
+        by_chance = [lost & self._losing(row) if lost else NONE for row, _suspects in self.open]
+        failures = [
+            Failure(suspects, WEIGHTS[row.verdict] * (CHANCE if maybe - suspects else 1.0))
+            for (row, suspects), maybe in zip(self.open, by_chance, strict=True)
+        ]
+        # what was read may have a text that says more; a row suspects the part without it
+        told = {part._replace(what=""): part for part in self.broken}
+        chosen, rest = explain(failures, {*self.broken, *told}, self.successes, self._doubt)
+        for entry in chosen:
+            known = entry.part if entry.part in self.broken else told.get(entry.part, entry.part)
+            broken = self.broken[known]
+            broken.rows += [self.open[number][0] for number in entry.failures]
+            broken.rivals = broken.rivals or entry.rivals
+            broken.passed = self._passed(broken.rows)
+        for number in rest:
+            if by_chance[number]:
+                self.broken[min(by_chance[number])].rows.append(self.open[number][0])
+        unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
+        return Diagnosis(tuple(map(self._told, _findings(self.broken))), unexplained)
+
+    def _told(self, entry: Found) -> Found:
+        """Add what the machine at its place tells: since when, by how much, and what mends it."""
+        computer = self.verification.run.get(entry.part.place)
+        return replace(
+            _measured(entry),
+            since=since(entry.part, computer.seen.probe if computer else None),
+            command=command((entry.part, *entry.also), computer, self.verification.everything),
+        )
+
+    def _lost(self) -> Parts:
+        """Explain the measured loss first. Where packets are known to get lost, something else may fail by chance.
+
+        So it counts less there, and what nothing else explains is the loss.
+        """
+        measured = [entry for entry in self.open if entry[1] and all(part.mode == "loss" for part in entry[1])]
+        if not measured:
+            return NONE
+        chosen, _rest = explain([Failure(suspects) for _row, suspects in measured], set(self.broken), self.successes)
+        for entry in chosen:
+            self.broken[entry.part].rivals = entry.rivals
+        return frozenset(entry.part for entry in chosen)
+
+    def _losing(self, row: Row) -> Parts:
+        case = self.verification.case(self.checks[row.check], row.observer, row.target)
+        return losing(case, row.observer, row.target) | losing(case, *case.masters) if case else NONE
+
+    def _doubt(self, part: Part) -> float | None:
+        """Say what it costs more to conclude a part that reading did not show; None where it would have shown it."""
+        if part.fault.read:
+            return UNREAD if self._unread(part) else None
+        return (
+            NOT_FOUND
+            if (part.kind, part.mode) in RULED and self.verification.everything.filters.lets_pass(part)
+            else 0.0
+        )
+
+    def _unread(self, part: Part) -> bool:
+        """Nobody could look at the place of a part."""
+        if not part.fault.unseen:
+            return False
+        computer = self.verification.run.get(part.place)
+        return computer is None or computer.seen.probe is None
+
+    def _drop_consequences(self) -> None:
+        """Leave out what is broken only because another part of the same place is."""
+        places: dict[str, list[Part]] = defaultdict(list)
+        for part in self.broken:
+            places[part.place].append(part)
+        reasons: dict[Part, Part] = {}
+        for part in self.broken:
+            kinds = FOLLOWS.get((part.kind, part.mode), ())
+            reason = next((other for other in places[part.place] if (other.kind, other.mode) in kinds), None)
+            if reason is not None:
+                reasons[part] = reason
+        for part, reason in reasons.items():
+            while reason in reasons:  # which follows from another one
+                reason = reasons[reason]
+            self.broken[reason].rows += self.broken.pop(part).proof
+
+    def _passed(self, rows: Sequence[Row]) -> tuple[str, ...]:
+        """List the checks that succeed in the pairs of some rows, once for each pair."""
+        pairs = list(dict.fromkeys((row.observer, row.target) for row in rows))[:ASKED]
+        return tuple(check for pair in pairs for check in self._succeeded(*pair))
+
+    def successes(self, part: Part) -> int:
+        """Count successes that need a part, up to a few: first in the pairs that failed with it, then in others."""
+        count, enough = 0, ENOUGH if part.fault.hard else MANY
+        for observer, target in dict.fromkeys(chain(self._same(part), self._others(part))):
+            count += self._cleared(observer, target)[part]
+            if count >= enough:
+                break
+        return count
+
+    def _cleared(self, observer: str, target: str) -> Counter[Part]:
+        """Count for each part the successes of a pair that need it."""
+        if (observer, target) not in self.cleared:
+            found = self.cleared[observer, target] = Counter()
+            for needs in self._succeeded(observer, target).values():
+                found.update(needs)
+        return self.cleared[observer, target]
+
+    def _succeeded(self, observer: str, target: str) -> dict[str, Parts]:
+        """Find the checks that succeed in a pair, with the parts that they need."""
+        found = {}
+        for check, case in self.verification.cases(observer, target):
+            if (check.id, observer, target) not in self.bad:
+                case.counted = True  # its verdict is enough
+                judged = check.judge(case)
+                if judged is not None and judged.verdict == OK:
+                    found[check.id] = check.needs(case)
+        return found
+
+    def _same(self, part: Part) -> Iterable[tuple[str, str]]:
+        """List pairs that failed, and may have because of a part, in both directions."""
+        pairs = ((row.observer, row.target) for row, suspects in self.open if part in suspects)
+        return (pair for one, other in islice(pairs, ASKED) for pair in ((one, other), (other, one)))
+
+    def _others(self, part: Part) -> Iterable[tuple[str, str]]:
+        """List other pairs that may need a part: those of the computers at its place, and those of their robot."""
+        members = self.verification.fleet.members
+        robots = {member.robot for member in members if member.name == part.place}
+        near = sorted(
+            (member.name for member in members if member.robot in robots), key=lambda name: name != part.place
+        )
+        far = [member.name for member in members]
+        step = max(1, len(near or far) * len(far) // ASKED)
+        pairs = ((one, other) for one in near or far for other in far)
+        some = islice(pairs, 0, None, step)
+        return (pair for one, other in chain([(part.place, part.place)], some) for pair in ((one, other), (other, one)))
+
+
+def _findings(broken: Mapping[Part, _Broken]) -> list[Found]:
+    """Make one finding of the parts that are one for a person, and sort them."""
+    groups: dict[tuple[str, str, str], list[Found]] = defaultdict(list)
+    for part, entry in broken.items():
+        verdicts = {row.verdict for row in (*entry.proof, *entry.rows)}
+        worst = next((verdict for verdict in SERIOUS if verdict in verdicts), UNKNOWN)
+        groups[part[:3]].append(
+            Found(part, worst, entry.rivals, tuple(entry.proof), tuple(entry.rows), passed=entry.passed)
+        )
+    found = [_joined(group) for group in groups.values()]
+    return sorted(found, key=_importance)
+
+
+def _measured(entry: Found) -> Found:
+    """Say of clocks by how much they are off."""
+    parts = [
+        part._replace(what=offset(part, entry.rows) or part.what) if part.kind == "clock" else part
+        for part in entry.candidates
+    ]
+    return replace(entry, part=parts[0], rivals=tuple(parts[1:]))
+
+
+def _importance(entry: Found) -> tuple[int, bool, int, Part]:
+    """Order findings: the serious ones first; of these what a value shows; of these what most follows from."""
+    return SERIOUS.index(entry.verdict), not entry.proof, -len(entry.rows) - len(entry.proof), entry.part
+
+
+def _joined(group: Sequence[Found]) -> Found:
+    first = min(group, key=lambda entry: (-len(entry.proof) - len(entry.rows), entry.part))
+    return replace(
+        first,
+        verdict=min((entry.verdict for entry in group), key=SERIOUS.index),
+        proof=tuple(chain.from_iterable(entry.proof for entry in group)),
+        rows=tuple(chain.from_iterable(entry.rows for entry in group)),
+        also=tuple(sorted(entry.part for entry in group if entry is not first)),
+    )

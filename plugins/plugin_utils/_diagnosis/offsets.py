@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""By how much a clock is off, and from whose: pure, a part and the rows that it explains in, a text out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from statistics import median
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Row
+
+NAMED = 3  # computers that are named
+
+
+def offset(part: Part, rows: Iterable[Row]) -> str:
+    """Say by how much, such as "2.0 s ahead of dabo-gate and tibi-gate"; empty where nothing was measured."""
+    found: dict[str, float] = {}
+    for row in rows:
+        seconds = _seconds(row)
+        if seconds is not None and part.place in (row.observer, row.target):
+            ahead, other = (seconds, row.observer) if row.target == part.place else (-seconds, row.target)
+            found.setdefault(other, ahead)
+    if not found:
+        return ""
+    middle, others = median(found.values()), sorted(found)
+    more = f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
+    whose = " and ".join(others) if len(others) < NAMED else ", ".join(others[:NAMED]) + more
+    return f"{_amount(abs(middle))} {'ahead of' if middle > 0 else 'behind'} {whose}"
+
+
+def _amount(seconds: float) -> str:
+    """Write a duration as people say it: a clock that starts at 1970 is years behind."""
+    for size, unit in ((86400 * 365, "years"), (86400, "days"), (3600, "hours")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.2f} s" if seconds < 1 else f"{seconds:.1f} s"
+
+
+def _seconds(row: Row) -> float | None:
+    """Read what the check `clock` has found, such as "+2.0003 s"; None for a text that is none."""
+    number, _space, unit = row.found.partition(" ")
+    try:
+        return float(number) if row.check == "clock" and unit == "s" else None
+    except ValueError:
+        return None

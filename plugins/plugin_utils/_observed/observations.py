@@ -1,0 +1,528 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Observations: what the modules multimaster_verify and multicast_verify return, as types.
+
+`_data.plain.from_plain` reads them, once, in the action fleet_report. A field here is a key of the result there, with the
+same meaning; the documentation of the two modules describes each.
+
+Addresses are texts here, and compared as texts. They are what a machine said, and a machine may say something else:
+`ip route` prints "via inet6 fe80::1" for a route of IPv4 with a next hop of IPv6 (RFC 5549).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
+
+# multimaster_verify: the network
+
+
+@dataclass(frozen=True)
+class Ping:
+    """The answer to an ICMP echo request."""
+
+    ok: bool = False
+    rtt_ms: float | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Route:
+    """The route that the kernel takes to an address."""
+
+    device: str | None = None
+    source: str | None = None
+    gateway: str | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class DefaultRoute:
+    """A default route of the computer."""
+
+    device: str | None = None
+    source: str | None = None
+    gateway: str | None = None
+    metric: str | None = None
+
+
+@dataclass(frozen=True)
+class SeenMember:
+    """A computer of the fleet, seen from another one. Of itself a computer looks up its name only."""
+
+    name: str
+    address: str = ""
+    addresses: tuple[str, ...] = ()
+    resolve_error: str = ""
+    route: Route | None = None
+    discovery_route: Route | None = None  # to its other address, at which its discovery node is; None without one
+    ping_address: Ping | None = None
+    ping_name: Ping | None = None
+    ping_large: Ping | None = None  # as large as the observer's interface allows; None where no small one was answered
+    neighbour: str = ""  # its hardware address, as the observer's kernel knows it; empty in another network
+    neighbour_fixed: bool = False  # somebody has set it by hand
+    # what a user without rights finds as the addresses of its name; None where that was not looked up
+    user_addresses: tuple[str, ...] | None = None
+    loss: float | None = None  # the share of further small ones without an answer, 0 to 1; None where none were sent
+    tcp: str = ""  # where no ping was answered: what a port that nobody uses says, "refused" or why not
+    silent: bool = False  # no ping was answered, and nobody on the way said why, though that was waited for
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Who answers for an address on a network of the computer: the hardware addresses of all but the computer itself."""
+
+    address: str
+    interface: str = ""
+    macs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Policy:
+    """Rules and routes beside the main table: lines of `ip rule` and of `ip route show table all`."""
+
+    rules: tuple[str, ...] = ()  # that lead to other tables than the kernel's own
+    closed: tuple[str, ...] = ()  # routes that lead nowhere
+
+
+@dataclass(frozen=True)
+class ForwardingInterface:
+    """The kernel's settings of one interface; None for what cannot be read."""
+
+    interface: str
+    addresses: tuple[str, ...] = ()
+    forwarding: int | None = None
+    rp_filter: int | None = None
+    send_redirects: int | None = None
+    prefixes: tuple[int, ...] = ()  # the prefix length of each of the addresses; empty where it was not looked at
+    mtu: int | None = None
+    mac: str = ""
+    state: str = ""  # the kernel's operational state: up, down, unknown and so on
+    carrier_changes: int | None = None  # how often its link came or went
+    last: str = ""  # where it is down: the last line of the journal about its link
+
+
+@dataclass(frozen=True)
+class Forwarding:
+    """The settings that decide whether the computer passes packets on."""
+
+    ip_forward: int | None = None
+    interfaces: tuple[ForwardingInterface, ...] = ()
+    icmp_echo_ignore_all: int | None = None
+
+
+@dataclass(frozen=True)
+class SeenMaster:
+    """The discovery node of a master: its TCP port and its clock, seen from another computer."""
+
+    computer: str
+    address: str = ""
+    port: int = 0
+    open: bool = False
+    connect_ms: float | None = None
+    error: str = ""
+    route: Route | None = None  # to that address
+    roscore: str = ""  # what the port of its roscore says: "open", or why it does not open; empty where nobody asked
+    clock_offset_s: float | None = None
+    clock_uncertainty_s: float | None = None
+    clock_error: str = ""
+
+
+# multimaster_verify: ROS
+
+
+@dataclass(frozen=True)
+class Roscore:
+    """The answer of the roscore that ROS_MASTER_URI names."""
+
+    uri: str = ""
+    answer: str = ""
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class ListedMaster:
+    """A master in the answer of `rosservice call /master_discovery/list_masters`."""
+
+    name: str
+    uri: str = ""
+    online: bool = False
+    monitoruri: str = ""
+
+
+@dataclass(frozen=True)
+class ListMasters:
+    """The answer of `rosservice call /master_discovery/list_masters`."""
+
+    masters: tuple[ListedMaster, ...] = ()
+    seconds: float = 0.0
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Publisher:
+    """A registered publisher of a topic."""
+
+    node: str
+    uri: str = ""
+
+
+@dataclass(frozen=True)
+class HeardTopic:
+    """The topic of another computer's talker, and what was heard on it."""
+
+    computer: str
+    topic: str
+    publishers: tuple[Publisher, ...] = ()
+    reached: str = ""  # where nothing was heard of a publisher: "open", or why no connection to it opens
+    heard: bool = False
+    text: str = ""
+    seconds: float | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Service:
+    """A systemd service of the collection; `differing` is None where its process cannot be looked at."""
+
+    name: str
+    unit: str
+    load_state: str = ""
+    active_state: str = ""
+    sub_state: str = ""
+    restarts: int = 0
+    differing: tuple[str, ...] | None = ()
+    drop_ins: tuple[str, ...] = ()  # files of somebody else that give it variables, where some differ
+    since: str = ""  # when it became what it is, as systemd writes it
+
+
+@dataclass(frozen=True)
+class AfterBoot:
+    """Something that will not be as planned after the next boot."""
+
+    kind: str  # unit, sysctl, route or names
+    name: str
+    expected: str = ""
+    found: str = ""
+    file: str = ""
+
+
+@dataclass(frozen=True)
+class Talker:
+    """The talker of the computer itself."""
+
+    running: bool = True
+    error: str = ""
+
+
+# multimaster_verify: the content of a roscore
+
+
+@dataclass(frozen=True)
+class RegisteredTopic:
+    """A topic with the nodes that registered it."""
+
+    name: str
+    type: str = ""
+    publishers: tuple[str, ...] = ()
+    subscribers: tuple[str, ...] = ()
+    md5sum: str = ""
+
+
+@dataclass(frozen=True)
+class RegisteredService:
+    """A service with the node that provides it."""
+
+    name: str
+    node: str
+
+
+@dataclass(frozen=True)
+class Import:
+    """The registrations that a roscore holds for another master."""
+
+    master: str  # its URI
+    topics: tuple[RegisteredTopic, ...] = ()
+    services: tuple[RegisteredService, ...] = ()
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A connection of an own node with a node of another robot."""
+
+    node: str
+    topic: str
+    direction: str  # in or out
+    peer: str
+    host: str
+    robot: str
+
+
+@dataclass(frozen=True)
+class Differing:
+    """A parameter of a node that is not as planned."""
+
+    node: str  # master_discovery or master_sync
+    name: str
+    expected: str = ""
+    found: str = ""
+
+
+@dataclass(frozen=True)
+class NodeParameters:
+    """The parameters of the nodes on the roscore, compared with the plan; `nodes` are those that could be compared."""
+
+    nodes: tuple[str, ...] = ()
+    differing: tuple[Differing, ...] = ()
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The clock of the computer; None where nobody tells."""
+
+    synchronised: bool | None = None  # by the kernel: something disciplines it
+
+
+@dataclass(frozen=True)
+class Changed:
+    """Something that was changed or started, and when."""
+
+    about: str  # names, settings, network, filter or start
+    what: str  # a file, a service or the computer
+    how: str = "was changed"
+    when: str = ""
+
+
+@dataclass(frozen=True)
+class Disk:
+    """The room for an ordinary user where services write; None where it is not counted."""
+
+    path: str
+    free_bytes: int | None = None
+    free_files: int | None = None
+
+
+@dataclass(frozen=True)
+class Silent:
+    """An own node that is registered and does not answer."""
+
+    node: str
+    host: str = ""  # in its URI
+    error: str = ""  # why not, such as "Connection refused"
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """The content of a roscore: own registrations, those for other masters, and connections with other robots."""
+
+    error: str = ""
+    types_error: str = ""
+    topics: tuple[RegisteredTopic, ...] = ()
+    services: tuple[RegisteredService, ...] = ()
+    imports: tuple[Import, ...] = ()
+    silent: tuple[str, ...] = ()
+    silences: tuple[Silent, ...] = ()  # the same with the reasons
+    connections: tuple[Connection, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outsider:
+    """A sender of heartbeats that the computer's discovery node ignores."""
+
+    address: str
+    name: str = ""
+    uri: str = ""
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """The result of multimaster_verify with `state: collected`."""
+
+    members: tuple[SeenMember, ...] = ()
+    default_routes: tuple[DefaultRoute, ...] = ()
+    claims: tuple[Claim, ...] = ()
+    policy: Policy = Policy()
+    name_sources: tuple[str, ...] = ()  # who is asked for a name, in this order; empty where nobody knows
+    forwarding: Forwarding = Forwarding()
+    masters: tuple[SeenMaster, ...] = ()
+    roscore: Roscore = Roscore()
+    list_masters: ListMasters = ListMasters()
+    topics: tuple[HeardTopic, ...] = ()
+    outsiders: tuple[Outsider, ...] = ()
+    exchange: Exchange = Exchange()
+    parameters: NodeParameters = NodeParameters()
+    clock: Clock = Clock()
+    disks: tuple[Disk, ...] = ()
+    changes: tuple[Changed, ...] = ()
+    services: tuple[Service, ...] = ()
+    next_boot: tuple[AfterBoot, ...] = ()
+    talker: Talker | None = None
+    ros_missing: str = ""
+    problems: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Stream:
+    """How fast a stream came to another computer; None where that is not known."""
+
+    computer: str
+    mbit_s: float | None = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Streams:
+    """The result of multimaster_verify with `state: streamed`."""
+
+    streams: tuple[Stream, ...] = ()
+
+
+# multicast_verify
+
+
+@dataclass(frozen=True)
+class Datagrams:
+    """The datagrams between the computer and another one; None where no count came back."""
+
+    name: str
+    address: str = ""
+    multicast: bool = False
+    heard_from: bool = False
+    heard: int = 0
+    source_address: str | None = None
+    other_interfaces: tuple[str, ...] = ()
+    heard_by: bool | None = None
+    loss: float | None = None  # the share of this computer's datagrams that the other one did not hear, 0 to 1
+    own_source_address: str | None = None
+    unicast: bool | None = None
+
+
+@dataclass(frozen=True)
+class Caller:
+    """An address from which empty datagrams came to the computer itself."""
+
+    address: str
+    datagrams: int = 0
+
+
+@dataclass(frozen=True)
+class Stranger:
+    """An address outside the fleet from which datagrams came on the group."""
+
+    address: str
+    interface: str
+    datagrams: int = 0
+
+
+@dataclass(frozen=True)
+class IcmpRound:
+    """One ping of a multicast group: the names of the computers that answered."""
+
+    round: int
+    answered: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Icmp:
+    """The pings of a multicast group."""
+
+    group: str
+    error: str | None = None
+    rounds: tuple[IcmpRound, ...] = ()
+
+
+@dataclass(frozen=True)
+class SendErrors:
+    """The datagrams that the kernel refused to send."""
+
+    count: int = 0
+    last: str | None = None
+
+
+@dataclass(frozen=True)
+class Membership:
+    """A group that programs of the computer have joined on an interface, without the measurement itself."""
+
+    interface: str
+    group: str
+    users: int = 1
+
+
+@dataclass(frozen=True)
+class Multicast:
+    """The result of multicast_verify with `state: collected`."""
+
+    memberships: tuple[Membership, ...] = ()
+    udp: tuple[Datagrams, ...] = ()
+    unexpected: tuple[Stranger, ...] = ()
+    callers: tuple[Caller, ...] = ()
+    icmp: Icmp | None = None
+    send_errors: SendErrors = SendErrors()
+
+
+# firewall, in check mode
+
+
+@dataclass(frozen=True)
+class PacketFilter:
+    """The packet filter of the computer, compared with its plan."""
+
+    changed: bool = False  # it is not as planned
+    failed: bool = False
+    msg: str = ""
+
+
+@dataclass(frozen=True)
+class FilterRule:
+    """A rule of the packet filter, as multimaster_info has read it; what is empty matches everything."""
+
+    verdict: str
+    protocol: str = ""
+    ports: tuple[int, ...] = ()  # of the destination: the first and the last one
+    sources: tuple[str, ...] = ()
+    destinations: tuple[str, ...] = ()
+    incoming: str = ""
+    leaving: str = ""
+    state: str = ""
+    above: int = 0  # bytes
+
+
+@dataclass(frozen=True)
+class FilterChain:
+    """A chain of the packet filter."""
+
+    hook: str
+    table: str = ""
+    policy: str = ""
+    rules: tuple[FilterRule, ...] = ()
+    unread: int = 0  # rules that say more than is understood
+
+
+@dataclass(frozen=True)
+class Filters:
+    """All chains of the packet filter that may drop something."""
+
+    readable: bool = False
+    chains: tuple[FilterChain, ...] = ()
+
+
+# All
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The results of one computer of the run; None where a module gave none, and `problem` says why."""
+
+    multicast: Multicast | None = None
+    probe: Probe | None = None
+    unreachable: bool = False
+    problem: str = ""
+    packet_filter: PacketFilter | None = None  # None where none is planned, and none is left over
+    found: AsFound | None = None  # None where preflight did not look
+    services: tuple[str, ...] | None = None  # of the planned ones those that can run there, as preflight found
+    streams: Streams | None = None  # None where no throughput was measured
+    filters: Filters | None = None  # None where the machine was not looked at

@@ -1,0 +1,25 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The table of parts: every row can be told."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FAULTS, FOLLOWS, Part, both
+
+
+@pytest.mark.parametrize("key", FAULTS)
+def test_every_fault_is_told_in_whole_sentences(key):
+    kind, mode = key
+    for what in ("", "the network of dabo"):
+        part = Part(kind, "tibi-nav", mode, what)
+        texts = part.sentence(), part.remedy(), part.decide()
+        assert all(text and "{" not in text and "  " not in text for text in texts), texts
+        assert part.place in part.sentence() and not part.sentence().endswith(".")
+
+
+def test_what_follows_is_in_the_table():
+    assert set(FOLLOWS) | {reason for reasons in FOLLOWS.values() for reason in reasons} <= set(FAULTS)
+
+
+def test_two_places_have_one_name():
+    assert both("b", "a") == both("a", "b") == "a and b"

@@ -1,0 +1,243 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of one computer by itself: the parts that are named, for two robots and between three robot networks."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, UNKNOWN, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    ListMasters,
+    Observation,
+    PacketFilter,
+)
+from fleets import (
+    ONE,
+    ROBOTS,
+    TWO,
+    assert_told,
+    diagnosed,
+    evaluate,
+    fig12,
+    good,
+    no_answer,
+    no_arp,
+    notable,
+    observed,
+    of,
+    outside,
+    parts,
+    plan,
+    second_default_route,
+    silent,
+    update,
+    wall,
+    without,
+)
+
+
+def _service(**values):
+    return lambda seen: update(seen[ONE].probe.services[1], **values)
+
+
+def _roscore(**values):
+    return lambda seen: update(seen[ONE].probe.roscore, **values)
+
+
+def _filter(seen):
+    update(seen[ONE], packet_filter=PacketFilter(changed=True, msg="The rules of nftables would be changed."))
+
+
+def _silent_roscore(error):
+    """The roscore of the first robot does not answer; nothing of ROS is left there."""
+
+    def change(seen):
+        _roscore(answer="", error=error)(seen)
+        update(seen[ONE].probe, list_masters=ListMasters(error="ERROR: Unable to communicate with master!"))
+        for one, other in ((ONE, TWO), (TWO, ONE)):
+            entry = of(seen[one].probe.topics, other, "computer")
+            update(entry, heard=False, publishers=(), error="the topic is not registered")
+        update(seen[TWO].probe.list_masters.masters[0], online=False)
+
+    return change
+
+
+def _interface(**values):
+    return lambda seen: update(seen[ONE].probe.forwarding.interfaces[0], **values)
+
+
+def _no_link(seen):
+    _interface(state="down")(seen)
+    silent(seen, [ONE], [TWO])
+    silent(seen, [TWO], [ONE])
+
+
+def _small(seen):
+    """The interface has a small MTU, so the other's large packets do not arrive."""
+    _interface(mtu=1000)(seen)
+    update(of(seen[TWO].probe.members, ONE), ping_large=no_answer())
+
+
+def _sources(*names):
+    return lambda seen: update(seen[ONE].probe, name_sources=names)
+
+
+def _no_files(seen):
+    """Nobody looks into /etc/hosts, and no name server answers."""
+    _sources("dns")(seen)
+    for member in seen[ONE].probe.members:
+        update(member, addresses=(), resolve_error="Temporary failure in name resolution")
+
+
+def _ignores_pings(seen):
+    """The first computer's kernel answers no pings; all else arrives."""
+    update(seen[ONE].probe.forwarding, icmp_echo_ignore_all=1)
+    update(of(seen[TWO].probe.members, ONE), ping_address=no_answer(), ping_name=no_answer(), tcp="refused", loss=1.0)
+
+
+def _ended(seen):
+    """The unit of the roscore has failed, and nobody else's roscore answers in its place."""
+    _service(active_state="failed", sub_state="failed")(seen)
+    update(seen[ONE].probe.roscore, answer="", error="Connection refused")
+
+
+# The change, a check that tells it, its verdict, and the part that is named.
+FAULTS = [
+    (_ignores_pings, "answers_pings", WARNING, "setting", ONE, "icmp_all"),
+    (_sources("mdns4_minimal", "files", "dns"), "name_order", WARNING, "names", ONE, "order"),
+    (_no_files, "name_order", WARNING, "names", ONE, "order"),
+    (_interface(prefixes=(24,)), "addresses", WARNING, "interface", ONE, "prefix"),
+    (_no_link, "addresses", WARNING, "link", ONE, "down"),
+    # It has answered in the same run.
+    (_interface(state="down"), "addresses", WARNING, "link", ONE, "flapping"),
+    (_filter, "packet_filter", FAILED, "filter", ONE, "changed"),
+    (
+        _service(load_state="not-found", active_state="inactive", sub_state="dead"),
+        "services",
+        FAILED,
+        "service",
+        ONE,
+        "missing",
+    ),
+    (_service(active_state="failed", sub_state="failed"), "services", FAILED, "set_up", ONE, "others"),
+    (_ended, "services", FAILED, "roscore", ONE, "dead"),
+    (_service(restarts=4), "services", WARNING, "service", ONE, "restarting"),
+    (_service(differing=None), "environment", UNKNOWN, "setting", ONE, "unread"),
+    (_service(differing=["ROS_HOSTNAME"]), "environment", FAILED, "environment", ONE, "service"),
+    (_roscore(answer="http://localhost:11311/"), "master_uri", FAILED, "roscore", ONE, "name"),
+    (_roscore(uri="http://old:11311/"), "master_uri", FAILED, "environment", ONE, "shell"),
+    (_silent_roscore("no answer within 5 s"), "master_uri", FAILED, "roscore", ONE, "hung"),
+]
+
+
+@pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), FAULTS)
+def test_each_fault_is_named(change, check, verdict, kind, place, mode):
+    assert_told(change, check, verdict, kind, place, mode)
+
+
+def _closed_gateway(seen):
+    """tibi-visio does not forward."""
+    update(seen["tibi-visio"].probe.forwarding, ip_forward=0)
+    wall(seen)
+
+
+def _kernel(computer, **values):
+    return lambda seen: update(seen[computer].probe.forwarding.interfaces[0], **values)
+
+
+def _lost_address(seen):
+    interface = seen["tibi-visio"].probe.forwarding.interfaces[0]
+    update(interface, addresses=("10.9.8.7",))
+
+
+BETWEEN_NETWORKS = [
+    (_closed_gateway, "forwarding", FAILED, "forwarding", "tibi-visio", "off"),
+    (_kernel("router", forwarding=0), "forwarding", FAILED, "forwarding", "router", "off"),
+    (_kernel("car-visio", rp_filter=1), "reverse_path", WARNING, "reverse_path", "car-visio", "strict"),
+    (_kernel("router", send_redirects=1), "redirects", WARNING, "redirects", "router", "sent"),
+    (_lost_address, "addresses", WARNING, "interface", "tibi-visio", "address"),
+    (second_default_route, "default_routes", WARNING, "route", "car-ext", "defaults"),
+]
+
+
+@pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), BETWEEN_NETWORKS)
+def test_each_fault_between_networks_is_named(change, check, verdict, kind, place, mode):
+    assert_told(change, check, verdict, kind, place, mode, fleet=fig12())
+
+
+@pytest.mark.parametrize("names", [(), ("files", "dns"), ("files", "mdns4_minimal", "dns"), ("resolve", "files")])
+def test_usual_orders_of_names_are_right(names):
+    assert not diagnosed(_sources(*names), plan()).findings
+
+
+def test_a_small_mtu_is_told_with_the_large_packets_that_it_costs():
+    first, *others = diagnosed(_small, plan(robots=3)).findings
+    assert first.part[:3] == ("interface", ONE, "mtu") and first.verdict == WARNING and not others
+    assert [row.check for row in first.rows] == ["ping_large"]
+
+
+def test_a_computer_that_is_down_is_named_once():
+    fleet = plan(robots=3)
+    seen = observed(fleet)
+    seen[TWO] = Observation(unreachable=True, problem="no route to host")
+    for name in (ONE, "kobuki3computer"):
+        probe, multicast = seen[name].probe, seen[name].multicast
+        for ping in (of(probe.members, TWO).ping_address, of(probe.members, TWO).ping_name):
+            update(ping, ok=False, error="no answer")
+        update(of(probe.members, TWO), loss=1.0)
+        update(of(probe.masters, TWO, "computer"), open=False, error="no answer", clock_offset_s=None)
+        update(probe.list_masters, masters=without(probe.list_masters.masters, TWO))
+        update(probe, topics=without(probe.topics, TWO, "computer"))
+        update(of(multicast.udp, TWO), heard_from=False, unicast=None, source_address=None)
+    no_arp(seen, TWO)
+    found = diagnosis.diagnose(fleet, seen)
+    assert parts(found) == [("computer", TWO, "off")] and not found.unexplained
+    assert "no route to host" in {row.found for row in found.findings[0].rows}
+    others = {ONE, "kobuki3computer"}
+    assert not any({row.observer, row.target} == others for row in found.findings[0].rows)
+
+
+def test_behind_a_gateway_that_is_down_nobody_is_named():
+    fleet = fig12()
+    seen = observed(fleet)
+    silent(seen, [*outside("car"), "router"], ROBOTS["car"][3])
+    for name in ROBOTS["car"][3]:
+        seen[name] = Observation(unreachable=True, problem="no route to host")
+    for one in seen.values():
+        if one.probe:
+            update(one.probe, topics=[entry for entry in one.probe.topics if not entry.computer.startswith("car")])
+            for entry in one.probe.masters:
+                if entry.computer == "car-visio":
+                    update(entry, open=False, error="no answer", clock_offset_s=None)
+        for entry in one.multicast.udp if one.multicast else ():
+            if entry.name == "car-visio":
+                update(entry, heard_from=False, unicast=None, source_address=None, own_source_address=None)
+    assert parts(diagnosis.diagnose(fleet, seen)) == [("computer", "car-visio", "off")]
+
+
+def test_a_computer_without_a_result_is_named():
+    fleet = plan()
+    seen = {ONE: good(fleet, ONE), TWO: Observation(problem="MODULE FAILURE")}
+    found = diagnosis.diagnose(fleet, seen)
+    assert parts(found) == [("computer", TWO, "unmeasured")]
+    assert found.findings[0].proof[0].found == "MODULE FAILURE"
+
+
+def test_a_second_default_route_is_told_with_its_metric():
+    found = diagnosed(second_default_route, fig12()).findings[0]
+    assert "metric 100" in found.proof[0].found and "multimaster_routes to networks" in found.remedy()
+
+
+def test_a_service_that_preflight_left_out_is_not_missed():
+    """The plan of the fleet has it; the kernel of this computer, or its Python, cannot run it."""
+
+    def without_connections(seen):
+        probe = seen[ONE].probe
+        update(probe, services=without(probe.services, "connections"))
+
+    def left_out(seen):
+        without_connections(seen)
+        update(seen[ONE], services=tuple(entry.name for entry in seen[ONE].probe.services))
+
+    assert ("services", ONE, ONE) in notable(evaluate(without_connections))
+    assert not notable(evaluate(left_out))

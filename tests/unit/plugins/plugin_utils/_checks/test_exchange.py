@@ -1,0 +1,184 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of the exchange between robots: names, types, flows and connections."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, UNKNOWN, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Connection, Import
+from fleets import (
+    ONE,
+    SUMS,
+    TWO,
+    assert_told,
+    diagnosed,
+    evaluate,
+    notable,
+    of,
+    plan,
+    topic,
+    update,
+    without,
+)
+
+THREE = "kobuki3computer"
+
+
+def _exchange_of(computer, **values):
+    return lambda seen: update(seen[computer].probe.exchange, **values)
+
+
+def _renamed(seen):
+    """The base of the second robot has the name of the first one's, so its registrations are refused on both."""
+    for robot, computer in (("kobuki1", ONE), ("kobuki2", TWO)):
+        part = seen[computer].probe.exchange
+        other = part.imports[0]
+        update(other, topics=[entry for entry in other.topics if "base" not in str(entry.publishers)], services=())
+        for entry in other.topics:
+            update(entry, subscribers=())
+        for entry in part.topics:
+            for kind in ("publishers", "subscribers"):
+                nodes = [node.replace(f"/{robot}/base", "/base") for node in getattr(entry, kind)]
+                update(entry, **{kind: nodes})
+        for entry in part.services:
+            update(entry, node=entry.node.replace(f"/{robot}/base", "/base"))
+
+
+def _same_service(seen):
+    """Both have the service /reset, and neither is registered at the other."""
+    for computer in (ONE, TWO):
+        part = seen[computer].probe.exchange
+        update(part.services[0], name="/reset")
+        update(part.imports[0], services=())
+
+
+def _other_type(kind="std_msgs/Header", md5sum="4d9af5aeee4e9d8e2d1d0c0e6c6a7ee3"):
+    def change(seen):
+        for computer in (ONE, TWO):
+            part = seen[computer].probe.exchange
+            update(part.imports[0], topics=without(part.imports[0].topics, "/chatter"))
+            update(part, connections=())
+        update(of(seen[TWO].probe.exchange.topics, "/chatter"), type=kind, md5sum=md5sum)
+
+    return change
+
+
+def _not_registered(seen):
+    part = seen[ONE].probe.exchange.imports[0]
+    update(part, topics=without(part.topics, "/kobuki2/odom"))
+
+
+def _against_the_plan(seen):
+    part = seen[ONE].probe.exchange.imports[0]
+    update(part, topics=[*part.topics, topic("/rosout", "rosgraph_msgs/Log", ["/kobuki2/base"])])
+
+
+def _too_many(seen):
+    part = seen[ONE].probe.exchange.imports[0]
+    flood = [topic(f"/flood/{number}", "std_msgs/String", ["/kobuki2/base"]) for number in range(5000)]
+    update(part, topics=[*without(part.topics, "/kobuki2/odom"), *flood])
+    own = seen[TWO].probe.exchange
+    update(own, topics=[*own.topics, *flood])
+
+
+def _stranger_of_a_node(seen):
+    """A connection on a topic that is exchanged with nobody."""
+    part = seen[ONE].probe.exchange
+    stranger = Connection("/rosout", "/rosout", "in", "http://kobuki2computer:1234/", TWO, "kobuki2")
+    update(part, connections=[*part.connections, stranger])
+
+
+ROBOTS = "kobuki1 and kobuki2"
+
+# The change, a check that tells it, its verdict, and the part that is named.
+FAULTS = [
+    (_exchange_of(ONE, silent=["/dead"]), "nodes_answer", WARNING, "registration", ONE, "ghost"),
+    (_renamed, "names", FAILED, "registration", ROBOTS, "twin"),
+    (_same_service, "names", FAILED, "registration", ROBOTS, "twin"),
+    (_other_type(), "types", FAILED, "messages", ROBOTS, "differ"),
+    (_other_type("std_msgs/String", "0123"), "types", FAILED, "messages", ROBOTS, "differ"),
+    (_exchange_of(ONE, types_error="ImportError: no module named rospy"), "types", UNKNOWN, "messages", ONE, "unknown"),
+    (_exchange_of(ONE, error="get_sync_info does not answer"), "flow", UNKNOWN, "sync", ONE, "untold"),
+    (_exchange_of(ONE, imports=[]), "flow", FAILED, "sync", ONE, "stale"),
+    (_too_many, "flow", FAILED, "sync", ONE, "limit"),
+    (_against_the_plan, "flow", FAILED, "sync", ONE, "configuration"),
+    (_stranger_of_a_node, "cross_link", FAILED, "registration", ROBOTS, "link"),
+]
+
+
+@pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), FAULTS)
+def test_each_fault_is_named(change, check, verdict, kind, place, mode):
+    assert_told(change, check, verdict, kind, place, mode)
+
+
+def test_a_registration_that_is_missing_alone_may_be_left_out_by_either_side():
+    (found,) = diagnosed(_not_registered).findings
+    assert ("sync", ONE) in {part[:2] for part in found.candidates}
+
+
+# kobuki1 gives its odometry to kobuki2, which gives /chatter to kobuki3; nothing else flows.
+DECLARED = {
+    "kobuki1": [{"topics": ["/kobuki1/odom"], "to": ["kobuki2"]}],
+    "kobuki2": [{"topics": ["/chatter"], "services": ["/kobuki2/reset"], "to": ["kobuki3"]}],
+}
+
+
+def test_a_declared_flow_and_nothing_else_is_expected():
+    findings = evaluate(fleet=plan(robots=3, exports=DECLARED))
+    assert not notable(findings)
+    heard = {(finding.observer, finding.target) for finding in findings if finding.check == "topic_heard"}
+    assert heard == {(TWO, ONE), (THREE, TWO)}
+    assert {finding.check for finding in findings} >= {"direct_connection", "flow", "cross_link", "names", "types"}
+
+
+def _leak(seen):
+    """kobuki3 has the odometry of kobuki1, and a connection with it, though nothing flows there."""
+    part = seen[THREE].probe.exchange
+    odometry = topic("/kobuki1/odom", "nav_msgs/Odometry", ["/kobuki1/base"])
+    link = Connection("/kobuki3/base", "/kobuki1/odom", "in", "/kobuki1/base", ONE, "kobuki1")
+    update(
+        part,
+        imports=[*part.imports, Import("http://kobuki1computer:11311/", (odometry,))],
+        connections=[*part.connections, link],
+    )
+
+
+def test_what_is_not_declared_and_there_nevertheless_is_told_with_its_names():
+    found = notable(evaluate(_leak, plan(robots=3, exports=DECLARED)))
+    assert set(found) == {("flow", THREE, ONE), ("cross_link", THREE, ONE)}
+    flow, link = found["flow", THREE, ONE], found["cross_link", THREE, ONE]
+    assert flow.verdict == link.verdict == FAILED
+    assert flow.found == "there against the plan: the publisher /kobuki1/odom of /kobuki1/base"
+    assert link.found == "/kobuki3/base hears /kobuki1/base of kobuki1 on /kobuki1/odom"
+
+
+def test_a_declared_topic_that_does_not_arrive_is_told():
+    def change(seen):
+        update(seen[TWO].probe.exchange, imports=())
+        update(seen[TWO].probe.topics[0], heard=False, publishers=(), error="the topic is not registered")
+
+    found = notable(evaluate(change, plan(robots=3, exports=DECLARED)))
+    assert set(found) == {("topic_heard", TWO, ONE), ("flow", TWO, ONE)}
+    assert found["flow", TWO, ONE].found == "not there: the publisher /kobuki1/odom of /kobuki1/base"
+
+
+def test_names_and_types_are_told_with_both_robots():
+    names = notable(evaluate(_renamed))
+    assert {finding.found for finding in names.values()} == {"the node /base is of kobuki1 and of kobuki2"}
+    types = notable(evaluate(_other_type()))
+    assert {finding.found for finding in types.values()} == {
+        "/chatter is std_msgs/String on kobuki1 and std_msgs/Header on kobuki2"
+    }
+    sums = notable(evaluate(_other_type("std_msgs/String", "0123")))
+    text = f"the md5 sum {SUMS['std_msgs/String']} on kobuki1 and 0123 on kobuki2"
+    assert all(finding.found.endswith(text) for finding in sums.values())
+
+
+def test_a_silent_sync_node_of_another_provider_is_no_failure():
+    found = notable(evaluate(_exchange_of(ONE, error="no answer")))
+    assert {(finding.check, finding.verdict) for finding in found.values()} == {("flow", UNKNOWN)}
+
+
+def test_many_names_are_counted():
+    found = notable(evaluate(_exchange_of(ONE, silent=[f"/dead{number}" for number in range(9)])))
+    assert found["nodes_answer", ONE, ONE].found == "no answer of /dead0, /dead1, /dead2, /dead3 and 5 more"

@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of what programs have: their parameters, and room to write."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    Differing,
+    Disk,
+    NodeParameters,
+)
+from fleets import ONE, TWO, assert_told, diagnosed, evaluate, notable, of, parts, update
+
+BOTH = ("master_discovery", "master_sync")
+
+
+def _differs(node, name, found):
+    differing = (Differing(node, name, "planned", found),)
+    return lambda seen: update(seen[ONE].probe, parameters=NodeParameters(BOTH, differing))
+
+
+def _disk(*free):
+    return lambda seen: update(seen[TWO].probe, disks=(Disk("/var/lib", 10**9, 10**6), Disk("/var/log", *free)))
+
+
+FAULTS = [
+    (_differs("master_discovery", "mcast_group", "239.1.2.3"), "parameters", FAILED, "discovery", ONE, "group"),
+    (_differs("master_discovery", "mcast_port", "11512"), "parameters", FAILED, "discovery", ONE, "group"),
+    (_differs("master_discovery", "rpc_port", "11612"), "parameters", FAILED, "discovery", ONE, "port"),
+    (_differs("master_discovery", "interface", "192.168.7.7"), "parameters", FAILED, "interface", ONE, "multicast"),
+    (_differs("master_discovery", "exports", "[]"), "parameters", FAILED, "discovery", ONE, "configuration"),
+    (_differs("master_sync", "ignore_topics", "[]"), "parameters", FAILED, "sync", ONE, "configuration"),
+    (_disk(0, 10**6), "room", FAILED, "computer", TWO, "disk"),
+    (_disk(10**9, 0), "room", FAILED, "computer", TWO, "disk"),
+]
+
+
+@pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), FAULTS)
+def test_each_fault_is_named(change, check, verdict, kind, place, mode):
+    assert_told(change, check, verdict, kind, place, mode)
+
+
+def test_the_finding_says_which_parameter_and_which_disk():
+    (group,) = diagnosed(_differs("master_discovery", "mcast_group", "239.1.2.3")).findings
+    assert group.proof[0].found == "mcast_group of master_discovery is 239.1.2.3"
+    (disk,) = diagnosed(_disk(0, 10**6)).findings
+    assert "/var/log" in disk.sentence()
+
+
+def test_files_that_are_not_counted_are_enough():
+    assert not notable(evaluate(_disk(10**9, None)))
+
+
+def test_two_masters_that_do_not_find_each_other_the_one_with_another_group_is_named():
+    """Without its parameters, each of the two might be the one."""
+
+    def apart(seen):
+        for one, other in ((ONE, TWO), (TWO, ONE)):
+            listed = seen[one].probe.list_masters
+            update(listed, masters=tuple(entry for entry in listed.masters if other not in entry.name))
+        _differs("master_discovery", "mcast_group", "239.1.2.3")(seen)
+
+    (found,) = diagnosed(apart).findings
+    assert found.part[:3] == ("discovery", ONE, "group") and not found.rivals and len(found.rows) == 2
+
+
+def test_of_two_clocks_the_one_that_nothing_keeps_right_is_off():
+    def off(seen):
+        update(of(seen[ONE].probe.masters, TWO, "computer"), clock_offset_s=2.0)
+        update(of(seen[TWO].probe.masters, ONE, "computer"), clock_offset_s=-2.0)
+        update(seen[TWO].probe.clock, synchronised=False)
+
+    found = diagnosed(off)
+    assert parts(found) == [("clock", TWO, "off")] and not found.findings[0].rivals

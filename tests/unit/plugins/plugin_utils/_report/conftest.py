@@ -1,8 +1,0 @@
-# SPDX-FileCopyrightText: rosfleet contributors
-# SPDX-License-Identifier: GPL-3.0-or-later
-"""The fleets of the tests of the verification serve the report, too."""
-
-import pathlib
-import sys
-
-sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[1] / "_verify")]

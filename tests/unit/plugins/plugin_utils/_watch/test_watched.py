@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a watch over the fleet tells: progress, and the moment and place of the first loss."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import watched
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.watched import Event, Lost, Watched
+from hypothesis import given
+from hypothesis import strategies as st
+
+
+def event(kind, name, after, well=False, expected="heard", found="silent"):
+    return Event(kind, name, well, expected, found, 1_730_000_000.0 + after, after)
+
+
+def test_durations_are_read_with_and_without_a_unit():
+    assert [watched.planned(text).seconds for text in ("90", "90s", "15m", " 2h ", "1d")] == [90, 90, 900, 7200, 86400]
+
+
+@pytest.mark.parametrize("text", ["", "0", "5s", "1w", "8d", "-3m", "15 min", "1e3"])
+def test_another_text_is_refused_in_one_sentence(text):
+    with pytest.raises(watched.Unreadable, match="expected a time from 10s to 7d, such as 90s, 15m or 2h"):
+        watched.planned(text)
+
+
+@given(st.integers(watched.LEAST, watched.MOST))
+def test_rounds_end_with_the_watch_and_grow_with_it(seconds):
+    ends = watched.planned(str(seconds)).ends
+    lengths = [end - begin for begin, end in zip((0, *ends), ends, strict=False)]
+    assert ends[-1] == seconds
+    assert all(0 < length <= watched.LONGEST for length in lengths)
+    assert len(ends) <= max(watched.ROUNDS + 1, seconds // watched.LONGEST + 1)
+
+
+def test_progress_tells_only_what_is_new():
+    told = {
+        "a": Watched(
+            20,
+            200.0,
+            (event("link", "eth0", 60.0, expected="up", found="down"), event("group", "b", 64.0)),
+            (Lost("group", "b"),),
+        ),
+        "b": Watched(22, 199.0),
+    }
+    text = watched.progress(told, 900, {"a": 1})
+    head, line = text.splitlines()
+    assert head == "watched 3:20 of 15:00: 42 values on 2 computers, 1 lost now"
+    assert line.endswith("(1:04 after the start): a hears no heartbeat of b on the group")
+    assert "\n" not in watched.progress(told, 900, {"a": 2})
+
+
+def test_what_returned_is_told():
+    told = {"a": Watched(3, 30.0, (event("port", "b", 9.0, well=True, expected="open", found="open"),))}
+    assert "it is over that a cannot connect to the discovery node of b" in watched.progress(told, 60, {})
+
+
+def loss(*entries):
+    return watched.first_loss(sorted(entries, key=lambda entry: entry[1].time))
+
+
+def test_nothing_lost_is_no_loss():
+    assert not watched.first_loss([])
+    assert not loss(("a", event("group", "b", 9.0, well=True)))
+
+
+def test_a_network_that_forgets_the_group_is_told_from_masters_that_are_silent():
+    pairs = [("a", "b"), ("a", "c"), ("b", "a"), ("b", "c"), ("c", "a"), ("c", "b")]
+    text = loss(
+        *((observer, event("group", name, 261.0 + number / 10)) for number, (observer, name) in enumerate(pairs))
+    )
+    assert "4:21 after the start" in text
+    assert "3 computers hear no heartbeat on the group any more" in text
+    assert "IGMP snooping" in text
+    text = loss(*((observer, event("group", "c", 20.0)) for observer in ("a", "b")))
+    assert text.endswith("2 computers hear nothing of c.")
+
+
+def test_one_who_hears_nobody_is_named():
+    text = loss(("a", event("group", "b", 20.0)), ("a", event("group", "c", 20.5)), ("a", event("master", "c", 20.5)))
+    assert text.endswith("a hears nothing of 2 masters.") or "a hears no heartbeat" in text
+
+
+def test_the_part_that_is_nearest_to_the_reason_is_named():
+    text = loss(
+        ("b", event("group", "a", 30.0)),
+        ("c", event("master", "a", 30.2)),
+        ("a", event("link", "eth0", 31.0, expected="up", found="down")),
+    )
+    assert "0:30 after the start: the link eth0 of a is down, and was up; 2 more losses within 10 s." in text
+
+
+def test_a_computer_that_does_not_answer_any_more():
+    text = loss(
+        ("a", event("computer", "", 0.0, expected="an answer", found="ssh: no route")), ("b", event("group", "a", 4.0))
+    )
+    assert "a does not answer: ssh: no route" in text
+
+
+def test_every_kind_has_a_sentence_without_gaps():
+    for kind in watched.SENTENCES:
+        text = watched.sentence("pc", event(kind, "name", 3.0))
+        assert "{" not in text
+        assert "pc" in text

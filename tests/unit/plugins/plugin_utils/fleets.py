@@ -1,0 +1,511 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Fleets for the tests of the verification: plans by the planner itself, and what computers see where everything works.
+
+A test changes some observations with `update` and looks at the findings that are not ok.
+"""
+
+import zlib
+from dataclasses import replace
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import exchange as exchange_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import ways as ways_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import engine
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import OK
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    Caller,
+    Claim,
+    Clock,
+    Connection,
+    Datagrams,
+    DefaultRoute,
+    Disk,
+    Exchange,
+    Forwarding,
+    ForwardingInterface,
+    HeardTopic,
+    Icmp,
+    IcmpRound,
+    Import,
+    ListedMaster,
+    ListMasters,
+    Membership,
+    Multicast,
+    NodeParameters,
+    Observation,
+    PacketFilter,
+    Ping,
+    Probe,
+    Publisher,
+    RegisteredService,
+    RegisteredTopic,
+    Roscore,
+    Route,
+    SeenMaster,
+    SeenMember,
+    SendErrors,
+    Service,
+    Talker,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
+
+ONE, TWO = "kobuki1computer", "kobuki2computer"
+
+
+def plan(robots=2, computers=1, exports=None, **variables):
+    """The plan of a fleet of robots kobuki1, kobuki2, ... with addresses from 192.168.1.1 on; `exports` by robot."""
+    hosts = {
+        f"kobuki{n}": [f"kobuki{n}computer" + (f"-{c}" if c else "") for c in range(computers)]
+        for n in range(1, robots + 1)
+    }
+    names = [host for of_robot in hosts.values() for host in of_robot]
+    shared = {"multimaster_common_network": "192.168.0.0/16", "multimaster_multicast_group": "226.0.0.0", **variables}
+    values = {
+        host: {
+            **shared,
+            "multimaster_address": f"192.168.{1 + n // 200}.{1 + n % 200}",
+            "multimaster_master": f"{host.partition('computer')[0]}computer",
+            **({} if exports is None else {"multimaster_exports": exports.get(host.partition("computer")[0], [])}),
+        }
+        for n, host in enumerate(names)
+    }
+    return plan_module.fleet_plan(fleet_module.read_fleet(fleet_module.Inventory(robots=hosts, variables=values)))
+
+
+# Section 4 of the report: Fig. 10 and 12, with a router that is a computer.
+ROBOTS = {
+    "tibi": (11, 201, "tibi-visio", {"tibi-nav": 100, "tibi-visio": 101, "tibi-monitor": 202}),
+    "dabo": (10, 202, "dabo-nav", {"dabo-nav": 100, "dabo-visio": 101, "dabo-monitor": 202}),
+    "car": (12, 203, "car-visio", {"car-nav": 100, "car-visio": 101, "car-ext": 102}),
+}
+INNER_TIBI, INNER_CAR = ["tibi-nav", "tibi-monitor"], ["car-nav", "car-ext"]
+
+
+def fig12(**variables):
+    """The plan of the three robots; one robot may have only some of its computers in the tests' interest."""
+    values = {
+        host: {
+            "multimaster_common_network": "192.168.1.0/24",
+            "multimaster_multicast_group": "239.255.0.1",
+            "multimaster_network": f"192.168.{network}.0/24",
+            "multimaster_gateway": f"{robot}-visio",
+            "multimaster_common_address": f"192.168.1.{common}",
+            "multimaster_master": master,
+            "multimaster_address": f"192.168.{network}.{address}",
+            **variables,
+        }
+        for robot, (network, common, master, hosts) in ROBOTS.items()
+        for host, address in hosts.items()
+    }
+    return plan_module.fleet_plan(
+        fleet_module.read_fleet(
+            fleet_module.Inventory(
+                robots={robot: list(hosts) for robot, (*_numbers, hosts) in ROBOTS.items()},
+                variables={**values, "router": {"multimaster_address": "192.168.1.1"}},
+                routers=["router"],
+            )
+        )
+    )
+
+
+def outside(robot):
+    return [host for name, (*_numbers, hosts) in ROBOTS.items() if name != robot for host in hosts]
+
+
+# Good observations
+
+
+def good(fleet, name):
+    """Make the observation of a computer in a fleet in which everything works."""
+    own = fleet.computers[name]
+    me = next((member for member in fleet.members if member.name == name), None)
+    return Observation(
+        multicast=good_multicast(fleet, me, own) if me and me.discovery else None,
+        probe=router_probe(fleet, own) if own.is_router else good_probe(fleet, me, own),
+        packet_filter=PacketFilter(msg="The rules of nftables were right."),
+        found=AsFound(),
+    )
+
+
+def mac(computer):
+    """A hardware address for each name."""
+    return "02:" + ":".join(f"{byte:02x}" for byte in zlib.crc32(computer.encode()).to_bytes(5, "big"))
+
+
+def others_of(fleet, name):
+    return [member for member in fleet.members if member.name != name]
+
+
+def network_part(fleet, own):
+    """The parts of multimaster_verify that the router has, too."""
+    layout = ways_module.Ways(fleet)
+    members = []
+    for other in others_of(fleet, own.computer):
+        way = layout.way(own, other.name)
+        members.append(
+            SeenMember(
+                other.name,
+                str(other.address),
+                addresses=(str(other.address),),
+                route=Route("eth0", source=str(way.source), gateway=str(way.next_hop) if way.next_hop else None),
+                discovery_route=_outer_route(fleet, own, other),
+                ping_address=Ping(True, 0.4),
+                ping_name=Ping(True, 0.4),
+                ping_large=Ping(True, 0.5),
+                loss=0.0,
+                user_addresses=(str(other.address),),
+                neighbour="" if way.next_hop else mac(other.name),
+            )
+        )
+    interfaces = [
+        ForwardingInterface(
+            f"eth{number}",
+            (str(entry.address),),
+            forwarding=1,
+            rp_filter=2,
+            send_redirects=int(not own.is_router),
+            prefixes=(entry.network.prefixlen,),
+            mtu=1500,
+            mac=mac(own.computer),
+        )
+        for number, entry in enumerate(own.networks)
+    ]
+    return {
+        "members": (SeenMember(own.computer, str(own.address), addresses=(str(own.address),)), *members),
+        "claims": tuple(_claims(fleet, own)),
+        "default_routes": (DefaultRoute("eth0", gateway="192.168.1.254"),),
+        "forwarding": Forwarding(int(own.is_gateway or own.is_router), tuple(interfaces), 0),
+    }
+
+
+def _claims(fleet, own):
+    """Nobody answers for the own addresses, and the others on each network for theirs."""
+    for number, entry in enumerate(own.networks):
+        yield Claim(str(entry.address), f"eth{number}")
+        for other in others_of(fleet, own.computer):
+            near = {other.address, other.discovery_address}
+            yield from (
+                Claim(str(address), f"eth{number}", (mac(other.name),)) for address in near if address in entry.network
+            )
+
+
+def _outer_route(fleet, own, other):
+    """The route to the other address of a gateway; its own computers leave by it, as to everybody else outside."""
+    if other.discovery_address == other.address:
+        return None
+    direct = any(other.discovery_address in entry.network for entry in own.networks)
+    hop = None if direct else str(fleet.gateways[own.robot].address)
+    return Route("eth0", source=str(own.address), gateway=hop)
+
+
+def router_probe(fleet, own):
+    return Probe(
+        **network_part(fleet, own),
+        roscore=Roscore(error="not looked at"),
+        ros_missing="not looked at",
+        exchange=Exchange(error="not looked at"),
+    )
+
+
+def _route_to(fleet, own, master):
+    """The route to a discovery node, whose address may be in another network than the robot's."""
+    layout = ways_module.Ways(fleet)
+    if own.computer == master.computer or any(master.address in entry.network for entry in own.networks):
+        return Route("eth0", source=str(own.address))
+    behind = (
+        layout.gateways[own.robot].address if own.common_address is None else layout.way(own, master.computer).next_hop
+    )
+    return Route("eth0", source=str(own.address), gateway=str(behind))
+
+
+def good_probe(fleet, me, own):
+    flows = exchange_module.Flows(fleet)
+    uri = own.environment["ROS_MASTER_URI"]
+    return Probe(
+        **network_part(fleet, own),
+        masters=tuple(
+            SeenMaster(
+                master.computer,
+                str(master.address),
+                master.rpc_port,
+                open=True,
+                connect_ms=0.3,
+                clock_offset_s=0.001,
+                clock_uncertainty_s=0.001,
+                route=_route_to(fleet, own, master),
+                roscore="open",
+            )
+            for master in fleet.masters
+        ),
+        parameters=NodeParameters(("master_discovery", "master_sync")) if own.is_master else NodeParameters(),
+        clock=Clock(True),
+        disks=(Disk("/var/lib", 10**9, 10**6),),
+        name_sources=("files", "dns"),
+        roscore=Roscore(uri, uri + "/"),
+        list_masters=ListMasters(
+            tuple(ListedMaster(master.name, master.uri, True, master.monitor_uri) for master in fleet.masters), 0.7
+        ),
+        topics=tuple(
+            HeardTopic(
+                other.name,
+                "/multimaster_verify/" + other.name,
+                publishers=(Publisher("/talker", f"http://{other.name}:41233/"),),
+                heard=True,
+                text="run " + other.name,
+                seconds=0.1,
+            )
+            for other in others_of(fleet, own.computer)
+            if not (other.robot != me.robot and flows.declared_away(other.robot, me.robot))
+        ),
+        services=tuple(
+            Service(service, f"multimaster-{service}.service", "loaded", "active", "running")
+            for service in (*own.services, *(("multicast-routing",) if own.multicast_routing else ()))
+        ),
+        exchange=exchange(fleet, own.robot) if own.is_master else Exchange(error="not looked at"),
+        talker=Talker(),
+    )
+
+
+def good_multicast(fleet, me, own):
+    layout = ways_module.Ways(fleet)
+    others = others_of(fleet, me.name)
+    return Multicast(
+        udp=tuple(
+            Datagrams(
+                other.name,
+                str(other.discovery_address),
+                multicast=other.multicast and me.multicast,
+                heard_from=other.multicast and me.multicast,
+                heard=30,
+                source_address=str(other.discovery_address),
+                own_source_address=str(me.discovery_address),
+                loss=0.0,
+                unicast=True,
+            )
+            for other in others
+            if other.discovery
+        ),
+        callers=tuple(
+            Caller(str(layout.way(plan, me.name).source), 3)
+            for caller, plan in fleet.computers.items()
+            if caller != me.name
+        ),
+        memberships=tuple(
+            Membership(f"eth{number}", str(fleet.multicast_group))
+            for number, entry in enumerate(own.networks)
+            if entry.network == fleet.common_network
+        ),
+        icmp=Icmp("224.0.0.1", rounds=(IcmpRound(1, tuple(other.name for other in others)),)),
+        send_errors=SendErrors(),
+    )
+
+
+SUMS = {"std_msgs/String": "992ce8a1687cec8c8bd883ec73ca41d1", "nav_msgs/Odometry": "cd5e73d190d741a2f92e81eda573aca7"}
+
+
+def topic(name, kind, publishers=(), subscribers=()):
+    return RegisteredTopic(name, kind, tuple(publishers), tuple(subscribers))
+
+
+def registered(robot):
+    """List the registrations of a robot's nodes: a base with a service, a talker on a topic that all have, and rosout."""
+    base, talker = f"/{robot}/base", f"/{robot}/talker"
+    topics = (
+        topic(f"/{robot}/odom", "nav_msgs/Odometry", [base]),
+        topic("/chatter", "std_msgs/String", [talker], [base]),
+        topic("/rosout", "rosgraph_msgs/Log", [base, talker], ["/rosout"]),
+        topic(f"/multimaster_verify/{robot}", "std_msgs/String", [f"/multimaster_verify_talker_{robot}"]),
+    )
+    return topics, (RegisteredService(f"/{robot}/reset", base), RegisteredService(f"{base}/get_loggers", base))
+
+
+def imported(flows, master, robot):
+    """List the registrations that a robot gets of another one, given by its master."""
+    its_topics, its_services = registered(master.robot)
+    rules = flows.rules(master.robot, robot)
+
+    def passing(kind, entry, nodes):
+        return [node for node in nodes if rules.passes(exchange_module.Item(kind, entry.name, node), entry.type)]
+
+    topics = [
+        topic(
+            entry.name,
+            entry.type,
+            passing("publisher", entry, entry.publishers),
+            passing("subscriber", entry, entry.subscribers),
+        )
+        for entry in its_topics
+    ]
+    services = [
+        entry for entry in its_services if rules.passes(exchange_module.Item("service", entry.name, entry.node), "")
+    ]
+    return Import(
+        master.uri, tuple(entry for entry in topics if entry.publishers or entry.subscribers), tuple(services)
+    )
+
+
+def exchange(fleet, robot):
+    """Fill the roscore of a robot where everything works: what the plan lets pass, and one connection with each robot."""
+    flows = exchange_module.Flows(fleet)
+    topics, services = registered(robot)
+    imports, connections = [], []
+    for master in fleet.masters:
+        if master.robot == robot:
+            continue
+        part = imported(flows, master, robot)
+        if part.topics or part.services:
+            imports.append(part)
+        if any(entry.name == "/chatter" and entry.publishers for entry in part.topics):
+            talker = f"/{master.robot}/talker"
+            connections.append(Connection(f"/{robot}/base", "/chatter", "in", talker, master.computer, master.robot))
+    for entry in topics:
+        update(entry, md5sum=SUMS.get(entry.type, ""))
+    return Exchange(topics=topics, services=services, imports=tuple(imports), connections=tuple(connections))
+
+
+# Changes, and what is found
+
+
+def update(record, **values):
+    """Change the fields of a frozen record in place; lists become tuples."""
+    for name, value in values.items():
+        getattr(record, name)  # an unknown name is an AttributeError
+        object.__setattr__(record, name, tuple(value) if isinstance(value, list) else value)
+
+
+def of(entries, name, key="name"):
+    return next(entry for entry in entries if getattr(entry, key) == name)
+
+
+def without(entries, name, key="name"):
+    return tuple(entry for entry in entries if getattr(entry, key) != name)
+
+
+def observed(fleet):
+    """A good observation of every computer."""
+    return {name: good(fleet, name) for name in fleet.computers}
+
+
+def judged(fleet, seen):
+    """The findings on these observations."""
+    return list(engine.evaluate(CHECKS, fleet, seen))
+
+
+def evaluate(change=None, fleet=None):
+    """The findings on two good robots, or another fleet, after a change of the observations {computer: observation}."""
+    fleet = fleet or plan()
+    seen = observed(fleet)
+    if change:
+        change(seen)
+    return judged(fleet, seen)
+
+
+def notable(findings):
+    return {(finding.check, finding.observer, finding.target): finding for finding in findings if finding.verdict != OK}
+
+
+def no_answer(error="no answer to 3 requests"):
+    return Ping(error=error)
+
+
+def silent(seen, observers, targets):
+    """Nothing of an observer reaches any of the targets: ARP, pings, datagrams, connections. What is registered stays."""
+    for observer in observers:
+        for target in targets:
+            if target != observer:
+                _silent(seen, observer, target)
+
+
+def no_arp(seen, target, observers=()):
+    """Nobody hears an answer of the target to the question who has its addresses."""
+    for name in observers or seen:
+        probe = seen[name].probe
+        if probe:
+            claims = [replace(one, macs=tuple({*one.macs} - {mac(target)})) for one in probe.claims]
+            update(probe, claims=claims)
+
+
+def _silent(seen, observer, target):
+    probe, multicast = seen[observer].probe, seen[observer].multicast
+    member = of(probe.members, target)
+    no_arp(seen, target, [observer])
+    update(member, ping_address=no_answer(), ping_name=no_answer(), ping_large=None, loss=1.0)
+    for entry in probe.topics:
+        if entry.computer == target:
+            update(entry, heard=False, error="nothing")
+    for entry in probe.masters:
+        if entry.computer == target:
+            update(entry, open=False, error="no answer within 3 s", clock_offset_s=None, clock_error="")
+    for entry in multicast.udp if multicast else ():
+        if entry.name == target:
+            update(entry, heard_from=False, source_address=None, unicast=None, own_source_address=None)
+    its = seen[target].multicast
+    if its and member.route and member.route.source:
+        update(its, callers=[entry for entry in its.callers if entry.address != member.route.source])
+
+
+def diagnosed(change=None, fleet=None):
+    """The diagnosis of good observations after a change."""
+    fleet = fleet or plan()
+    seen = observed(fleet)
+    if change:
+        change(seen)
+    return diagnosis.diagnose(fleet, seen)
+
+
+def parts(found):
+    """The parts of the findings, as (kind, place, mode)."""
+    return [entry.part[:3] for entry in found.findings]
+
+
+def assert_told(change, check, verdict, *part, fleet=None):
+    """The check has rows with this verdict, and the only finding is the part (kind, place, mode)."""
+    fleet = fleet or plan()
+    rows = notable(evaluate(change, fleet)).values()
+    assert verdict in {row.verdict for row in rows if row.check == check}
+    found = diagnosed(change, fleet)
+    assert parts(found) == [part] and not found.unexplained, found
+    entry = found.findings[0]
+    assert entry.verdict == max((row.verdict for row in rows), key=["unknown", "warning", "failed"].index)
+    assert "{" not in entry.sentence() + entry.remedy() + entry.part.decide()
+
+
+# Faults that several tests bring about
+
+
+def lost_route(seen):
+    """tibi-nav has lost its default route."""
+    silent(seen, ["tibi-nav"], outside("tibi"))
+    silent(seen, [*outside("tibi"), "router"], ["tibi-nav"])
+    for target in outside("tibi"):
+        update(
+            of(seen["tibi-nav"].probe.members, target).route,
+            device=None,
+            source=None,
+            gateway=None,
+            error="Network is unreachable",
+        )
+
+
+def wall(seen):
+    """A firewall on tibi-visio drops what is forwarded."""
+    silent(seen, INNER_TIBI, outside("tibi"))
+    silent(seen, [*outside("tibi"), "router"], INNER_TIBI)
+
+
+def second_default_route(seen):
+    """A second default route of car-ext, as DHCP brings it, comes first."""
+    probe = seen["car-ext"].probe
+    for target in outside("car"):
+        update(of(probe.members, target).route, gateway="192.168.12.1")
+    update(probe, default_routes=[*probe.default_routes, DefaultRoute("eth0", gateway="192.168.12.1", metric="100")])
+
+
+def unheard(seen, **values):
+    """The first robot does not hear the talker of the second one."""
+    update(of(seen[ONE].probe.topics, TWO, "computer"), heard=False, publishers=(), **values)
