@@ -18,15 +18,16 @@ from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather, secrets
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import secrets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import packed
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import Bundle
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import BY_NAME, RESERVED
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import judged as judgement
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import OPTIONS, Run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import registered
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import page
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import TEMPLATE, page
 
 ROLES = Path(__file__).parents[2] / "roles"
 WORD = re.compile(r"[\w.-]+")
@@ -41,7 +42,7 @@ SHIFTED = (
 class ActionModule(ActionBase):
     """Writes a bundle."""
 
-    _VALID_ARGS = frozenset((*gather.OPTIONS, "logs", "path", "anonymous"))
+    _VALID_ARGS = frozenset((*OPTIONS, "logs", "path", "anonymous"))
     _requires_connection = False
 
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -60,8 +61,10 @@ class ActionModule(ActionBase):
             bundle = fleet_report.run_of(self._task.args, task_vars)
             cleaned = self._cleaned(bundle, task_vars["hostvars"])
             if boolean(self._task.args.get("anonymous") or False):
-                cleaned = cleaned.renamed(*people(bundle, task_vars["hostvars"], self._task.args.get("machine")))
-            judged = gather.verdict(cleaned, pages=True, everything=False)
+                cleaned = bundles.renamed(
+                    cleaned, *people(bundle, task_vars["hostvars"], self._task.args.get("machine"))
+                )
+            judged = judgement.verdict(cleaned, pages=True, everything=False)
             data = made(cleaned, judged)
             fleet_report.write(path, data, fleet_report.OWN_MODE)
         except Mismatch as problem:
@@ -71,14 +74,14 @@ class ActionModule(ActionBase):
             said = f"The bundle cannot be written to {path}: {problem.strerror}; expected a file in a folder of yours: name another one."
             result.update(failed=True, msg=said)
             return result
-        same = kinds(judged) == kinds(gather.verdict(bundle, pages=False, everything=False))
+        same = kinds(judged) == kinds(judgement.verdict(bundle, pages=False, everything=False))
         result.update(changed=True, path=path, bytes=len(data), msg=f"Wrote {path} for those who help. {READ_IT}")
         Display().display(plain_lines(f"Bundle: {path}"))
         if not same:
             result["warnings"] = [SHIFTED]
         return result
 
-    def _cleaned(self, bundle: Bundle, hostvars: Any) -> Bundle:
+    def _cleaned(self, bundle: Run, hostvars: Any) -> Run:
         """Take out what is known to be secret, or looks so."""
         context = self._play_context
         known = {str(getattr(context, name, "") or "") for name in ("password", "become_pass")}
@@ -90,7 +93,7 @@ class ActionModule(ActionBase):
             variables = raw(hostvars, host)
             known |= secrets.values(variables) | set(encrypted(variables)) | set(rendered(hostvars, host, variables))
             foreign |= secrets.foreign(variables, listed)
-        return bundle.without(secrets.Secrets(known, names(bundle), foreign - words(bundle)))
+        return bundles.without(bundle, secrets.Secrets(known, names(bundle), foreign - words(bundle)))
 
 
 def role_options() -> set[str]:
@@ -99,7 +102,7 @@ def role_options() -> set[str]:
     return {name for spec in specs for entry in spec["argument_specs"].values() for name in entry.get("options") or {}}
 
 
-def words(bundle: Bundle) -> set[str]:
+def words(bundle: Run) -> set[str]:
     """Return the words that a bundle has anyway: those of the plan and of versions, and the names of interfaces."""
     plan = {text for text in secrets.texts(to_plain(bundle.fleet)) if " " not in text}
     seen = [entry.probe.forwarding.interfaces for entry in bundle.observations.values() if entry.probe]
@@ -120,12 +123,12 @@ def place(given: str) -> str:
     return path
 
 
-def made(bundle: Bundle, judged: Any) -> bytes:
+def made(bundle: Run, judged: Any) -> bytes:
     """Return the bytes of the bundle, with its report."""
-    document = plain_data({**gather.document(bundle, judged), "file": "report.json", "since": "", "differences": []})
-    template = (Path(content.__file__).parent / "page.html.j2").read_text(encoding="utf-8")
+    document = plain_data({**judgement.document(bundle, judged), "file": "report.json", "since": "", "differences": []})
+    template = TEMPLATE.read_text(encoding="utf-8")
     html = page(template, bundle.fleet, document, judged.matrices, {"time": "", "differences": []})
-    return packed(bundle.texts(html, document), time.localtime()[:6])
+    return packed(bundles.texts(bundle, html, document), time.localtime()[:6])
 
 
 def kinds(judged: Any) -> list[tuple[str, str, str]]:
@@ -133,14 +136,14 @@ def kinds(judged: Any) -> list[tuple[str, str, str]]:
     return sorted((entry.part.kind, entry.part.mode, entry.verdict) for entry in judged.diagnosis.findings)
 
 
-def names(bundle: Bundle) -> set[str]:
+def names(bundle: Run) -> set[str]:
     """Return what is no secret, since the plan has it: names and addresses."""
     fleet = bundle.fleet
     hosts = {name for entry in fleet.hosts_entries for name in (*entry.names, str(entry.address))}
     return {*fleet.master_of, *fleet.computers, *hosts}
 
 
-def people(bundle: Bundle, hostvars: Any, machine: Any) -> tuple[dict[str, list[str]], set[str]]:
+def people(bundle: Run, hostvars: Any, machine: Any) -> tuple[dict[str, list[str]], set[str]]:
     """Return other names of the computers, and the names of the persons who log in."""
     aliases, users = {}, set()
     for host in bundle.fleet.computers:

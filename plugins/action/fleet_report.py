@@ -5,11 +5,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import platform
-import re
 import shutil
 import stat
 import tempfile
@@ -23,10 +21,8 @@ from ansible import constants
 from ansible.plugins.action import ActionBase
 from ansible.release import __version__ as ansible_version
 from ansible.utils.display import Display
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import LARGEST, Unreadable, unpacked
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import JUDGED, Bundle, heard, read
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.gather import verdict
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import JUDGED, heard, read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis
@@ -37,16 +33,16 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     plain_lines,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judged import document as document_of
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judged import verdict
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import Matrices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import OPTIONS, Run, gathered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import earlier
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import junit
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import page
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import TEMPLATE, page
 
 AUTO = "auto"  # the folder of the user
-NAME = "%Y-%m-%dT%H%M%S"  # of the files of a run
-PATTERN = "[0-9][0-9][0-9][0-9]-[0-9][0-9]-[0-9][0-9]T[0-9][0-9][0-9][0-9][0-9][0-9].*"
-KEPT = 20  # runs
 LARGEST_DATA = 100_000_000  # bytes of an earlier document
 OWN_MODE, NAMED_MODE = 0o600, 0o644  # they hold the addresses of the fleet
 STRANGE = (ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, RuntimeError, TypeError, ValueError)
@@ -67,7 +63,7 @@ class NotWritten(ValueError):
 class ActionModule(ActionBase):
     """Judges the results of the whole run, prints what is wrong, and writes the report."""
 
-    _VALID_ARGS = frozenset((*gather.OPTIONS, "path", "junit", "bundle", "each", "marks"))
+    _VALID_ARGS = frozenset((*OPTIONS, "path", "junit", "bundle", "each", "marks"))
     _requires_connection = False
 
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -85,14 +81,14 @@ class ActionModule(ActionBase):
             result.update(failed=True, msg=f"{bundle} {CONTRADICTION}")
         return result
 
-    def _told(self, seen: Bundle, place: str) -> dict[str, Any]:
+    def _told(self, seen: Run, place: str) -> dict[str, Any]:
         """Judge, write and print. Raises NotWritten."""
         path, cases = (str(self._task.args.get(option) or "") for option in ("path", "junit"))
         files = Files.at(path, place)
         judged = verdict(seen, bool(files or cases), bool(files and not files.own))
         written = ""
         try:
-            written = kept(files, cases, seen.fleet, gather.document(seen, judged), judged.matrices)
+            written = kept(files, cases, seen.fleet, document_of(seen, judged), judged.matrices)
         except OSError as problem:
             said = f"The report cannot be written to {problem.filename or path}: {problem.strerror}; name another file."
             if cases or not (files and files.own):
@@ -135,7 +131,7 @@ def recorded() -> bool:
     return origin != "default" or bool(constants.config.get_config_value("CALLBACKS_ENABLED"))
 
 
-def run_of(given: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Bundle:
+def run_of(given: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Run:
     """Read what the tasks of this run have registered. Raises Mismatch."""
     about = {
         "time": time.strftime("%Y-%m-%d %H:%M:%S %z"),
@@ -145,7 +141,7 @@ def run_of(given: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Bundle:
         "durations": durations(given.get("marks"), time.time()),
     }
     try:
-        return gather.gathered(given, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], about)
+        return gathered(given, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], about)
     except Mismatch as problem:
         raise Mismatch(f"The plan of the fleet cannot be read: {problem}") from None
 
@@ -165,7 +161,7 @@ def durations(marks: Any, now: float) -> str:
     return f"{', '.join(parts)}; together {now - begun[0][1]:.1f} s"
 
 
-def opened(path: str) -> Bundle:
+def opened(path: str) -> Run:
     """Read a bundle. Raises Unreadable, with a sentence."""
     try:
         descriptor = os.open(os.path.expanduser(path), os.O_RDONLY | os.O_NONBLOCK)  # a FIFO does not keep us waiting
@@ -208,7 +204,7 @@ class Files:
         """Read the option `path`: empty, auto, a folder or a file."""
         if not path:
             return None
-        name = time.strftime(NAME) + ".json"
+        name = time.strftime(earlier.NAME) + ".json"
         if path == AUTO:
             return cls(folder_of(inventory) / name, own=True)
         place = Path(os.path.abspath(os.path.expanduser(path)))
@@ -219,38 +215,39 @@ class Files:
         if self.own:
             self.data.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         before = self._before()
-        differences = content.differences(before, document)
-        document = {**document, "file": str(self.data), "since": before.get("time", ""), "differences": differences}
-        since = {"time": before.get("time", ""), "differences": differences}
-        template = (Path(content.__file__).parent / "page.html.j2").read_text(encoding="utf-8")
+        since = earlier.since(before, document)
+        document = {**document, "file": str(self.data), "since": since["time"], "differences": since["differences"]}
+        template = TEMPLATE.read_text(encoding="utf-8")
         html = page(template, fleet, document, matrices, since)
         shown = self.data.with_suffix(".html" if self.data.suffix != ".html" else ".page.html")
         mode = OWN_MODE if self.own else NAMED_MODE
         write(str(self.data), json.dumps(plain_data(document), indent=1) + "\n", mode)
         write(str(shown), html, mode)
         if self.own:
-            for old in sorted(self.data.parent.glob(PATTERN))[: -2 * KEPT]:
-                old.unlink(missing_ok=True)
+            for old in earlier.expired(self._beside()):
+                self.data.with_name(old).unlink(missing_ok=True)
         return str(shown)
 
     def _before(self) -> dict[str, Any]:
         """Read the data of the run before: the latest in the folder, or the file that is written anew."""
-        earlier = [self.data] if self.data.exists() else sorted(self.data.parent.glob(PATTERN))
-        for path in [path for path in earlier if path.suffix == ".json" or path == self.data][-1:]:
-            try:
-                if path.stat().st_size <= LARGEST_DATA:
-                    found = json.loads(path.read_text(encoding="utf-8"))
-                    return plain_data(found) if isinstance(found, dict) else {}
-            except (OSError, ValueError, RecursionError):
-                return {}
+        name = self.data.name if self.data.exists() else earlier.latest(self._beside())
+        path = self.data.with_name(name) if name else None
+        try:
+            if path and path.stat().st_size <= LARGEST_DATA:
+                return earlier.data_of(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeError):
+            pass
         return {}
+
+    def _beside(self) -> list[str]:
+        """List the names in the folder."""
+        return [path.name for path in self.data.parent.glob("*")]
 
 
 def folder_of(inventory: str) -> Path:
     """Name the folder for the reports of an inventory, below Ansible's own folder of the user."""
-    name = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(inventory).name).strip(".") or "fleet"
-    mark = hashlib.sha256(inventory.encode()).hexdigest()[:8]
-    return Path(constants.config.get_config_value("ANSIBLE_HOME")) / "rosfleet" / "reports" / f"{name}-{mark}"
+    home = Path(constants.config.get_config_value("ANSIBLE_HOME"))
+    return home / "rosfleet" / "reports" / earlier.folder_name(inventory)
 
 
 def show(summary: report.Summary, diagnosis: Diagnosis, written: str) -> None:

@@ -29,8 +29,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes impor
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl_run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
 
 from tests.unit.test_hostile_texts import FRAGMENTS, MARK, masked
@@ -237,7 +237,7 @@ PLACES = {
     ),
     "a message": lambda name, _there: topics._topic("kobuki2", "/talk", {"text": name}, "expected")["error"],
     "a registration": lambda name, _there: str(Registration("publisher", name, name, "http://b:1/")),
-    "logs of a bundle": lambda name, _there: gather._lines({"problems": [name], "logs": {name: ["one", name]}}),
+    "logs of a bundle": lambda name, _there: run._lines({"problems": [name], "logs": {name: ["one", name]}}),
     "ROS of a robot": lambda name, _there: preflight._ros(
         types.SimpleNamespace(computer="kobuki1"), {"ros": {"problem": name}}
     )[0],

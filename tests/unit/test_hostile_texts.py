@@ -12,14 +12,14 @@ from html.parser import HTMLParser
 from xml.etree import ElementTree
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     is_plain,
     plain_lines,
     quoted,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import judged as judgement
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report, run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import MOST
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page as page_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import junit
@@ -175,9 +175,9 @@ def told(seed, evil):
         **{"earlier": ["verify_talker"], "machine": "verify_machine"},
     }
     about = {"time": "2026-11-22 14:02:00 +0000", "collection": "1", "ansible": "2", "durations": ""}
-    bundle = gather.gathered(given, hostvars, list(hostvars), about)
-    judged = gather.verdict(bundle, pages=True, everything=True)
-    document = {**gather.document(bundle, judged), "judged_in": 0.1, "file": "/home/operator/report.json"}
+    bundle = run.gathered(given, hostvars, list(hostvars), about)
+    judged = judgement.verdict(bundle, pages=True, everything=True)
+    document = {**judgement.document(bundle, judged), "judged_in": 0.1, "file": "/home/operator/report.json"}
     template = page_module.__file__.rpartition("/")[0] + "/page.html.j2"
     with open(template, encoding="utf-8") as stream:
         html = page_module.page(stream.read(), bundle.fleet, document, judged.matrices, {"time": "", "differences": []})

@@ -58,9 +58,9 @@ ROOMS = {
         "_case": {"_data", "_fleet", "_observed", "_plan", "_world"},
         "_checks": {"_case", "_observed", "_plan"},
         "_diagnosis": {"_case", "_checks", "_fleet", "_observed", "_plan"},
-        "_judgement": {"_checks", "_diagnosis", "_fleet", "_plan"},
-        "_report": {"_case", "_checks", "_fleet", "_judgement", "_observed", "_plan"},
-        "_bundle": {"_case", "_checks", "_data", "_fleet", "_judgement", "_observed", "_plan", "_report"},
+        "_judgement": {"_case", "_checks", "_data", "_diagnosis", "_fleet", "_observed", "_plan"},
+        "_report": {"_case", "_checks", "_fleet", "_judgement", "_plan"},
+        "_bundle": {"_data", "_fleet", "_judgement", "_observed", "_plan"},
         "_adopt": {"_fleet"},
     },
     NODES: {

@@ -19,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archi
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import Secrets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import planned_names, told
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
@@ -47,56 +48,46 @@ KEPT = "Names and addresses are those of the fleet. "
 REPLACED = "Names of robots and computers, users and addresses were replaced by others. "
 
 
-@dataclasses.dataclass(frozen=True)
-class Bundle:
-    """All that is told of a fleet. `about` has the time and the versions of the controller, `machines` those of each computer."""
+def without(run: Run, secrets: Secrets) -> Run:
+    """Return a run without secrets."""
+    logs = {name: secrets.text(text) for name, text in run.logs.items()}
+    return dataclasses.replace(
+        run,
+        fleet=secrets.data(run.fleet),
+        observations={name: secrets.data(seen) for name, seen in run.observations.items()},
+        machines=secrets.data(run.machines),
+        logs=_last(logs),
+    )
 
-    fleet: FleetPlan
-    observations: Mapping[str, Observation]
-    machines: Mapping[str, Mapping[str, str]]
-    about: Mapping[str, str]
-    logs: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
-    def without(self, secrets: Secrets) -> Bundle:
-        """Return it without secrets."""
-        logs = {name: secrets.text(text) for name, text in self.logs.items()}
-        return dataclasses.replace(
-            self,
-            fleet=secrets.data(self.fleet),
-            observations={name: secrets.data(seen) for name, seen in self.observations.items()},
-            machines=secrets.data(self.machines),
-            logs=_last(logs),
-        )
+def renamed(run: Run, aliases: Mapping[str, list[str]], users: set[str]) -> Run:
+    """Return a run with other names and addresses."""
+    known = (json.dumps([to_plain(run.fleet), {name: to_plain(seen) for name, seen in run.observations.items()}]),)
+    other = Anonymous(run.fleet, aliases, users, [*known, *run.logs.values()])
+    return dataclasses.replace(
+        run,
+        fleet=other.data(run.fleet),
+        observations=other.data(run.observations),
+        machines=other.data(run.machines),
+        logs=other.data(run.logs),
+        about={**run.about, "names": "replaced"},
+    )
 
-    def renamed(self, aliases: Mapping[str, list[str]], users: set[str]) -> Bundle:
-        """Return it with other names and addresses."""
-        known = (
-            json.dumps([to_plain(self.fleet), {name: to_plain(seen) for name, seen in self.observations.items()}]),
-        )
-        other = Anonymous(self.fleet, aliases, users, [*known, *self.logs.values()])
-        return dataclasses.replace(
-            self,
-            fleet=other.data(self.fleet),
-            observations=other.data(self.observations),
-            machines=other.data(self.machines),
-            logs=other.data(self.logs),
-            about={**self.about, "names": "replaced"},
-        )
 
-    def texts(self, page: str, document: Mapping[str, Any]) -> dict[str, str]:
-        """Return the files of the bundle."""
-        about = {"format": FORMAT, **self.about, "computers": dict(self.machines)}
-        names = REPLACED if self.about.get("names") else KEPT
-        logs = {f"logs/{re.sub(r'[^A-Za-z0-9._-]', '_', name)}.txt": text for name, text in self.logs.items() if text}
-        return {
-            "README.txt": README.format(collection=self.about["collection"], time=self.about["time"], names=names),
-            ABOUT: _json(about),
-            PLAN: _json(to_plain(self.fleet)),
-            OBSERVATIONS: _json({name: to_plain(seen) for name, seen in self.observations.items()}),
-            "report.json": _json(document),
-            "report.html": page,
-            **logs,
-        }
+def texts(run: Run, page: str, document: Mapping[str, Any]) -> dict[str, str]:
+    """Return the files of a bundle."""
+    about = {"format": FORMAT, **run.about, "computers": dict(run.machines)}
+    names = REPLACED if run.about.get("names") else KEPT
+    logs = {f"logs/{re.sub(r'[^A-Za-z0-9._-]', '_', name)}.txt": text for name, text in run.logs.items() if text}
+    return {
+        "README.txt": README.format(collection=run.about["collection"], time=run.about["time"], names=names),
+        ABOUT: _json(about),
+        PLAN: _json(to_plain(run.fleet)),
+        OBSERVATIONS: _json({name: to_plain(seen) for name, seen in run.observations.items()}),
+        "report.json": _json(document),
+        "report.html": page,
+        **logs,
+    }
 
 
 def _json(value: Any) -> str:
@@ -131,7 +122,7 @@ def _end(part: str, most: int) -> str:
     return f"{heading}\n{whole_lines}"
 
 
-def read(texts: Mapping[str, str]) -> Bundle:
+def read(texts: Mapping[str, str]) -> Run:
     """Read a bundle, which anybody may have written. Raises Unreadable."""
     about, plan, observations = (_loaded(name, texts[name]) for name in JUDGED)
     if about.get("format") != FORMAT:
@@ -144,7 +135,7 @@ def read(texts: Mapping[str, str]) -> Bundle:
     except (Mismatch, RecursionError) as problem:
         raise Unreadable(f"does not fit: {plain(problem, LINE)}") from None
     machines = about.get("computers")
-    return Bundle(
+    return Run(
         fleet,
         {name: entry for name, entry in seen.items() if name in fleet.computers},
         {name: _strings(entry) for name, entry in machines.items()} if isinstance(machines, dict) else {},
@@ -152,13 +143,11 @@ def read(texts: Mapping[str, str]) -> Bundle:
     )
 
 
-def heard(bundle: Bundle) -> Bundle:
-    """Return a bundle of anybody's with its texts as they may stand in sentences, as those of robots are (_observed/gathered.py)."""
-    names = planned_names(bundle.fleet)
-    said = {name: told(to_plain(entry), names=names) for name, entry in bundle.observations.items()}
-    return dataclasses.replace(
-        bundle, observations={name: from_plain(Observation, entry) for name, entry in said.items()}
-    )
+def heard(run: Run) -> Run:
+    """Return a run of anybody's with its texts as they may stand in sentences, as those of robots are (_observed/gathered.py)."""
+    names = planned_names(run.fleet)
+    said = {name: told(to_plain(entry), names=names) for name, entry in run.observations.items()}
+    return dataclasses.replace(run, observations={name: from_plain(Observation, entry) for name, entry in said.items()})
 
 
 def _strings(entry: Any) -> dict[str, str]:

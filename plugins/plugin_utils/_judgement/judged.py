@@ -11,10 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, AUTO
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Passed, Row, Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, explained
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content, report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import Matrices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
 
 
 @dataclass(frozen=True)
@@ -50,3 +53,24 @@ def judge(verification: Verification, pages: bool, everything: bool) -> Judged:
     summary = report.summarise(kept or rows, computers, len(fleet.computers), verification.pairs, passed)
     diagnosis = explained(verification, summary.notable)
     return Judged(summary, diagnosis, kept or summary.notable, matrices, time.monotonic() - began)
+
+
+def verdict(run: Run, pages: bool, everything: bool) -> Judged:
+    """Judge what a run has seen."""
+    pairs = AUTO if run.about.get("pairs") == AUTO else ALL
+    least = float(run.about.get("least_mbit_s") or 0)
+    return judge(Verification(CHECKS, run.fleet, run.observations, pairs, least), pages, everything)
+
+
+def document(run: Run, judged: Judged) -> dict[str, Any]:
+    """Return all that the report says, as data."""
+    return {
+        **judged.document(),
+        "time": run.about.get("time", ""),
+        "collection": run.about.get("collection", ""),
+        "ansible": run.about.get("ansible", ""),
+        "durations": run.about.get("durations", ""),
+        "robots": content.robots(run.fleet, run.observations),
+        "throughput": content.throughput(run.observations),
+        "machines": {name: {**content.NOTHING, **run.machines.get(name, {})} for name in run.observations},
+    }

@@ -12,7 +12,8 @@ from xml.etree import ElementTree
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import archive
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import Bundle
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import texts
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT / "tests/unit/plugins/plugin_utils"))
@@ -26,7 +27,7 @@ def played(tmp_path, change, *options, callbacks=""):
     fleet = fleets.fig12()
     seen = fleets.observed(fleet)
     change(seen)
-    files = Bundle(fleet, seen, {}, ABOUT).texts("", {})
+    files = texts(Run(fleet, seen, {}, ABOUT), "", {})
     (tmp_path / "help.zip").write_bytes(archive.packed(files, (2026, 11, 22, 14, 2, 0)))
     done = subprocess.run(
         [

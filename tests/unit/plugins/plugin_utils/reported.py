@@ -10,8 +10,8 @@ import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import engine
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import matrices, report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content, page
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content, matrices, report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 TEMPLATE = (ROOT / "plugins/plugin_utils/_report/page.html.j2").read_text(encoding="utf-8")

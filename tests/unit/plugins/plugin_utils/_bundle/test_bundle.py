@@ -8,9 +8,10 @@ import json
 import fleets
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import gather
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import Unreadable
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import Secrets
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judged import verdict
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
 
 ABOUT = {"time": "2026-11-22 14:02:00", "collection": "0.1.0", "ansible": "2.19.0", "pairs": "all"}
 
@@ -19,15 +20,15 @@ def bundled(fleet, *changes, logs=None):
     seen = fleets.observed(fleet)
     for change in changes:
         change(seen)
-    return bundles.Bundle(fleet, seen, {name: {"ros": "noetic"} for name in seen}, ABOUT, logs or {})
+    return Run(fleet, seen, {name: {"ros": "noetic"} for name in seen}, ABOUT, logs or {})
 
 
 def again(bundle):
-    return bundles.read(bundle.texts("", {}))
+    return bundles.read(bundles.texts(bundle, "", {}))
 
 
 def kinds(bundle):
-    found = gather.verdict(bundle, pages=False, everything=False).diagnosis.findings
+    found = verdict(bundle, pages=False, everything=False).diagnosis.findings
     return sorted((entry.part.kind, entry.part.mode, entry.verdict, len(entry.rows)) for entry in found)
 
 
@@ -37,7 +38,7 @@ def test_what_is_read_again_is_what_was_written(changes):
     found = again(bundle)
     assert found.fleet == bundle.fleet and found.observations == bundle.observations
     assert found.machines == bundle.machines and found.about["pairs"] == "all"
-    assert gather.verdict(found, False, False).diagnosis == gather.verdict(bundle, False, False).diagnosis
+    assert verdict(found, False, False).diagnosis == verdict(bundle, False, False).diagnosis
 
 
 @pytest.mark.parametrize(
@@ -46,15 +47,15 @@ def test_what_is_read_again_is_what_was_written(changes):
 def test_with_other_names_and_without_secrets_the_findings_are_of_the_same_kinds(changes):
     bundle = bundled(fleets.fig12(), *changes, logs={"tibi-nav": "tibi-nav: at 192.168.11.100 password=x1y2\n"})
     assert len(kinds(bundle)) == len(changes)
-    other = bundle.without(Secrets()).renamed({}, set())
+    other = bundles.renamed(bundles.without(bundle, Secrets()), {}, set())
     assert kinds(again(other)) == kinds(bundle)
-    assert "tibi" not in json.dumps(other.texts("", {})) and "names" in other.about
+    assert "tibi" not in json.dumps(bundles.texts(other, "", {})) and "names" in other.about
     assert other.logs["robot1-computer1"].startswith("robot1-computer1: at 10.")
 
 
 def test_logs_have_the_last_lines_and_a_file_each():
     bundle = bundled(fleets.plan(2), logs={"kobuki1computer": "line\n" * 40_000 + "the last\n", "kobuki2computer": ""})
-    files = bundle.without(Secrets()).texts("", {})
+    files = bundles.texts(bundles.without(bundle, Secrets()), "", {})
     log = files["logs/kobuki1computer.txt"]
     assert len(log) <= bundles.LOG and log.endswith("line\nthe last\n") and log.startswith("line\n")
     assert "logs/kobuki2computer.txt" not in files and "0.1.0" in files["README.txt"]
@@ -63,14 +64,14 @@ def test_logs_have_the_last_lines_and_a_file_each():
 def test_a_service_that_writes_much_takes_no_room_from_the_others():
     quiet, loud = "== roscore\nstarted\n", "== sync\n" + "synchronised\n" * 40_000 + "the last\n"
     bundle = bundled(fleets.plan(2), logs={"kobuki1computer": quiet + loud + "== discovery\nready\n"})
-    log = bundle.without(Secrets()).logs["kobuki1computer"]
+    log = bundles.without(bundle, Secrets()).logs["kobuki1computer"]
     assert log.startswith(quiet + "== sync\nsynchronised\n") and log.endswith("the last\n== discovery\nready\n")
     assert bundles.LOG - 100 < len(log) <= bundles.LOG
 
 
 def test_the_name_of_a_computer_is_no_path():
     bundle = bundled(fleets.plan(2))
-    texts = bundles.dataclasses.replace(bundle, logs={"../../etc/passwd": "x"}).texts("", {})
+    texts = bundles.texts(bundles.dataclasses.replace(bundle, logs={"../../etc/passwd": "x"}), "", {})
     assert "logs/.._.._etc_passwd.txt" in texts
 
 
@@ -89,14 +90,14 @@ def test_the_name_of_a_computer_is_no_path():
     ],
 )
 def test_what_somebody_changed(name, text, said):
-    files = bundled(fleets.plan(2)).texts("", {})
+    files = bundles.texts(bundled(fleets.plan(2)), "", {})
     with pytest.raises(Unreadable) as problem:
         bundles.read({**files, name: text})
     assert said in str(problem.value)
 
 
 def test_computers_that_the_plan_does_not_have_are_left_out_and_texts_are_plain():
-    files = bundled(fleets.plan(2)).texts("", {})
+    files = bundles.texts(bundled(fleets.plan(2)), "", {})
     seen = json.loads(files["observations.json"])
     seen["stranger"] = {}
     seen["kobuki1computer"]["problem"] = "\x1b[2Jx\n{{ 7 * 7 }}"

@@ -11,10 +11,9 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, Row
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Found
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content, report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import KINDS, MOST, Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page as page_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import flows
 from reported import TEMPLATE, reported

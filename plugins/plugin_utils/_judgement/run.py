@@ -1,28 +1,26 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A bundle of what a run has registered, and what the report says about one. Pure: Ansible's variables and plain data."""
+"""A run of the verification: what its tasks have registered on the computers of a fleet. Pure: Ansible's variables in."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import Bundle
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, AUTO
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Verification
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quoted
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judged import Judged, judge
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import (
     KEY,
     observation,
     planned_names,
     registered,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import content
 
 OPTIONS = (
     "fleet",
@@ -38,9 +36,20 @@ OPTIONS = (
 )
 
 
+@dataclass(frozen=True)
+class Run:
+    """All that is told of a fleet. `about` has the time and the versions of the controller, `machines` those of each computer."""
+
+    fleet: FleetPlan
+    observations: Mapping[str, Observation]
+    machines: Mapping[str, Mapping[str, str]]
+    about: Mapping[str, str]
+    logs: Mapping[str, str] = field(default_factory=dict)
+
+
 def gathered(
     given: Mapping[str, Any], hostvars: Mapping[str, Any], hosts: Collection[str], about: Mapping[str, str]
-) -> Bundle:
+) -> Run:
     """Read what the tasks of a run registered; `given` are the OPTIONS of an action. Raises Mismatch."""
     fleet = from_plain(FleetPlan, given.get("fleet"))
     names = {option: given.get(option) or "" for option in (*OPTIONS, "logs")}
@@ -64,7 +73,7 @@ def gathered(
     logs = {host: _lines(registered(hostvars[host], names["logs"])) for host in seen} if names["logs"] else {}
     machines = content.machines(fleet, seen, infos)
     asked = {"pairs": names["pairs"] or ALL, "least_mbit_s": str(names["least_mbit_s"] or 0)}
-    return Bundle(fleet, seen, machines, {**about, **asked}, logs)
+    return Run(fleet, seen, machines, {**about, **asked}, logs)
 
 
 def _lines(result: Mapping[str, Any]) -> str:
@@ -76,24 +85,3 @@ def _lines(result: Mapping[str, Any]) -> str:
         parts += [f"== {service if KEY.fullmatch(service) else quoted(service)}"]
         parts += [quoted(line, LINE) for line in lines] if isinstance(lines, list) else []
     return "".join(f"{part}\n" for part in parts)
-
-
-def verdict(bundle: Bundle, pages: bool, everything: bool) -> Judged:
-    """Judge what is in a bundle."""
-    pairs = AUTO if bundle.about.get("pairs") == AUTO else ALL
-    least = float(bundle.about.get("least_mbit_s") or 0)
-    return judge(Verification(CHECKS, bundle.fleet, bundle.observations, pairs, least), pages, everything)
-
-
-def document(bundle: Bundle, judged: Judged) -> dict[str, Any]:
-    """Return all that the report says, as data."""
-    return {
-        **judged.document(),
-        "time": bundle.about.get("time", ""),
-        "collection": bundle.about.get("collection", ""),
-        "ansible": bundle.about.get("ansible", ""),
-        "durations": bundle.about.get("durations", ""),
-        "robots": content.robots(bundle.fleet, bundle.observations),
-        "throughput": content.throughput(bundle.observations),
-        "machines": {name: {**content.NOTHING, **bundle.machines.get(name, {})} for name in bundle.observations},
-    }

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The declarations of the robots, the registrations that were found, and the difference to an earlier run. Pure: plain data out."""
+"""The declarations of the robots, the registrations that were found, and what ran on each computer. Pure: plain data out."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import TEST_NODES
@@ -15,7 +15,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
 
 OWN_TOPICS = "/multimaster_verify/"  # of the verification itself
 MOST = 2000  # names of a robot that are kept
-NAMED = 6  # names in a sentence
 NOTHING = dict.fromkeys(("system", "kernel", "python", "ros", "provider", "list_masters", "topics"), "")  # of a machine
 PRIVATE = ("/get_loggers", "/set_logger_level")  # services that every node has
 
@@ -81,48 +80,6 @@ def throughput(observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
         for stream in (seen.streams.streams if seen.streams else ())
         if stream.mbit_s is not None
     ]
-
-
-# What differs from an earlier run
-
-
-def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Compare two documents: sentences about what is new, what is gone, and what is well again."""
-    try:
-        return list(_differences(before, now))
-    except (AttributeError, KeyError, TypeError) as _other_shape:  # written by another version, or by hand
-        return []
-
-
-def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
-    yield from _compared("", before["computers"], now["computers"])
-    old = {entry["robot"]: entry for entry in before["robots"]}
-    for entry in now["robots"]:
-        other = old.get(entry["robot"])
-        if other and other["read"] and entry["read"]:
-            for kind in ("topics", "services"):
-                yield from _compared(f"{kind} of {entry['robot']}: ", other[kind], entry[kind])
-    was, found = _sentences(before), _sentences(now)
-    yield from (f"new: {sentence}" for sentence in found if sentence not in was)
-    yield from (f"no longer: {sentence}" for sentence in was if sentence not in found)
-
-
-def _compared(of: str, before: Sequence[str], now: Sequence[str]) -> Iterator[str]:
-    for names, word in ((set(now) - set(before), "new"), (set(before) - set(now), "gone")):
-        if names:
-            yield f"{of}{_listed(sorted(names))} {'is' if len(names) == 1 else 'are'} {word}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(names[:NAMED]) + more
-
-
-def _sentences(document: Mapping[str, Any]) -> list[str]:
-    return [entry["sentence"] for entry in document["findings"]]
-
-
-# What ran there
 
 
 def machines(
