@@ -21,12 +21,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import containers
-from layout import hosts_of, read_inventory, robots_of, with_suites
-from matrix import everybody
-from memory import Peak
-from podman import LabError
-from proof import Computer, prove, table
+from machines import containers
+from machines.layout import hosts_of, read_inventory, robots_of, with_suites
+from machines.memory import Peak
+from machines.podman import LabError
+from proofs.matrix import everybody
+from proofs.proof import Computer, prove, table
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -14,10 +14,9 @@ import re
 import sys
 from pathlib import Path
 
-import containers
-import image
-from layout import Extra, hosts_of, read_inventory, with_suites
-from podman import LabError
+from machines import containers, image
+from machines.layout import Extra, hosts_of, read_inventory, with_suites
+from machines.podman import LabError
 
 EXTRA, MOUNT = "HOST=ADDRESS[/PREFIX][,...]", "HOST=SOURCE:TARGET"
 

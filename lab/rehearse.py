@@ -24,15 +24,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import containers
-import image
-import rehearsal
-from deferred import ended_in_order
-from injected import Fault, cast_of, injected, judged
-from layout import Extra, Host, hosts_of, read_inventory, with_suites
-from managers import MANAGERS
-from podman import ROOT, LabError, podman
-from reading import environment, read
+from machines import containers, image
+from machines.deferred import ended_in_order
+from machines.layout import Extra, Host, hosts_of, read_inventory, with_suites
+from machines.managers import MANAGERS
+from machines.podman import ROOT, LabError, podman
+from rehearsals import rehearsal
+from rehearsals.injected import Fault, cast_of, injected, judged
+from rehearsals.reading import environment, read
 
 WORK = ROOT / ".work" / "rehearse"
 LIMIT = 1800.0  # seconds for a playbook

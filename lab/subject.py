@@ -10,10 +10,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import containers
-from layout import hosts_of, read_inventory
-from links import until
-from podman import ROOT, podman
+from machines import containers
+from machines.layout import hosts_of, read_inventory
+from machines.podman import ROOT, podman
+from setups.links import until
 
 NODES = Path(__file__).with_name("nodes")
 THREE_ROBOTS = ROOT / "tests" / "systems" / "three_robots"
@@ -48,7 +48,7 @@ class Lab:
 
     def start(self, host, unit, command, script=None):
         """Start a program as a person would; `{script}` in its command is a copy of a file of lab/nodes."""
-        path = f"/tmp/{script}"
+        path = f"/tmp/{Path(script or '').name}"
         text = (NODES / script).read_text() if script else ""
         line = f"bash -lc 'exec {command.format(script=path)}'"
         self.run(

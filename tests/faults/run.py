@@ -32,8 +32,8 @@ import state  # noqa: E402
 from agreement import Agreement, agreement  # noqa: E402
 from catalogue import LAB, Fault, Step, facts_of, load  # noqa: E402
 from kept import Kept, Row, told_of_prediction, told_of_remedies  # noqa: E402
-from layout import Extra, read_inventory  # noqa: E402
-from podman import LabError  # noqa: E402
+from machines.layout import Extra, read_inventory  # noqa: E402
+from machines.podman import LabError  # noqa: E402
 from subject import Lab, lab_of  # noqa: E402
 from words import STRANGER, STRANGERS_ADDRESS, Words  # noqa: E402
 

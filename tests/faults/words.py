@@ -10,8 +10,8 @@ import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import containers
-from podman import podman
+from machines import containers
+from machines.podman import podman
 
 COMMON = "192.168.1.0/24"
 STRANGER, STRANGERS_ADDRESS = "stranger", "192.168.1.66"
@@ -87,7 +87,7 @@ class Words:
     def rogue(self) -> None:
         """A master that is in no inventory."""
         words = f"{STRANGERS_ADDRESS} 226.0.0.0 http://rogue:11311/ rogue {LONGEST:.0f}"
-        self.lab.start(STRANGER, "rogue", f"python3 {{script}} {words}", "rogue.py")
+        self.lab.start(STRANGER, "rogue", f"python3 {{script}} {words}", "hostile/rogue.py")
 
     def no_rogue(self) -> None:
         """The end of `rogue`. The discovery nodes forget it by and by; so they begin anew."""

@@ -16,9 +16,9 @@ ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
 sys.path += [str(ROOT / "lab"), str(HERE)]
 
-import containers  # noqa: E402
 import fleet  # noqa: E402
-from layout import hosts_of, read_inventory  # noqa: E402
+from machines import containers  # noqa: E402
+from machines.layout import hosts_of, read_inventory  # noqa: E402
 
 # What every computer sees of this machine.
 MOUNTS = {

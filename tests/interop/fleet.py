@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import containers
+from machines import containers
 
 LAB = "interop"
 BUNDLED, UPSTREAM = "bundled", "upstream"

@@ -3,11 +3,11 @@
 
 """The two robots of Fig. 5 with upstream's nodes, set up by hand as the report says: verified from the inventory alone."""
 
-import by_hand
 import pytest
 from conftest import MOUNTS
-from layout import Extra
-from podman import ROOT
+from machines.layout import Extra
+from machines.podman import ROOT
+from setups import by_hand
 from subject import lab_of
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"

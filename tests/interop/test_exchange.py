@@ -16,7 +16,7 @@ def reached():
     """Every computer's node hears and calls those of all others at once: whom it reached."""
     for own in COMPUTERS:
         others = " ".join(computer.host for computer in COMPUTERS if computer is not own)
-        own.start("everybody", f"python3 /opt/nodes/everybody.py {own.host} {others} > /run/everybody")
+        own.start("everybody", f"python3 /opt/nodes/programs/everybody.py {own.host} {others} > /run/everybody")
     try:
         return {
             own.host: json.loads(eventually(lambda own=own: own.run("cat /run/everybody"), bool, 60) or "{}")
@@ -62,7 +62,7 @@ def test_a_topic_goes_with_its_publisher(giver, taker):
 
 @both_ways
 def test_a_service_is_called(giver, taker):
-    giver.start("server", "python3 /opt/nodes/service_server.py interop_server")
+    giver.start("server", "python3 /opt/nodes/programs/service_server.py interop_server")
     assert "/interop_server/where" in eventually(taker.services, lambda names: "/interop_server/where" in names)
     assert giver.host in taker.run("timeout 20 rosservice call /interop_server/where")
     giver.stop("server")
@@ -71,8 +71,8 @@ def test_a_service_is_called(giver, taker):
 
 @both_ways
 def test_an_action_gives_feedback_and_its_result(giver, taker):
-    giver.start("action", "python3 /opt/nodes/action_server.py interop_action")
-    feedbacks, result = taker.run("timeout 85 python3 /opt/nodes/action_client.py interop_action").split()
+    giver.start("action", "python3 /opt/nodes/programs/action_server.py interop_action")
+    feedbacks, result = taker.run("timeout 85 python3 /opt/nodes/programs/action_client.py interop_action").split()
     assert int(feedbacks) > 0 and result == "42"
 
 

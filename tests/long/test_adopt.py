@@ -11,8 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
-import adopted  # noqa: E402
-import by_hand  # noqa: E402
+from setups import adopted, by_hand  # noqa: E402
 from subject import lab_of  # noqa: E402
 
 INVENTORY = ROOT / "inventory" / "multi_computer"

@@ -15,9 +15,9 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "lab"))
 
-from busy import Busy  # noqa: E402
-from links import Watch, chat, heard, until  # noqa: E402
-from plug import ROBOTS, STATIC, booted_alone, expect_seen, plug, told  # noqa: E402
+from proofs.busy import Busy  # noqa: E402
+from setups.links import Watch, chat, heard, until  # noqa: E402
+from setups.plug import ROBOTS, STATIC, booted_alone, expect_seen, plug, told  # noqa: E402
 
 ALONE_SECONDS = float(os.environ.get("ALONE_SECONDS", "180"))
 LOST_SECONDS = 40.0

@@ -18,8 +18,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
 import demo  # noqa: E402
-from filtered import ECHO, NARROW, STRANGER, filtered_lab  # noqa: E402
-from proof import prove, table  # noqa: E402
+from proofs.proof import prove, table  # noqa: E402
+from setups.filtered import ECHO, NARROW, STRANGER, filtered_lab  # noqa: E402
 
 INVENTORY = Path(__file__).with_name("firewall")
 FILTERS = {"ana-pc": "nftables", "bob-pc": "ufw", "cid-pc": "firewalld"}

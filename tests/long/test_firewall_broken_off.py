@@ -18,7 +18,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
-from filtered import filtered_lab  # noqa: E402
+from setups.filtered import filtered_lab  # noqa: E402
 
 INVENTORY = Path(__file__).with_name("firewall")
 ROBOTS = {"ana-pc": "nftables", "bob-pc": "ufw", "cid-pc": "firewalld"}

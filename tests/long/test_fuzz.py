@@ -23,8 +23,8 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 sys.path.insert(0, str(ROOT / "lab"))
 
-import containers  # noqa: E402
-from links import Watch, until  # noqa: E402
+from machines import containers  # noqa: E402
+from setups.links import Watch, until  # noqa: E402
 from subject import lab_of  # noqa: E402
 
 LAB = os.environ.get("FUZZ_LAB", "long-fuzz")

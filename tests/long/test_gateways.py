@@ -15,8 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
 import demo  # noqa: E402
-from filtered import ECHO, STRANGER, filtered_lab  # noqa: E402
-from proof import prove, table  # noqa: E402
+from proofs.proof import prove, table  # noqa: E402
+from setups.filtered import ECHO, STRANGER, filtered_lab  # noqa: E402
 
 INVENTORY = ROOT / "tests" / "long" / "gateways"
 GATES = {"ana-gate": "192.168.20.21", "bob-gate": "192.168.20.22", "cid-gate": "192.168.20.23"}

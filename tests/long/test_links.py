@@ -12,7 +12,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "lab"))
 
-from links import Watch, chat, cut, flowing_from, heard, lossy, mend, until  # noqa: E402
+from setups.links import Watch, chat, cut, flowing_from, heard, lossy, mend, until  # noqa: E402
 from subject import three_robots  # noqa: E402
 
 COMPUTERS = ("ana-pc", "bob-pc", "cid-pc")

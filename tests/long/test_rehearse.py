@@ -20,9 +20,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
-import containers  # noqa: E402
-import rehearsal  # noqa: E402
-from podman import labelled, podman  # noqa: E402
+from machines import containers  # noqa: E402
+from machines.podman import labelled, podman  # noqa: E402
+from rehearsals import rehearsal  # noqa: E402
 
 NAME = "long"
 LAB = rehearsal.lab_of(NAME)

@@ -19,7 +19,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
-import containers  # noqa: E402
+from machines import containers  # noqa: E402
 from subject import lab_of  # noqa: E402
 
 LAB, HOST = "long-roscore", "kobuki1computer"
@@ -40,8 +40,8 @@ def lab():
 
 def test_nothing_is_lost_and_nothing_comes_back(lab):
     print(f"\nKILL_SEED={SEED}")
-    for name in ("killed_roscore.py", "all_sorts.py"):
-        lab.run(HOST, f"cat > /tmp/{name}", stdin=(ROOT / "lab/nodes" / name).read_text())
+    for path in ("tests/long/killed_roscore.py", "lab/nodes/programs/all_sorts.py"):
+        lab.run(HOST, f"cat > /tmp/{Path(path).name}", stdin=(ROOT / path).read_text())
     command = f"PYTHONPATH=/tmp/python exec python3 /tmp/killed_roscore.py {KILLS} {SEED}"
     done = subprocess.run(
         ["podman", "exec", containers.container(LAB, HOST), "bash", "-lc", command],
@@ -58,7 +58,7 @@ def test_nothing_is_lost_and_nothing_comes_back(lab):
 
 @pytest.mark.parametrize("seed", CALL_SEEDS)
 def test_no_call_of_anybody_makes_a_roscore_worse(lab, seed):
-    lab.run(HOST, "cat > /tmp/fuzzed_roscore.py", stdin=(ROOT / "lab/nodes/fuzzed_roscore.py").read_text())
+    lab.run(HOST, "cat > /tmp/fuzzed_roscore.py", stdin=(ROOT / "lab/nodes/hostile/fuzzed_roscore.py").read_text())
     calls = CALLS // len(CALL_SEEDS)
     command = f"PYTHONPATH=/tmp/python:$PYTHONPATH exec python3 /tmp/fuzzed_roscore.py {calls} {seed}"
     done = subprocess.run(

@@ -20,7 +20,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
-from links import chat, cut, heard, mend, until  # noqa: E402
+from setups.links import chat, cut, heard, mend, until  # noqa: E402
 from subject import NODES, three_robots  # noqa: E402
 
 MINUTES = float(os.environ.get("SOAK_MINUTES", "30"))
@@ -65,7 +65,7 @@ class Churn:
 
     def __init__(self, lab, host):
         self.lab, self.host, self.there = lab, host, set()
-        lab.run(host, "cat > /run/giver.py; mkfifo -m 600 /run/orders", stdin=(NODES / "giver.py").read_text())
+        lab.run(host, "cat > /run/giver.py; mkfifo -m 600 /run/orders", stdin=(NODES / "programs/giver.py").read_text())
         lab.start(host, "giver", f"python3 /run/giver.py {ADDRESSES[host]} {PORT}")
         lab.wait_until_ready(host, "giver")
 
@@ -90,7 +90,9 @@ class Churn:
 
 
 def usage(lab, host, kind):
-    return json.loads(lab.run(host, f"python3 - {' '.join(UNITS[kind])}", stdin=(NODES / "usage.py").read_text()))
+    return json.loads(
+        lab.run(host, f"python3 - {' '.join(UNITS[kind])}", stdin=(NODES / "observers/usage.py").read_text())
+    )
 
 
 def known(lab, host):

@@ -22,10 +22,10 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 sys.path.insert(0, str(ROOT / "lab"))
 
-import containers  # noqa: E402
-from busy import Busy  # noqa: E402
-from layout import Extra  # noqa: E402
-from links import Watch, until  # noqa: E402
+from machines import containers  # noqa: E402
+from machines.layout import Extra  # noqa: E402
+from proofs.busy import Busy  # noqa: E402
+from setups.links import Watch, until  # noqa: E402
 from subject import NODES, lab_of  # noqa: E402
 
 LAB = os.environ.get("STRANGERS_LAB", "long-strangers")
@@ -102,7 +102,7 @@ class Fleet:
     def __init__(self, lab):
         self.lab, self.run = lab, lab.run
         self.roscores = {host: Watch(lab, host, 10) for host in ROBOTS}
-        self.lists = {host: Watch(lab, host, 10, "listed.py") for host in ROBOTS}
+        self.lists = {host: Watch(lab, host, 10, "observers/listed.py") for host in ROBOTS}
         lab.run(VICTIM, "nft -f -", stdin=ATTEMPTS)
 
     def attempts(self):
@@ -175,7 +175,7 @@ def result(name, running):
 
 
 def rogue(lab, name, address, target, seconds, who="rogue"):
-    return attack(lab, NODES / "rogue.py", address, target, f"http://{who}:11311/", who, seconds)
+    return attack(lab, NODES / "hostile/rogue.py", address, target, f"http://{who}:11311/", who, seconds)
 
 
 def spoofed(lab, count, seconds, rate, ports, *sources):

@@ -10,7 +10,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "faults")]
 
-from layout import Extra  # noqa: E402
+from machines.layout import Extra  # noqa: E402
 from subject import lab_of  # noqa: E402
 from words import STRANGER, STRANGERS_ADDRESS, Words  # noqa: E402
 

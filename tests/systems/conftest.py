@@ -15,8 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 INVENTORY = ROOT / "inventory" / "single_computer"
 sys.path.insert(0, str(ROOT / "lab"))
 
-import containers  # noqa: E402
-from busy import Busy  # noqa: E402
+from machines import containers  # noqa: E402
+from proofs.busy import Busy  # noqa: E402
 from subject import lab_of  # noqa: E402
 
 

@@ -9,8 +9,8 @@ The order of the tests is that of a day. Losses of minutes: tests/long/test_alon
 import time
 
 import pytest
-from links import until
-from plug import ROBOTS, STATIC, booted_alone, events, expect_seen, moments, plug, told
+from setups.links import until
+from setups.plug import ROBOTS, STATIC, booted_alone, events, expect_seen, moments, plug, told
 
 NAME = "systems-alone"
 FOREIGN = "192.168.24.77"
@@ -83,7 +83,7 @@ def test_in_a_foreign_network_a_robot_works_alone_and_answers_for_nobody_else(la
 
 def test_a_robot_whose_address_comes_late_is_there_at_once(lab, slack):
     since = time.monotonic()
-    lab.start("ana-pc", "dhcp", f"python3 {{script}} eth0 {ROBOTS['ana']} {ROBOTS['dan']}", "dhcp_server.py")
+    lab.start("ana-pc", "dhcp", f"python3 {{script}} eth0 {ROBOTS['ana']} {ROBOTS['dan']}", "hostile/dhcp_server.py")
     told(lab, "dan", "address")
     expect_seen(lab, "dan", STATIC, slack, since)
     told(lab, "dan", *(f"online {robot}-pc" for robot in STATIC), *(f"heard {robot}" for robot in STATIC))

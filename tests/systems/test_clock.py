@@ -9,7 +9,7 @@ Containers share the machine's clock, which nobody here touches: libfaketime giv
 import time
 
 import pytest
-from links import Watch, until
+from setups.links import Watch, until
 from subject import three_robots
 
 NAME = "systems-clock"
@@ -44,7 +44,7 @@ def talk(lab, word):
     """A new topic of each of the two is heard by the other."""
     for here, there in (("ana", "bob"), ("bob", "ana")):
         words = f"{here}_{word} +/{here}/{word} /{there}/{word}"
-        lab.start(f"{here}-pc", word, f"python3 {{script}} {words}", "chatter.py")
+        lab.start(f"{here}-pc", word, f"python3 {{script}} {words}", "programs/chatter.py")
     for here in ("ana", "bob"):
         until(lambda here=here: lab.output(f"{here}-pc", word), 60, f"{here} hears what is new")
 
@@ -82,7 +82,7 @@ def test_discovery_tells_the_new_time(lab):
     code = "import xmlrpc.client as x; print(x.ServerProxy('http://bob-pc:11611').masterInfo()[0])"
     # The stamp is that of the last change in the roscore, which discovery sees at its next look: so something changes.
     before = time.time()
-    lab.start("bob-pc", "after", "python3 {script} bob_after +/bob/after", "chatter.py")
+    lab.start("bob-pc", "after", "python3 {script} bob_after +/bob/after", "programs/chatter.py")
 
     def stamp():
         return float(lab.run("ana-pc", f'python3 -c "{code}"'))

@@ -17,9 +17,9 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import containers
 import pytest
-from layout import Extra, hosts_of, read_inventory
+from machines import containers
+from machines.layout import Extra, hosts_of, read_inventory
 
 ROOT = Path(__file__).resolve().parents[2]
 LAB, INVENTORY = "systems-cut-off", ROOT / "tests" / "systems" / "cut_off"

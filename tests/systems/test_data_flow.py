@@ -8,7 +8,7 @@ import re
 import time
 
 import pytest
-from links import Watch, until
+from setups.links import Watch, until
 from subject import NODES, three_robots
 
 NAME = "systems-data-flow"
@@ -59,11 +59,11 @@ def declared(lab, tmp_path_factory):
     exports = {robot: {"multimaster_exports": own} for robot, own in EXPORTS.items()}
     status, output = apply(lab, tmp_path_factory.mktemp("exports"), **exports)
     assert status == 0, output
-    lab.start("ana-pc", "server", "python3 {script} ana_server", "service_server.py")
-    lab.start("ana-pc", "action", "python3 {script} ana_action", "action_server.py")
+    lab.start("ana-pc", "server", "python3 {script} ana_server", "programs/service_server.py")
+    lab.start("ana-pc", "action", "python3 {script} ana_action", "programs/action_server.py")
     for robot in ROBOTS:
         topics = " ".join([f"+/{robot}/pose", "+/shared", "+/secret", *HEARD])
-        lab.start(f"{robot}-pc", "chatter", f"python3 {{script}} {robot}_chatter {topics}", "chatter.py")
+        lab.start(f"{robot}-pc", "chatter", f"python3 {{script}} {robot}_chatter {topics}", "programs/chatter.py")
     mixed(lab)
     return lab
 
@@ -71,7 +71,7 @@ def declared(lab, tmp_path_factory):
 def mixed(lab):
     """ana's roscpp subscriber of /mixed has a publisher on its own robot; more of them are on bob."""
     lab.start("ana-pc", "relay", "rosrun topic_tools relay /mixed /ana/relayed __name:=ana_relay")
-    lab.start("ana-pc", "mixer", "python3 {script} ana_mixer +/mixed /ana/relayed", "chatter.py")
+    lab.start("ana-pc", "mixer", "python3 {script} ana_mixer +/mixed /ana/relayed", "programs/chatter.py")
 
 
 def heard(lab, robot, since):
@@ -93,7 +93,7 @@ def test_what_is_declared_arrives_and_nothing_else(declared):
 
 def test_a_service_and_an_action_work(declared):
     assert "ana-pc" in declared.run("bob-pc", "rosservice call /ana_server/where")
-    client = (NODES / "action_client.py").read_text()
+    client = (NODES / "programs/action_client.py").read_text()
     seen = declared.run("bob-pc", "timeout 100 python3 - ana_action __name:=bob_client", stdin=client)
     assert seen.split() in (["1", "42"], ["2", "42"], ["3", "42"])
 
@@ -200,7 +200,7 @@ def keeps_its_local_publisher(lab, slack):
     until(lambda: lab.output("ana-pc", "mixer"), 60, "ana's relay hears ana's publisher")
     since = time.monotonic()
     for _time in range(4):
-        lab.start("bob-pc", "mixer", "python3 {script} bob_mixer +/mixed", "chatter.py")
+        lab.start("bob-pc", "mixer", "python3 {script} bob_mixer +/mixed", "programs/chatter.py")
         time.sleep(1.5)
     to = time.monotonic()
     times = [at for at, _text in lab.output("ana-pc", "mixer")]

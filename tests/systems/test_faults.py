@@ -10,9 +10,8 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-import adopted
-import by_hand
 import pytest
+from setups import adopted, by_hand
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 OURS = "ls /etc/sysctl.d /etc/rosfleet-multimaster /usr/local/lib/rosfleet-multimaster 2>/dev/null | grep -c rosfleet"

@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 import pytest
-from filtered import ECHO, STRANGER, filtered_lab
+from setups.filtered import ECHO, STRANGER, filtered_lab
 
 INVENTORY = Path(__file__).with_name("firewall")
 

@@ -6,7 +6,7 @@
 import json
 import time
 
-from links import until
+from setups.links import until
 
 SPEAKER, HEARER = "kobuki1computer", "kobuki2computer"
 BOTH, OWN = "/first_words/both", "/first_words/own"  # the subscribers are on both robots, on their own one alone
@@ -35,7 +35,7 @@ def known(lab, host, folder):
 
 
 def begin(lab, host, role, folders):
-    lab.start(host, role, f"python3 {{script}} {role} {COUNT} {' '.join(folders)}", "first_words.py")
+    lab.start(host, role, f"python3 {{script}} {role} {COUNT} {' '.join(folders)}", "programs/first_words.py")
 
 
 def losses(lab, *folders):

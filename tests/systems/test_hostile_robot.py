@@ -18,7 +18,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from podman import ROOT
+from machines.podman import ROOT
 from subject import NODES, lab_of
 
 INVENTORY = ROOT / "inventory" / "single_computer"
@@ -92,7 +92,9 @@ def fleet(request, tmp_path_factory):
         assert status == 0, output
         lab.folder = tmp_path_factory.mktemp("hostile")
         lab.run(
-            HOSTILE, f"mkdir -p {FOLDER}; cat > {FOLDER}/answers.py", stdin=(NODES / "hostile_answers.py").read_text()
+            HOSTILE,
+            f"mkdir -p {FOLDER}; cat > {FOLDER}/answers.py",
+            stdin=(NODES / "hostile/hostile_answers.py").read_text(),
         )
         wrapper = f'#!/bin/sh\nexec /usr/bin/python3 -I -S {FOLDER}/answers.py {FOLDER}/settings "$@"\n'
         lab.run(HOSTILE, f"cat > {FOLDER}/python3; chmod 755 {FOLDER}/python3", stdin=wrapper)

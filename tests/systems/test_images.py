@@ -16,7 +16,7 @@ import sys
 import tarfile
 
 import pytest
-from podman import ROOT, configuration
+from machines.podman import ROOT, configuration
 
 STEPS = 24
 CHECKOUTS = ("one", "two", "three")

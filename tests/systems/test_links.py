@@ -9,7 +9,7 @@ All times are of the kernel's steady clock, which the containers share. The orde
 import time
 
 import pytest
-from links import Watch, chat, cut, flowing_from, heard, lossy, mend, until
+from setups.links import Watch, chat, cut, flowing_from, heard, lossy, mend, until
 from subject import three_robots
 
 NAME = "systems-links"
@@ -121,7 +121,7 @@ def loss(lab, watches):
         lab.run(host, f"rosparam set /do_not_sync '[/{host[:3]}_newcomer/new]'")
     time.sleep(5)  # discovery reads this now and then
     for host in ("ana-pc", "cid-pc"):
-        lab.start(host, "newcomer", f"python3 {{script}} {host[:3]}_newcomer {BUSY}", "newcomer.py")
+        lab.start(host, "newcomer", f"python3 {{script}} {host[:3]}_newcomer {BUSY}", "programs/newcomer.py")
         until(lambda host=host: blocked(lab, host), 60, f"a newcomer on {host}")
     since = cut(lab, "bob-pc")
     gone = gone_from(watches, "bob-pc", since)

@@ -8,8 +8,8 @@ import shutil
 import subprocess
 
 import pytest
-from links import until
-from podman import ROOT
+from machines.podman import ROOT
+from setups.links import until
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 FOLDER = "/var/lib/prometheus/node-exporter"

@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from proof import NODES, wait_for
+from proofs.proof import NODES, wait_for
 
 NAME = "systems-placement"
 INVENTORY = Path(__file__).with_name("placement")
@@ -60,7 +60,9 @@ def start_nodes(lab, host):
     runs = [f"systemd-run --quiet --collect --unit {unit} bash -lc 'exec {line}'" for unit, line in commands.items()]
     script = " && ".join(["cat > /tmp/server.py", *runs])
     lab.run(
-        host, f"systemctl stop talker server 2>/dev/null; {script}", stdin=(NODES / "service_server.py").read_text()
+        host,
+        f"systemctl stop talker server 2>/dev/null; {script}",
+        stdin=(NODES / "programs/service_server.py").read_text(),
     )
 
 

@@ -13,10 +13,10 @@ import subprocess
 import sys
 import time
 
-import containers
 import pytest
-from layout import hosts_of, read_inventory
-from podman import ROOT, labelled
+from machines import containers
+from machines.layout import hosts_of, read_inventory
+from machines.podman import ROOT, labelled
 
 INVENTORY = ROOT / "inventory" / "single_computer"
 SEED, FEW, MANY = 25, 8, 100
@@ -25,8 +25,8 @@ HAS_A_LAB = """
 import sys, time
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
-import containers
-from layout import hosts_of, read_inventory
+from machines import containers
+from machines.layout import hosts_of, read_inventory
 with containers.removed_at_the_end(sys.argv[2]):
     containers.up(sys.argv[2], hosts_of(read_inventory(Path(sys.argv[3]))))
     time.sleep(0.3)

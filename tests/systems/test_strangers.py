@@ -14,7 +14,7 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain, quoted
-from links import until
+from setups.links import until
 from subject import NODES
 
 VICTIM, PEER = "kobuki1computer", "kobuki2computer"
@@ -36,7 +36,9 @@ def masters(lab):
 def fleet(lab):
     """Both robots know each other; the second computer has the address of a stranger besides."""
     until(lambda: len(masters(lab)) == 2, 30, "both masters")
-    lab.run(PEER, f"ip address add {ROGUE}/24 dev eth0; cat > /run/rogue.py", stdin=(NODES / "rogue.py").read_text())
+    lab.run(
+        PEER, f"ip address add {ROGUE}/24 dev eth0; cat > /run/rogue.py", stdin=(NODES / "hostile/rogue.py").read_text()
+    )
     yield lab
     lab.run(PEER, f"ip address del {ROGUE}/24 dev eth0")
     # Nodes that were shut down were started again: the next tests count from here.
@@ -183,7 +185,7 @@ def outside(text):
 
 def diagnostics(lab, seconds=9):
     """(level, name, message, values) of each entry that came to a subscriber."""
-    lab.run(VICTIM, "cat > /run/told.py", stdin=(NODES / "told.py").read_text())
+    lab.run(VICTIM, "cat > /run/told.py", stdin=(NODES / "observers/told.py").read_text())
     messages = json.loads(lab.run(VICTIM, f"python3 /run/told.py {seconds}").splitlines()[-1])
     return [tuple(entry) for message in messages for entry in message]
 

@@ -30,7 +30,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planne
 
 HERE = Path(__file__).parent
 ROOM = HERE / "plugins" / "plugin_utils"
-sys.path += [str(ROOM), str(ROOM / "_adopt"), str(ROOM / "_world"), str(HERE.parents[1] / "lab" / "nodes")]
+sys.path += [str(ROOM), str(ROOM / "_adopt"), str(ROOM / "_world"), str(HERE.parents[1] / "lab" / "nodes" / "hostile")]
 
 import fleets  # noqa: E402
 import hostile_answers  # noqa: E402

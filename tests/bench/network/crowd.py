@@ -11,8 +11,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from links import SILENT, until
 from measures import held, usage
+from setups.links import SILENT, until
 from subject import NODES, Lab, lab_of
 from systems import GIVER, HERE, MANAGED, PORT, TAKER, start_giver
 
@@ -81,7 +81,7 @@ def meeting(lab: Lab, say: Callable[[str], None]) -> float:
 
 def processors(lab: Lab, pool: ThreadPoolExecutor) -> dict[str, float]:
     """Seconds of the processors that the services of all robots have taken so far: service -> seconds."""
-    text, found = (NODES / "usage.py").read_text(), {}
+    text, found = (NODES / "observers/usage.py").read_text(), {}
     for unit in (*MANAGED.units["nodes"], *MANAGED.units["roscore"]):
         of = list(pool.map(lambda name, unit=unit: json.loads(lab.run(name, f"python3 - {unit}", stdin=text)), NAMES))
         assert all(robot["processes"] for robot in of), f"{unit} does not run everywhere"

@@ -9,7 +9,7 @@ import contextlib
 import json
 import time
 
-from links import cut, mend, until
+from setups.links import cut, mend, until
 from subject import NODES, Lab
 from systems import ADDRESSES, GIVER, HERE, TAKER, System, take
 
@@ -109,7 +109,7 @@ def bytes_per_change(lab: Lab, system: System, count: int) -> float:
 
 def usage(lab: Lab, system: System, kind: str) -> dict[str, float]:
     """Processor time, memory and number of the processes of a robot's "nodes" or "roscore"."""
-    text = (NODES / "usage.py").read_text()
+    text = (NODES / "observers/usage.py").read_text()
     found = json.loads(lab.run(TAKER, f"python3 - {' '.join(system.units[kind])}", stdin=text))
     assert found["processes"], f"there is no process of {system.units[kind]}"
     return found

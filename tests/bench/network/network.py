@@ -34,8 +34,8 @@ import in_tree  # noqa: E402
 import measures  # noqa: E402
 import pace  # noqa: E402
 import systems  # noqa: E402
-from links import lossy  # noqa: E402
-from podman import LabError  # noqa: E402
+from machines.podman import LabError  # noqa: E402
+from setups.links import lossy  # noqa: E402
 from subject import Lab  # noqa: E402
 from systems import System  # noqa: E402
 

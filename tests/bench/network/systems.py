@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from layout import Extra
-from links import until
+from machines.layout import Extra
+from setups.links import until
 from subject import NODES, Lab, lab_of
 
 HERE = Path(__file__).parent
@@ -90,7 +90,7 @@ def listed(lab: Lab, host: str) -> str:
 
 def start_giver(lab: Lab, host: str, address: str) -> None:
     """Start the program that registers on a computer as it is told."""
-    lab.run(host, "cat > /run/giver.py", stdin=(NODES / "giver.py").read_text())
+    lab.run(host, "cat > /run/giver.py", stdin=(NODES / "programs/giver.py").read_text())
     lab.start(host, "giver", f"python3 /run/giver.py {address} {PORT}")
     lab.wait_until_ready(host, "giver")
 

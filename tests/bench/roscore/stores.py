@@ -19,7 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT / "lab"))
 
-import containers  # noqa: E402
+from machines import containers  # noqa: E402
 from subject import lab_of  # noqa: E402
 
 LAB, HOST = "bench-roscore", "kobuki1computer"

@@ -27,10 +27,10 @@ ROOT = Path(__file__).resolve().parents[3]
 WORK = ROOT / ".work" / "bench"
 sys.path[:0] = [str(ROOT / "lab"), str(Path(__file__).parent)]
 
-import containers  # noqa: E402
 from growth import machine  # noqa: E402
-from layout import hosts_of, read_inventory  # noqa: E402
-from podman import environment  # noqa: E402
+from machines import containers  # noqa: E402
+from machines.layout import hosts_of, read_inventory  # noqa: E402
+from machines.podman import environment  # noqa: E402
 
 LAB = "bench-hosts"
 ENTRIES = [{"address": f"10.1.0.{number}", "names": [f"robot{number}"]} for number in range(1, 101)]

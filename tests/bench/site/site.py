@@ -37,12 +37,12 @@ WORK = ROOT / ".work" / "bench"
 LAB_FOLDER = ROOT / "lab"
 sys.path[:0] = [str(LAB_FOLDER), str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
-import containers  # noqa: E402
 import pace  # noqa: E402
 import snapshot  # noqa: E402
 from growth import machine  # noqa: E402
-from layout import hosts_of, read_inventory  # noqa: E402
-from podman import LabError, environment, podman  # noqa: E402
+from machines import containers  # noqa: E402
+from machines.layout import hosts_of, read_inventory  # noqa: E402
+from machines.podman import LabError, environment, podman  # noqa: E402
 
 WANTED = 5.0  # times faster
 OURS, THEIRS = "site.yml", "tests/bench/site/conventional.yml"

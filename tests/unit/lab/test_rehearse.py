@@ -17,9 +17,9 @@ sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "rehearse")]
 import rehearse  # noqa: E402
 import seeded  # noqa: E402
 from catalogue import Fault  # noqa: E402
-from layout import Host  # noqa: E402
-from podman import LabError  # noqa: E402
-from rehearsal import Rehearsed  # noqa: E402
+from machines.layout import Host  # noqa: E402
+from machines.podman import LabError  # noqa: E402
+from rehearsals.rehearsal import Rehearsed  # noqa: E402
 
 import lab  # noqa: E402
 

@@ -11,7 +11,6 @@ import pytest
 ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT / "tests" / "rehearse"), str(ROOT / "lab")]
 
-import rehearsal  # noqa: E402
 import seeded  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import (  # noqa: E402
     Inventory,
@@ -19,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read i
     read_fleet,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan  # noqa: E402
+from rehearsals import rehearsal  # noqa: E402
 
 MISTAKES = seeded.load()
 

@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers.docu
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain
 
 ROOT = Path(__file__).parents[5]
-sys.path.append(str(ROOT / "lab" / "nodes"))
+sys.path.append(str(ROOT / "lab" / "nodes" / "hostile"))
 
 import hostile_answers  # noqa: E402
 

@@ -121,7 +121,7 @@ class Space:
     def hearing(self, device):
         """Yield what is heard; it is whole at the end."""
         heard = []
-        command = self.words(sys.executable, str(NODES / "hearer.py"), device, str(PORT), GROUP, GROUP6)
+        command = self.words(sys.executable, str(NODES / "observers/hearer.py"), device, str(PORT), GROUP, GROUP6)
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             try:
                 assert process.stdout.readline() == "listens\n"
@@ -176,7 +176,7 @@ def filtered(victim, wanted=WANTED):
 def send(wires, *packets):
     stranger, victim, _inner = wires
     mac = json.loads(victim("ip -j link show dev out"))[0]["address"]
-    stranger(f"{sys.executable} {NODES / 'forger.py'} out {mac} {PORT}", json.dumps(packets))
+    stranger(f"{sys.executable} {NODES / 'hostile/forger.py'} out {mac} {PORT}", json.dumps(packets))
 
 
 def own_addresses(wires):
@@ -227,7 +227,7 @@ def test_what_the_computer_sends_to_itself_arrives(wires):
     victim = wires[1]
     places = [VICTIM, "10.8.0.1", "127.0.0.1", GROUP, victim.local("out"), GLOBAL["victim"], "::1", GROUP6]
     with filtered(victim), victim.hearing("out") as heard:
-        victim(f"{sys.executable} {NODES / 'self_talker.py'} out {PORT} {' '.join(places)}")
+        victim(f"{sys.executable} {NODES / 'programs/self_talker.py'} out {PORT} {' '.join(places)}")
     assert sorted(heard) == sorted(f"itself > {place}" for place in places)
 
 

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[4]
-GIVER = ROOT / "lab" / "nodes" / "giver.py"
+ROOT = Path(__file__).resolve().parents[5]
+GIVER = ROOT / "lab" / "nodes" / "programs" / "giver.py"
 sys.path.insert(0, str(ROOT / "lab"))
 
 import subject  # noqa: E402
 
 # Ports that a program of the lab or of a test listens at, and datagrams are sent from, by the way they are written.
 FIXED = re.compile(r'(?:\bPORT\b.* = .*?|^ +"|from: )(\d{5})\b', re.MULTILINE)
-PROGRAMS = ("lab/nodes/*.py", "tests/bench/network/*.py", "tests/long/*.py", "tests/systems/exchanges/*.yml")
+PROGRAMS = ("lab/nodes/*/*.py", "tests/bench/network/*.py", "tests/long/*.py", "tests/systems/exchanges/*.yml")
 
 
 @pytest.fixture

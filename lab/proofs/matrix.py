@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from proof import NODES, Computer
+from proofs.proof import NODES, Computer
 
 SECONDS = 120.0
 
@@ -68,7 +68,7 @@ def everybody(computers: Sequence[Computer]) -> Matrix:
 
     def reached(here: Computer) -> dict[str, list[str]]:
         others = " ".join(computer.name for computer in computers if computer is not here)
-        with here.running(f"python3 - {here.name} {others}", NODES / "everybody.py") as output:
+        with here.running(f"python3 - {here.name} {others}", NODES / "programs/everybody.py") as output:
             found = json.loads(output.readline() or "{}")
             with contextlib.suppress(threading.BrokenBarrierError):
                 through.wait(SECONDS)  # one that is through stays until all are

@@ -11,8 +11,8 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-from containers import label
-from podman import labelled, podman
+from machines.containers import label
+from machines.podman import labelled, podman
 
 GROUPS = Path("/sys/fs/cgroup")
 # Control groups of version 2 and 1: the root, and the field that counts a group and those below it.

@@ -18,7 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TextIO
 
-NODES = pathlib.Path(__file__).parent / "nodes"
+NODES = pathlib.Path(__file__).parents[1] / "nodes"
 # A registration crosses within a second; rospy's command-line tools take a few to start.
 PATIENCE = 20.0
 # Pairs that are tried at the same time: most of it is waiting for command-line tools to start.
@@ -147,11 +147,11 @@ def _pair(here: Computer, there: Computer) -> Iterator[Result]:
         )
     ok, seen = wait_for(lambda: there.run("rostopic list"), lambda text: bool(text) and topic not in text.split())
     yield Result("the topic goes with its publisher", whom, ok, "gone" if ok else "still listed")
-    with here.running(f"python3 - {name}_server", NODES / "service_server.py"):
+    with here.running(f"python3 - {name}_server", NODES / "programs/service_server.py"):
         ok, seen = wait_for(lambda: there.run(f"rosservice call /{name}_server/where"), lambda text: here.name in text)
         yield Result("a service is called", whom, ok, " ".join(seen.split()))
-    with here.running(f"python3 - {name}_action", NODES / "action_server.py"):
-        seen = there.run(f"python3 - {name}_action", NODES / "action_client.py", seconds=100)
+    with here.running(f"python3 - {name}_action", NODES / "programs/action_server.py"):
+        seen = there.run(f"python3 - {name}_action", NODES / "programs/action_client.py", seconds=100)
         ok = seen.split() in (["1", "42"], ["2", "42"], ["3", "42"])
         yield Result("an action gives feedback and its result", whom, ok, " ".join(seen.split()))
     parameter = f"/{name}_parameter"

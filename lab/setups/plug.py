@@ -13,9 +13,9 @@ from __future__ import annotations
 import contextlib
 from concurrent.futures import ThreadPoolExecutor
 
-from links import until
-from podman import ROOT
-from proof import NODES
+from machines.podman import ROOT
+from proofs.proof import NODES
+from setups.links import until
 from subject import lab_of
 
 INVENTORY = ROOT / "tests" / "systems" / "alone"
@@ -66,7 +66,7 @@ def _prepare(lab):
             "alone": f"python3 /usr/local/share/lab/alone.py {robot} {address} {others}",
             "alone-relay": f"rosrun topic_tools relay /{robot}/talk /{robot}/back __name:={robot}_alone_relay",
         }
-        files = {"/usr/local/share/lab/alone.py": (NODES / "alone.py").read_text()}
+        files = {"/usr/local/share/lab/alone.py": (NODES / "programs/alone.py").read_text()}
         for name, command in commands.items():
             files[f"/etc/systemd/system/{name}.service"] = UNIT.format(name=name, command=command)
         if robot == "cid":

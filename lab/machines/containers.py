@@ -26,15 +26,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import image
-from deferred import deferred, ended_in_order
-from layout import Host
-from managers import masked
-from podman import CHECKOUT, WORK, LabError, configuration, labelled, podman
+from machines import image
+from machines.deferred import deferred, ended_in_order
+from machines.layout import Host
+from machines.managers import masked
+from machines.podman import CHECKOUT, WORK, LabError, configuration, labelled, podman
 
 # Labels of containers and networks.
 LAB, HOST, DIGEST, OWNER = "rosfleet.lab", "rosfleet.host", "rosfleet.digest", "rosfleet.checkout"
-FILES = Path(__file__).with_name("files")
+FILES = Path(__file__).parents[1] / "files"
 BOOT_SECONDS = 60.0
 INSTANCES = 12  # of inotify, that a system holds: systemd 5, D-Bus 1, logind 1, the managers of users who are logged in
 # A computer's folder here is /mnt/lab in its container, where systemd listens for the lab (files/lab-ssh.socket).

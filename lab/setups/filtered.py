@@ -6,11 +6,12 @@
 import contextlib
 import json
 import re
+from pathlib import Path
 from typing import NamedTuple
 
-import containers
-from layout import Extra, hosts_of, read_inventory
-from podman import ROOT
+from machines import containers
+from machines.layout import Extra, hosts_of, read_inventory
+from machines.podman import ROOT
 from subject import Lab
 
 PLAYBOOK = "tests/systems/firewall.yml"
@@ -92,7 +93,7 @@ class Filtered(Lab):
 
     def look(self, host, *addresses, first=1024, last=65535):
         """What a computer finds on others: address -> {"tcp": ports, "udp": ports}."""
-        text = (ROOT / "lab/nodes/stranger.py").read_text()
+        text = (ROOT / "lab/nodes/hostile/stranger.py").read_text()
         return json.loads(self.run(host, f"python3 - {first} {last} {' '.join(addresses)}", stdin=text))
 
     def echo(self, host):
@@ -130,12 +131,11 @@ class Filtered(Lab):
     def forges(self, host, *packets, protocol="udp"):
         """The stranger sends a robot packets with any source: pairs of source and destination. Returns what the robot hears."""
         mac = self.run(host, "cat /sys/class/net/eth0/address").strip()
-        self.start(host, "hearer", f"python3 {{script}} eth0 {HEARS} {GROUP} {GROUP6}", "hearer.py")
+        self.start(host, "hearer", f"python3 {{script}} eth0 {HEARS} {GROUP} {GROUP6}", "observers/hearer.py")
         try:
             self.run(host, "until grep -q listens /run/hearer.out; do sleep 0.1; done")
-            for name in ("forger.py", "self_talker.py"):
-                to = STRANGER if name == "forger.py" else host
-                self.run(to, f"cat >/run/{name}", stdin=(ROOT / "lab/nodes" / name).read_text())
+            for name, to in (("hostile/forger.py", STRANGER), ("programs/self_talker.py", host)):
+                self.run(to, f"cat >/run/{Path(name).name}", stdin=(ROOT / "lab/nodes" / name).read_text())
             words = json.dumps([[protocol, *packet] for packet in packets])
             self.run(STRANGER, f"python3 /run/forger.py eth0 {mac} {HEARS}", stdin=words)
             own = [place for place in self.own_places(host) if place != "::1"]

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "lab"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[4] / "lab"))
 
-import rehearsal  # noqa: E402
+from rehearsals import rehearsal  # noqa: E402
 
 SUITES = ("bullseye", "bookworm", "trixie")
 

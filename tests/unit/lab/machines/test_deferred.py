@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-LAB = Path(__file__).resolve().parents[3] / "lab"
+LAB = Path(__file__).resolve().parents[4] / "lab"
 sys.path.insert(0, str(LAB))
 
-from deferred import ENDING, deferred  # noqa: E402
+from machines.deferred import ENDING, deferred  # noqa: E402
 
 # Says when it is within the block, and what was done there in spite of the signals.
 PROGRAM = """
@@ -24,7 +24,7 @@ import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts what runs in the background without it
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 sys.path.insert(0, sys.argv[1])
-from deferred import deferred, ended_in_order
+from machines.deferred import deferred, ended_in_order
 with ended_in_order():
     try:
         with deferred():

@@ -18,13 +18,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from layout import plain_environment, read_inventory
-from podman import ROOT, LabError
+from machines.layout import plain_environment, read_inventory
+from machines.podman import ROOT, LabError
 
 ENCRYPTED = b"$ANSIBLE_VAULT"
 BESIDE = ("group_vars", "host_vars")  # what Ansible reads beside an inventory that is a file
 NOT_READ = {".git", ".work", ".venv", "__pycache__"}
-PLAY = Path(__file__).with_name("plays") / "read_inventory.yml"
+PLAY = Path(__file__).parents[1] / "plays" / "read_inventory.yml"
 SECONDS = 300.0
 
 

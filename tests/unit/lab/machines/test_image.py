@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 sys.path[:0] = [str(ROOT / "lab")]
 
-import image  # noqa: E402
-from podman import LabError  # noqa: E402
+from machines import image  # noqa: E402
+from machines.podman import LabError  # noqa: E402
 
 ALL = [image.Image(suite, full) for suite in image.RELEASES for full in (False, True)]
 

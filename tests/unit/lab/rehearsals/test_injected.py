@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "rehearse"), str(ROOT / "tests" / "faults")]
 
 import catalogue  # noqa: E402
 import seeded  # noqa: E402
-from injected import LITERAL, PARTS, cast_of, injected, judged  # noqa: E402
-from podman import LabError  # noqa: E402
+from machines.podman import LabError  # noqa: E402
+from rehearsals.injected import LITERAL, PARTS, cast_of, injected, judged  # noqa: E402
 
 ALL = {path.stem for path in catalogue.FOLDER.glob("*.yml")}
 

@@ -8,8 +8,8 @@ import io
 import shlex
 import tarfile
 
-import containers
-from podman import ROOT, podman
+from machines import containers
+from machines.podman import ROOT, podman
 
 GROUP = "224.0.0.1"
 FOLDER = "/opt/by_hand"

@@ -25,7 +25,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from podman import CHECKOUT, ROOT, LabError, podman
+from machines.podman import CHECKOUT, ROOT, LabError, podman
 
 NAME = "localhost/rosfleet-lab"
 SUITE = "bookworm"

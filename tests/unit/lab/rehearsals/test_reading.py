@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "lab"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[4] / "lab"))
 
-from podman import LabError  # noqa: E402
-from reading import environment, read  # noqa: E402
-from rehearsal import OPTIONS  # noqa: E402
+from machines.podman import LabError  # noqa: E402
+from rehearsals.reading import environment, read  # noqa: E402
+from rehearsals.rehearsal import OPTIONS  # noqa: E402
 
 INI = """
 [kobuki1]

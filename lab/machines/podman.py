@@ -20,9 +20,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from deferred import deferred
+from machines.deferred import deferred
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 WORK = ROOT / ".work" / "lab"
 CHECKOUT = hashlib.sha256(str(ROOT).encode()).hexdigest()[:4]  # stands for this checkout in names
 

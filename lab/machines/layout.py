@@ -21,10 +21,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import image
-import managers
-from managers import Interface
-from podman import LabError
+from machines import image, managers
+from machines.managers import Interface
+from machines.podman import LabError
 
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 Port = ipaddress.IPv4Interface | ipaddress.IPv6Interface

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from podman import ROOT, LabError
+from machines.podman import ROOT, LabError
 
 sys.path.append(str(ROOT / "tests" / "faults"))
 

@@ -61,7 +61,7 @@ def until(look: Callable[[], object], seconds: float, what: str) -> object:
 class Watch:
     """What the roscore of a computer has held, from now on; by another script, what that one looks at."""
 
-    def __init__(self, lab, host: str, looks: int = 20, script: str = "watch.py") -> None:
+    def __init__(self, lab, host: str, looks: int = 20, script: str = "observers/watch.py") -> None:
         self.lab, self.host, self.unit = lab, host, f"{script.removesuffix('.py')}-{looks}"
         lab.start(host, self.unit, f"python3 {{script}} {looks}", script)
         until(self.events, 60, f"the first look of {script} on {host}")
@@ -90,7 +90,7 @@ def chat(lab, here: str, there: str) -> None:
     computer, relayed = f"{here}-pc", f"/{here}/relayed"
     lab.start(computer, "relay", f"rosrun topic_tools relay /{there}/talk {relayed} __name:={here}_relay")
     words = f"{here}_chatter +/{here}/talk /{there}/talk {relayed}"
-    lab.start(computer, "chatter", f"python3 {{script}} {words}", "chatter.py")
+    lab.start(computer, "chatter", f"python3 {{script}} {words}", "programs/chatter.py")
 
 
 def heard(lab, here: str, since: float = 0.0) -> dict[str, list[float]]:
