@@ -69,6 +69,9 @@ options:
     default: /var/lib/rosfleet-multimaster
 author:
   - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.multimaster_computer
+  - module: rosfleet.multimaster.sysctl
 """
 
 EXAMPLES = r"""

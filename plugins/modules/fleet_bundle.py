@@ -99,16 +99,23 @@ seealso:
 """
 
 EXAMPLES = r"""
-- name: Write a bundle
-  rosfleet.multimaster.fleet_bundle:
-    fleet: "{{ multimaster_fleet }}"
-    multicast: verify_probe.multicast
-    probe: verify_probe
-    machine: multimaster_info
-    logs: verify_logs
-    path: bundle.zip
-    anonymous: true
-  run_once: true
+- name: Verify the fleet, and write a bundle for those who are asked for help
+  hosts: robots
+  gather_facts: false
+  become: true
+  roles:
+    - role: rosfleet.multimaster.verify # it registers what its tasks have seen, and fails after its judgement
+      ignore_errors: true
+  tasks:
+    - name: Write a bundle
+      rosfleet.multimaster.fleet_bundle:
+        fleet: "{{ multimaster_fleet }}"
+        multicast: verify_probe.multicast
+        probe: verify_probe
+        machine: verify_started.machine
+        path: bundle.zip
+        anonymous: true
+      run_once: true
 """
 
 RETURN = r"""

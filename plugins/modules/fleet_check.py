@@ -32,15 +32,32 @@ options:
     default: true
 author:
   - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.fleet_plan
+  - module: rosfleet.multimaster.multimaster_info
 """
 
 EXAMPLES = r"""
-- name: Compare the plan with the machine
-  rosfleet.multimaster.fleet_check:
-    plan: "{{ multimaster_fleet.computers[inventory_hostname] }}"
-    machine: "{{ multimaster_info }}"
-  register: multimaster_plan
-  any_errors_fatal: true
+- name: Compare the plan with every machine
+  hosts: robots
+  gather_facts: false
+  become: true
+  tasks:
+    - name: Compute the plan of the fleet
+      rosfleet.multimaster.fleet_plan:
+      run_once: true
+      register: multimaster_fleet
+
+    - name: Look at the machine
+      rosfleet.multimaster.multimaster_info:
+      register: multimaster_info
+
+    - name: Compare the plan with the machine
+      rosfleet.multimaster.fleet_check:
+        plan: "{{ multimaster_fleet.computers[inventory_hostname] }}"
+        machine: "{{ multimaster_info }}"
+      register: multimaster_plan
+      any_errors_fatal: true
 """
 
 RETURN = r"""

@@ -25,14 +25,22 @@ seealso:
 """
 
 EXAMPLES = r"""
-- name: Tell each finding
-  rosfleet.multimaster.fleet_finding:
-    finding: "{{ item }}"
-  loop: "{{ verification.findings }}"
-  loop_control:
-    label: "{{ item.sentence }}"
-  run_once: true
-  ignore_errors: true
+- name: Verify the fleet, and tell each finding as a result of its own
+  hosts: robots
+  gather_facts: false
+  become: true
+  roles:
+    - role: rosfleet.multimaster.verify # it registers what its tasks have seen, and fails after its judgement
+      ignore_errors: true
+  tasks:
+    - name: Tell each finding
+      rosfleet.multimaster.fleet_finding:
+        finding: "{{ item }}"
+      loop: "{{ verify_result.findings }}"
+      loop_control:
+        label: "{{ item.sentence }}"
+      run_once: true
+      ignore_errors: true
 """
 
 RETURN = r"""

@@ -26,6 +26,9 @@ options:
     default: routers
 author:
   - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.fleet_check
+  - module: rosfleet.multimaster.fleet_predict
 """
 
 EXAMPLES = r"""

@@ -39,18 +39,33 @@ seealso:
 
 EXAMPLES = r"""
 - name: Predict who reaches whom
-  rosfleet.multimaster.fleet_predict:
-    fleet: "{{ multimaster_fleet }}"
-    machine: multimaster_info
-    table: true
-  run_once: true
-  register: prediction
+  hosts: robots
+  gather_facts: false
+  become: true
+  tasks:
+    - name: Compute the plan of the fleet
+      rosfleet.multimaster.fleet_plan:
+      run_once: true
+      register: multimaster_fleet
 
-- name: Stop before anything changes, if not everybody would
-  ansible.builtin.assert:
-    that: prediction.works
-    fail_msg: "{{ prediction.sentences | join(' ') }}"
-  run_once: true
+    - name: Look at the machine
+      rosfleet.multimaster.multimaster_info:
+        destinations: "{{ multimaster_fleet.computers[inventory_hostname].look_at.destinations }}"
+      register: multimaster_info
+
+    - name: Predict who reaches whom
+      rosfleet.multimaster.fleet_predict:
+        fleet: "{{ multimaster_fleet }}"
+        machine: multimaster_info
+        table: true
+      run_once: true
+      register: prediction
+
+    - name: Stop before anything changes, if a way would not work
+      ansible.builtin.assert:
+        that: prediction.works
+        fail_msg: "{{ prediction.sentences | join(' ') }}"
+      run_once: true
 """
 
 RETURN = r"""

@@ -118,20 +118,29 @@ seealso:
 """
 
 EXAMPLES = r"""
-- name: Judge what all computers have seen of each other
-  rosfleet.multimaster.fleet_report:
-    fleet: "{{ multimaster_fleet }}"
-    multicast: verify_multicast
-    probe: verify_probe
-    path: auto
-  run_once: true
-  register: verification
+- name: Verify the fleet, and judge it once more for a page of another name
+  hosts: robots
+  gather_facts: false
+  become: true
+  roles:
+    - role: rosfleet.multimaster.verify # it registers what its tasks have seen, and fails after its judgement
+      ignore_errors: true
+  tasks:
+    - name: Judge what all computers have seen of each other
+      rosfleet.multimaster.fleet_report:
+        fleet: "{{ multimaster_fleet }}"
+        multicast: verify_probe.multicast
+        probe: verify_probe
+        machine: verify_started.machine
+        path: friday.json
+      run_once: true
+      register: verification
 
-- name: Fail if a check failed
-  ansible.builtin.assert:
-    that: verification.passed
-    fail_msg: "{{ verification.msg }}"
-  run_once: true
+    - name: Fail if a check failed
+      ansible.builtin.assert:
+        that: verification.passed
+        fail_msg: "{{ verification.msg }}"
+      run_once: true
 """
 
 RETURN = r"""

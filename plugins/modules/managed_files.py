@@ -125,24 +125,31 @@ seealso:
 """
 
 EXAMPLES = r"""
-- name: Install the nodes of this role and their parameters
+- name: Install a program and its parameters
   rosfleet.multimaster.managed_files:
-    bundle: nodes
-    files: >-
-      {{ query('rosfleet.multimaster.file_tree', role_path ~ '/files', destination='/usr/local/lib/example')
-         + [{'path': '/etc/example/parameters.json', 'content': parameters | to_nice_json}] }}
-  register: nodes_result
+    bundle: example
+    files:
+      - {path: /usr/local/lib/example/example.py, content: "print('example')\n", mode: "0755"}
+      - {path: /etc/example/parameters.json, content: "{}\n"}
+  register: installed
+
+- name: Install the files of a folder of the role
+  rosfleet.multimaster.managed_files:
+    bundle: library
+    files: "{{ query('rosfleet.multimaster.file_tree', role_path ~ '/files', destination='/usr/local/lib/example') }}"
+  when: role_path is defined
 
 - name: Write a file that a group may read
   rosfleet.multimaster.managed_files:
     bundle: secret
     files:
-      - {path: /etc/example/key, content: "{{ key }}", owner: root, group: dialout, mode: "u=rw,g=r,o="}
+      - {path: /etc/example/key, content: "a key\n", owner: root, group: dialout, mode: "u=rw,g=r,o="}
 
 - name: Remove them
   rosfleet.multimaster.managed_files:
-    bundle: nodes
+    bundle: "{{ item }}"
     files: []
+  loop: [example, library, secret]
 """
 
 RETURN = r"""

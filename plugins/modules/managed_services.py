@@ -83,6 +83,13 @@ seealso:
 """
 
 EXAMPLES = r"""
+- name: Write the parameters of a service
+  rosfleet.multimaster.managed_files:
+    bundle: example
+    files:
+      - {path: /etc/example/seconds, content: "3600\n"}
+  register: parameters
+
 - name: Run a service with its current parameters
   rosfleet.multimaster.managed_services:
     bundle: example
@@ -93,10 +100,9 @@ EXAMPLES = r"""
           Description=Example
 
           [Service]
-          Type=notify
           DynamicUser=yes
-          Environment=ROSFLEET_INPUTS={{ parameters_result.digest }}
-          ExecStart=/usr/bin/python3 /usr/local/lib/example/example.py /etc/example/parameters.json
+          Environment=ROSFLEET_INPUTS={{ parameters.digest }}
+          ExecStart=/bin/sh -c 'exec sleep "$(cat /etc/example/seconds)"'
           Restart=always
 
           [Install]

@@ -126,15 +126,13 @@ options:
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
+  - module: rosfleet.multimaster.multimaster_verify
   - name: Guide
     description: What the measurement proves, and how to read it.
     link: https://github.com/rosfleet/multimaster/tree/main/docs/operate/multicast_verify.md
 """
 
 EXAMPLES = r"""
-- name: List the multicast groups of every interface
-  rosfleet.multimaster.multicast_verify:
-
 - name: Measure who hears whom
   hosts: robots
   gather_facts: false
@@ -145,14 +143,22 @@ EXAMPLES = r"""
       group: 226.0.0.0
       port: 11511
       name: "{{ inventory_hostname }}"
-      interface_address: "{{ common_address }}"
-      computers:
-        - {name: kobuki1computer, address: 192.168.1.229}
-        - {name: kobuki2computer, address: 192.168.1.239}
+      interface_address: "{{ multimaster_fleet.computers[inventory_hostname].address }}"
+      computers: "{{ multimaster_fleet.listeners }}"
   tasks:
+    - name: Compute the plan of the fleet
+      rosfleet.multimaster.fleet_plan:
+      run_once: true
+      register: multimaster_fleet
+
+    - name: List the multicast groups of every interface
+      rosfleet.multimaster.multicast_verify:
+        state: listed
+
     - name: Listen on every computer
       rosfleet.multimaster.multicast_verify:
         state: started
+
     - name: Measure from every computer
       rosfleet.multimaster.multicast_verify:
         state: collected

@@ -98,22 +98,30 @@ options:
     default: []
 author:
   - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.fleet_check
+  - module: rosfleet.multimaster.fleet_adopt
 """
 
 EXAMPLES = r"""
-- name: Look at the machine
-  rosfleet.multimaster.multimaster_info:
-  register: multimaster_info
+- name: Look at every machine
+  hosts: robots
+  gather_facts: false
+  become: true
+  tasks:
+    - name: Look at the machine
+      rosfleet.multimaster.multimaster_info:
+      register: multimaster_info
 
-- name: Look at a machine whose ROS is a person's workspace
-  rosfleet.multimaster.multimaster_info:
-    ros_setup: /home/robot/ws/devel/setup.bash
-    ports:
-      - {protocol: tcp, port: 11311}
+    - name: Look at a machine whose ROS is a person's workspace
+      rosfleet.multimaster.multimaster_info:
+        ros_setup: /home/robot/ws/devel/setup.bash
+        ports:
+          - {protocol: tcp, port: 11311}
 
-- name: Read back what a new login shell sees
-  rosfleet.multimaster.multimaster_info:
-    parts: [environment]
+    - name: Read back what a new login shell sees
+      rosfleet.multimaster.multimaster_info:
+        parts: [environment]
 
 - name: Check by yourself that every robot sees at least two masters
   hosts: robots

@@ -290,12 +290,16 @@ EXAMPLES = r"""
     rosfleet.multimaster.multimaster_verify:
       run: morning
       name: "{{ inventory_hostname }}"
-      is_master: "{{ multimaster_plan.is_master }}"
+      is_master: "{{ multimaster_fleet.computers[inventory_hostname].is_master }}"
       members: "{{ multimaster_fleet.members }}"
       masters: "{{ multimaster_fleet.masters }}"
-      services: "{{ multimaster_plan.services }}"
       port: "{{ multimaster_fleet.multicast_port }}"
   tasks:
+    - name: Compute the plan of the fleet
+      rosfleet.multimaster.fleet_plan:
+      run_once: true
+      register: multimaster_fleet
+
     - name: Start the talkers
       rosfleet.multimaster.multimaster_verify:
         state: started
