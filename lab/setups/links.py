@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
 #: What is silent and changes nothing: no error for who sends, no interface that is down. (A frame that is dropped on its way
 #: out would be reported to TCP, which then tries again at once, as no radio link makes it do.)
@@ -62,7 +63,7 @@ class Watch:
     """What the roscore of a computer has held, from now on; by another script, what that one looks at."""
 
     def __init__(self, lab, host: str, looks: int = 20, script: str = "observers/watch.py") -> None:
-        self.lab, self.host, self.unit = lab, host, f"{script.removesuffix('.py')}-{looks}"
+        self.lab, self.host, self.unit = lab, host, f"{Path(script).stem}-{looks}"
         lab.start(host, self.unit, f"python3 {{script}} {looks}", script)
         until(self.events, 60, f"the first look of {script} on {host}")
 

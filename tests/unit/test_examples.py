@@ -12,7 +12,7 @@ import jinja2.meta
 import pytest
 import yaml
 
-ROOT = pathlib.Path(__file__).parents[3]
+ROOT = pathlib.Path(__file__).parents[2]
 MODULES = sorted((ROOT / "plugins/modules").glob("*.py"))
 #: what Ansible itself defines for a task
 MAGIC = {"groups", "hostvars", "inventory_hostname", "item", "omit", "query", "lookup", "role_path"}
