@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Names are things and deeds, as the section "Names" of CONTRIBUTING.md says, which is read here."""
+
+import ast
+import collections
+import pathlib
+import re
+
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[2]
+TREES = ("plugins", "roles", "lab", "tools")
+#: rooms whose names are still to be changed
+LATER = set(
+    """
+    lab
+    lab/machines
+    lab/nodes/hostile
+    lab/nodes/observers
+    lab/nodes/programs
+    lab/plays/action_plugins
+    lab/proofs
+    lab/rehearsals
+    lab/setups
+    plugins/action
+    plugins/doc_fragments
+    plugins/filter
+    plugins/module_utils/_changes
+    plugins/module_utils/_client
+    plugins/module_utils/_computer
+    plugins/module_utils/_firewall
+    plugins/module_utils/_firewall/backends
+    plugins/module_utils/_hosts
+    plugins/module_utils/_machine
+    plugins/module_utils/_module
+    plugins/module_utils/_multicast
+    plugins/module_utils/_process
+    plugins/module_utils/_routes
+    plugins/module_utils/_routes/managers
+    plugins/module_utils/_sysctl
+    plugins/module_utils/_verify
+    plugins/module_utils/_watch
+    plugins/modules
+    plugins/plugin_utils/_adopt
+    plugins/plugin_utils/_answers
+    plugins/plugin_utils/_bundle
+    plugins/plugin_utils/_case
+    plugins/plugin_utils/_changes
+    plugins/plugin_utils/_checks
+    plugins/plugin_utils/_data
+    plugins/plugin_utils/_diagnosis
+    plugins/plugin_utils/_fleet
+    plugins/plugin_utils/_judgement
+    plugins/plugin_utils/_observed
+    plugins/plugin_utils/_plan
+    plugins/plugin_utils/_report
+    plugins/plugin_utils/_watch
+    plugins/plugin_utils/_world
+    roles/nodes/files/python/rosfleet_multimaster
+    roles/nodes/files/python/rosfleet_multimaster/discovery
+    roles/nodes/files/python/rosfleet_multimaster/discovery/core
+    roles/nodes/files/python/rosfleet_multimaster/edge
+    roles/nodes/files/python/rosfleet_multimaster/edge/process
+    roles/nodes/files/python/rosfleet_multimaster/protocol
+    roles/nodes/files/python/rosfleet_multimaster/roscore
+    roles/nodes/files/python/rosfleet_multimaster/roscore/core
+    roles/nodes/files/python/rosfleet_multimaster/sync
+    roles/nodes/files/python/rosfleet_multimaster/sync/core
+    tools
+    """.split()
+)
+FUNCTION_WORDS, PARTICIPLES, OTHERS = (
+    set(words.split())
+    for words in re.findall(r"`([a-z]+(?: [a-z]+){9,})`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
+)
+DEEDS = {"from", "to", "as", "on"}
+#: contracts of a table, and the entry of each program
+SHARED = {"main", "BackEnd", "CallbackModule"}
+
+
+def first_words(name):
+    """The first word of a name in lower case, and whether others follow."""
+    first, *others = re.findall(r"[A-Z]?[a-z0-9]+|[A-Z]+(?![a-z])", name) or [""]
+    return first.lower(), bool(others)
+
+
+def refused(name, is_class=False):
+    first, others = first_words(name)
+    if first in FUNCTION_WORDS:
+        return not (others and first in DEEDS)
+    participle = first in PARTICIPLES or (len(first) > 4 and first.endswith(("ed", "ing")) and first not in OTHERS)
+    return participle and not (is_class and others)
+
+
+def rooms():
+    """The Python files of each folder."""
+    files = collections.defaultdict(list)
+    for tree in TREES:
+        for path in sorted((ROOT / tree).rglob("*.py")):
+            files[path.parent.relative_to(ROOT).as_posix()].append(path)
+    return files
+
+
+ROOMS = rooms()
+
+
+@pytest.mark.parametrize("room", [room for room in ROOMS if room not in LATER])
+def test_names_are_things_and_deeds(room):
+    wrong, public = [], collections.defaultdict(list)
+    for path in ROOMS[room]:
+        if refused(path.stem):
+            wrong.append(path.name)
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+                if refused(node.name, isinstance(node, ast.ClassDef)):
+                    wrong.append(f"{path.name}:{node.lineno} {node.name}")
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                public[node.name].append(path.name)
+    twice = {name: files for name, files in public.items() if len(files) > 1 and name not in SHARED}
+    assert not wrong and not twice, f"{room}: {', '.join(wrong)}; defined twice: {twice}"
+
+
+@pytest.mark.parametrize(
+    ("name", "is_class", "wrong"),
+    [
+        ("told", False, True),
+        ("_of", False, True),
+        ("from_text", False, False),
+        ("as", False, True),
+        ("ping", False, False),
+        ("known_hosts", False, True),
+        ("ManagedFile", True, False),
+        ("Found", True, True),
+        ("HTTPServer", True, False),
+        ("__init__", False, False),
+        ("read_routes", False, False),
+    ],
+)
+def test_a_word_decides(name, is_class, wrong):
+    assert refused(name, is_class) is wrong
