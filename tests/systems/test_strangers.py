@@ -80,6 +80,9 @@ for number, text in enumerate(texts):
                     reached.append(node)
                     break
                 problems.append(f"{node}: {code} {_said}")
+            except ConnectionResetError:  # it took the request, and ended before the answer was sent
+                reached.append(node)
+                break
             except (OSError, xmlrpc.client.Error) as problem:
                 problems.append(f"{node}: {problem!r}")
             time.sleep(0.2)
