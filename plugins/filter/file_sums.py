@@ -62,7 +62,7 @@ def file_sums(planned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             rest["sha256"] = hashlib.sha256(str(file["content"]).encode("utf-8", "surrogateescape")).hexdigest()
         sums.append(rest)
     try:
-        wanted = files.wanted_files({"mode": "0644", **file, "content": ""} for file in sums)
+        wanted = files.parse_files({"mode": "0644", **file, "content": ""} for file in sums)
     except Problem as problem:
         raise AnsibleFilterError(f"file_sums: {problem}") from problem
     return {"files": sums, "digest": files.digest(wanted)}

@@ -219,7 +219,7 @@ msg:
   sample: 2 files of the bundle nodes were written, 1 was removed and 31 were right.
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import OPTIONS, ManagedFiles
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.file_bundle import OPTIONS, ManagedFiles
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 

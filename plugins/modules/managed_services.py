@@ -223,11 +223,11 @@ msg:
   sample: "multimaster-sync.service was restarted (its text changed); 2 other units were right."
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_services import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.service_bundle import (
     OPTIONS,
     ManagedServices,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 
 

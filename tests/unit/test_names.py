@@ -27,7 +27,6 @@ LATER = set(
     plugins/action
     plugins/doc_fragments
     plugins/filter
-    plugins/module_utils/_changes
     plugins/module_utils/_client
     plugins/module_utils/_computer
     plugins/module_utils/_firewall

@@ -60,10 +60,10 @@ def connection(proc: str = "/proc") -> str:
     pid = os.getppid()
     while pid > 0:
         # proc(5): pid (name) state parent ... start; a name may hold blanks and brackets
-        found = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", commands.text(f"{proc}/{pid}/stat"), re.S)
-        if found is None:
+        match = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", commands.text(f"{proc}/{pid}/stat"), re.S)
+        if match is None:
             return ""
-        name, parent, start = found.groups()
+        name, parent, start = match.groups()
         if name in _SERVERS:
             return f"{pid}-{start}"
         pid = int(parent)
@@ -276,7 +276,7 @@ class Guard:
         self.switch = switch or Switch(name)
         self.seconds = module.params["confirm_within"]
         self.token = module.params["confirmation"]
-        self.found = "none"
+        self.state = "none"
         self.unconfirmed = self.rolled_back = self.changed = False
 
     def begin(self) -> typing.Any:
@@ -289,15 +289,15 @@ class Guard:
                 f"confirm_within is {self.seconds} and confirmation {self.token!r}, expected 0 s, or more and a word that "
                 "the second run repeats."
             )
-        self.found = self.switch.look(self.token)
+        self.state = self.switch.look(self.token)
         state = self.switch.state()
-        if self.found == "rolled_back":
-            self._was_rolled_back(state)
-        if self.found in ("other", "earlier"):
-            self._leftover(state)
-            self.found = "none"
+        if self.state == "rolled_back":
+            self._report_rollback(state)
+        if self.state in ("other", "earlier"):
+            self._clear_leftover(state)
+            self.state = "none"
             return None
-        if self.found == "armed" and state["connection"] and state["connection"] == connection():
+        if self.state == "armed" and state["connection"] and state["connection"] == connection():
             ends.leave(
                 self.module,
                 changed=False,
@@ -305,24 +305,24 @@ class Guard:
                 same_connection=True,
                 msg=f"The {self.what} are not confirmed: this is the connection from before the change.",
             )
-        self.changed = self.found in ("armed", "confirmed")
+        self.changed = self.state in ("armed", "confirmed")
         return state.get("memory") if self.changed else None
 
     def apply(self, run: typing.Any) -> None:
         """Apply the plan as far as this run may. Raises Problem; then the machine is as it was before the first run."""
-        if self.found == "armed":
+        if self.state == "armed":
             if not self.switch.release():
                 self.switch.look(self.token)
-                self._was_rolled_back(self.switch.state())
+                self._report_rollback(self.switch.state())
         elif run.runtime_changes and self.seconds:
             return self._try_out(run)
-        elif run.runtime_changes and self.token and self.found == "none":
+        elif run.runtime_changes and self.token and self.state == "none":
             raise Problem(
                 f"The change of the {self.what} can no longer be confirmed: the machine has been restarted meanwhile, a run "
                 "of another play has taken it back, or the first run never got as far. It is as it was before: run the play again."
             )
         run.apply()
-        if self.found != "none":
+        if self.state != "none":
             self.switch.clear()
         return None
 
@@ -353,7 +353,7 @@ class Guard:
         self.switch.clear()
         return failures
 
-    def _was_rolled_back(self, state: typing.Mapping[str, typing.Any]) -> typing.NoReturn:
+    def _report_rollback(self, state: typing.Mapping[str, typing.Any]) -> typing.NoReturn:
         failures = self.switch.failures()
         self.rolled_back, self.changed = True, False
         if not self.module.check_mode:
@@ -369,9 +369,9 @@ class Guard:
             f"has taken them back{end}"
         )
 
-    def _leftover(self, state: typing.Mapping[str, typing.Any]) -> None:
+    def _clear_leftover(self, state: typing.Mapping[str, typing.Any]) -> None:
         """Roll back an earlier play that was broken off, and warn."""
-        waits = self.found == "other"
+        waits = self.state == "other"
         if not self.module.check_mode:
             if waits:
                 self.switch.roll_back_now()
@@ -393,7 +393,7 @@ class Guard:
     def fail(self, problem: Problem, **result: typing.Any) -> None:
         """End the module with a sentence; a change that was to be confirmed is rolled back."""
         sentence = str(problem)
-        if not self.module.check_mode and self.found == "armed" and not self.rolled_back:
+        if not self.module.check_mode and self.state == "armed" and not self.rolled_back:
             failures = self._roll_back()
             self.rolled_back = not failures
             sentence += (

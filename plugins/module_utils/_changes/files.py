@@ -46,7 +46,7 @@ Data = typing.Dict[str, typing.Any]
 Entries = typing.Dict[str, typing.Set[str]]  # folder -> the names in it
 
 
-class Wanted(typing.NamedTuple):
+class PlannedFile(typing.NamedTuple):
     """A planned file."""
 
     path: str
@@ -56,7 +56,7 @@ class Wanted(typing.NamedTuple):
     sha256: str = ""  # of the content, where only that is known: such a file is compared and never written
 
 
-class Found(typing.NamedTuple):
+class FileState(typing.NamedTuple):
     """The thing that stands at a path."""
 
     kind: str
@@ -69,11 +69,13 @@ class Found(typing.NamedTuple):
 class Machine(typing.NamedTuple):
     """All on the machine that a plan depends on."""
 
-    found: typing.Dict[str, typing.Optional[Found]]  # every path of the plan and of the record, unless it is unsafe
+    states: typing.Dict[
+        str, typing.Optional[FileState]
+    ]  # every path of the plan and of the record, unless it is unsafe
     folders: typing.Dict[str, str]  # every folder above a planned path: its kind, "" where it is missing
     entries: Entries  # the names in every folder of this bundle and in its byte-code cache
     leftovers: typing.List[str]  # half-written neighbours of an interrupted run
-    claimed: typing.Set[str]  # folders that other bundles made
+    folders_of_others: typing.Set[str]  # folders that other bundles made
     owner: typing.Tuple[int, int]  # the (uid, gid) that the module runs as, which owns a planned file by default
     unsafe: typing.Dict[str, str] = {}  # paths and folders where somebody else could lead root elsewhere: why
 
@@ -86,14 +88,14 @@ class Item(typing.NamedTuple):
     mode: int
 
 
-Pair = typing.Tuple[typing.Optional[Found], typing.Optional[Wanted]]  # a file before and after
+Pair = typing.Tuple[typing.Optional[FileState], typing.Optional[PlannedFile]]  # a file before and after
 
 
-class Plan(typing.NamedTuple):
+class FilePlan(typing.NamedTuple):
     """The changes, and the record before and after them."""
 
     items: typing.List[Item]  # one per planned file, in its order
-    writes: typing.List[Wanted]
+    writes: typing.List[PlannedFile]
     removals: typing.List[str]
     rubbish: typing.List[str]  # of an interrupted run, and byte code in owned folders whose source is gone
     folders_made: typing.List[str]  # outermost first
@@ -103,17 +105,17 @@ class Plan(typing.NamedTuple):
     after: Data  # the record after it
 
 
-def wanted_files(files: typing.Iterable[Data]) -> typing.List[Wanted]:
+def parse_files(files: typing.Iterable[Data]) -> typing.List[PlannedFile]:
     """Read the planned files from mappings of path, content (text), mode, and owner and group or none. Raises Problem."""
-    wanted = [_wanted_file(entry) for entry in files]
-    seen: typing.Set[str] = set()
+    wanted = [_parse_file(entry) for entry in files]
+    paths: typing.Set[str] = set()
     for file in wanted:
-        if file.path in seen:
+        if file.path in paths:
             raise Problem(f"The path {file.path} is listed twice in the files; list it once.")
-        seen.add(file.path)
+        paths.add(file.path)
     for file in wanted:
-        for folder in _above(file.path):
-            if folder in seen:
+        for folder in _parents(file.path):
+            if folder in paths:
                 raise Problem(
                     f"The files list {folder} and {file.path}, but the first cannot be a file and the folder of the "
                     "second; change one of the two paths."
@@ -121,22 +123,22 @@ def wanted_files(files: typing.Iterable[Data]) -> typing.List[Wanted]:
     return wanted
 
 
-def _wanted_file(entry: Data) -> Wanted:
+def _parse_file(entry: Data) -> PlannedFile:
     path = entry["path"]
     if not path.startswith("/") or os.path.normpath(path) != path or path == "/" or "\0" in path:
         raise Problem(
             f"The path {path!r} of the files is not absolute and plain; expected for example /etc/example/file, "
             "without '..', '//' or '/' at the end."
         )
-    mode = ownership.mode_of(entry["mode"])
+    mode = ownership.parse_mode(entry["mode"])
     if mode is None:
         raise Problem(
             f"The mode {entry['mode']!r} of {path} is not understood; expected octal digits in quotes, for example "
             "'0644', or a symbolic mode such as u=rw,go=r."
         )
-    owner = ownership.owner_of(path, entry.get("owner"), entry.get("group"))
+    owner = ownership.find_owner(path, entry.get("owner"), entry.get("group"))
     content = entry["content"].encode("utf-8", "surrogateescape")
-    return Wanted(path, content, mode, owner, entry.get("sha256") or "")
+    return PlannedFile(path, content, mode, owner, entry.get("sha256") or "")
 
 
 def record_of(kind: str, bundle: str, records: str) -> Record:
@@ -151,10 +153,10 @@ def record_of(kind: str, bundle: str, records: str) -> Record:
     return Record(f"{kind}-{bundle}", records, _SHAPE)
 
 
-def digest(wanted: typing.Iterable[Wanted]) -> str:
+def digest(files: typing.Iterable[PlannedFile]) -> str:
     """One SHA-256 (hexadecimal) over the paths, modes and contents, whatever their order."""
     total = hashlib.sha256()
-    for file in sorted(wanted):
+    for file in sorted(files):
         total.update(f"{file.path} {_fingerprint(file)}\n".encode("utf-8", "surrogateescape"))
     return total.hexdigest()
 
@@ -162,19 +164,19 @@ def digest(wanted: typing.Iterable[Wanted]) -> str:
 # The machine
 
 
-def read(wanted: typing.List[Wanted], remembered: Data, record: Record) -> Machine:
+def read(files: typing.List[PlannedFile], remembered: Data, record: Record) -> Machine:
     """Read everything on the machine that a plan of these files and this record depends on. Raises OSError, Problem."""
-    paths = {file.path for file in wanted} | set(remembered.get("files", {}))
+    paths = {file.path for file in files} | set(remembered.get("files", {}))
     owned_folders = remembered.get("folders", [])
     unsafe = _unsafe(paths, owned_folders)
     return Machine(
-        found={path: look(path) for path in paths if path not in unsafe},
-        folders={folder: _kind(folder) for file in wanted for folder in _above(file.path)},
+        states={path: look(path) for path in paths if path not in unsafe},
+        folders={folder: _kind(folder) for file in files for folder in _parents(file.path)},
         entries=_entries([folder for folder in owned_folders if folder not in unsafe]),
         leftovers=_leftovers(
             path for path, entry in remembered.get("files", {}).items() if path not in unsafe and "writing" in entry
         ),
-        claimed=_claimed(record),
+        folders_of_others=_folders_of_others(record),
         owner=(os.geteuid(), os.getegid()),
         unsafe=unsafe,
     )
@@ -197,27 +199,27 @@ def _unsafe(paths: typing.Iterable[str], folders: typing.Iterable[str]) -> typin
     """
     if os.geteuid() != 0:
         return {}  # whoever leads an ordinary user elsewhere gains nothing
-    sight = trust.Look()
+    view = trust.Look()
     places = [(path, os.path.dirname(path)) for path in sorted(paths)] + [(folder, folder) for folder in folders]
     why = {
-        place: [doubt.words for doubt in sight.doubts(folder) if doubt.who != trust.A_GROUP] for place, folder in places
+        place: [doubt.words for doubt in view.doubts(folder) if doubt.who != trust.A_GROUP] for place, folder in places
     }
     return {place: words[0] for place, words in why.items() if words}
 
 
-def _claimed(record: Record) -> typing.Set[str]:
+def _folders_of_others(record: Record) -> typing.Set[str]:
     """The folders in the records of all other bundles."""
-    claimed: typing.Set[str] = set()
+    folders: typing.Set[str] = set()
     records = os.path.dirname(record.path)
     for kind in ("files", "services"):
         for path in glob.glob(os.path.join(glob.escape(records), f"{kind}-*.json")):
             if path != record.path:
                 name = os.path.basename(path)[: -len(".json")]
-                claimed.update(Record(name, records, _SHAPE).load().get("folders", []))
-    return claimed
+                folders.update(Record(name, records, _SHAPE).load().get("folders", []))
+    return folders
 
 
-def look(path: str) -> typing.Optional[Found]:
+def look(path: str) -> typing.Optional[FileState]:
     """Look at a path itself, without following a symbolic link; None where nothing is there."""
     try:
         status = os.lstat(path)
@@ -232,18 +234,18 @@ def look(path: str) -> typing.Optional[Found]:
     else:
         kind = _FOLDER if stat.S_ISDIR(status.st_mode) else "a device, pipe or socket"
     attributes = atomic.attributes(path)
-    return Found(kind, content, stat.S_IMODE(status.st_mode), (status.st_uid, status.st_gid), attributes)
+    return FileState(kind, content, stat.S_IMODE(status.st_mode), (status.st_uid, status.st_gid), attributes)
 
 
 def _kind(folder: str) -> str:
     """The kind of a folder above a planned path: a symbolic link to a folder is a folder, "" is a missing one."""
     if os.path.isdir(folder):
         return _FOLDER
-    found = look(folder)
-    return found.kind if found else ""
+    state = look(folder)
+    return state.kind if state else ""
 
 
-def _above(path: str) -> typing.List[str]:
+def _parents(path: str) -> typing.List[str]:
     """The folders above a path without the root, innermost first."""
     folders = []
     path = os.path.dirname(path)
@@ -253,19 +255,19 @@ def _above(path: str) -> typing.List[str]:
     return folders
 
 
-def _fingerprint(file: Wanted) -> str:
+def _fingerprint(file: PlannedFile) -> str:
     """The mode and the digest of a planned file, and its owner where one is asked for."""
     owner = f" {file.owner[0]}:{file.owner[1]}" if file.owner else ""
     return f"{file.mode:04o} {file.sha256 or hashlib.sha256(file.content).hexdigest()}{owner}"
 
 
-def _matches(found: typing.Optional[Found], fingerprint: str) -> bool:
+def _matches(state: typing.Optional[FileState], fingerprint: str) -> bool:
     """True for a file with this fingerprint; one without an owner says nothing about it."""
-    if found is None or found.kind != _FILE:
+    if state is None or state.kind != _FILE:
         return False
-    there = [f"{found.mode:04o}", hashlib.sha256(found.content).hexdigest(), f"{found.owner[0]}:{found.owner[1]}"]
-    said = fingerprint.split()
-    return there[: len(said)] == said
+    actual = [f"{state.mode:04o}", hashlib.sha256(state.content).hexdigest(), f"{state.owner[0]}:{state.owner[1]}"]
+    expected = fingerprint.split()
+    return actual[: len(expected)] == expected
 
 
 # The plan
@@ -277,50 +279,52 @@ _NOTES = {
 }
 
 
-def owned_files(remembered: Data, machine: Machine) -> typing.Dict[str, str]:
+def find_owned_files(remembered: Data, machine: Machine) -> typing.Dict[str, str]:
     """The owned paths, with the fingerprint of what was written last, also after a run that was killed; pure."""
     owned = {}
     for path, entry in remembered.get("files", {}).items():
         if path in machine.unsafe:
             continue
-        if "writing" in entry and _matches(machine.found[path], entry["writing"]):
+        if "writing" in entry and _matches(machine.states[path], entry["writing"]):
             owned[path] = entry["writing"]
         elif "written" in entry:
             owned[path] = entry["written"]
     return owned
 
 
-def plan(wanted: typing.List[Wanted], remembered: Data, machine: Machine) -> Plan:
+def plan_files(files: typing.List[PlannedFile], remembered: Data, machine: Machine) -> FilePlan:
     """Plan the changes; pure. Raises Problem, with a sentence per path, where something not owned is in the way."""
-    _refuse_unsafe(wanted, machine)
-    owned = owned_files(remembered, machine)
-    items = [_listed(file, machine, owned.get(file.path)) for file in wanted]
-    kept = {file.path: file for file, item in zip(wanted, items) if item.state != "foreign"}
-    removals = [path for path in sorted(owned) if path not in kept and machine.found[path] is not None]
-    _refuse(wanted, items, machine, removals)
+    _refuse_unsafe(files, machine)
+    owned = find_owned_files(remembered, machine)
+    items = [_plan_item(file, machine, owned.get(file.path)) for file in files]
+    kept = {file.path: file for file, item in zip(files, items) if item.state != "foreign"}
+    removals = [path for path in sorted(owned) if path not in kept and machine.states[path] is not None]
+    _refuse(files, items, machine, removals)
 
     before = set(remembered.get("folders", [])) - set(machine.unsafe)
     folders = _plan_folders(kept, removals, before, machine)
     writes = [kept[item.path] for item in items if item.state in ("written", "edited")]
-    return Plan(
+    return FilePlan(
         items=items,
         writes=writes,
         removals=removals,
         rubbish=folders.rubbish,
         folders_made=folders.made,
         folders_removed=folders.removed,
-        notes=[*_notes(items, removals, folders, owned, machine), *_left(remembered, machine)],
-        intent={"files": _intended(owned, writes), "folders": sorted(before | set(folders.owned))},
+        notes=[*_notes(items, removals, folders, owned, machine), *_notes_on_unsafe(remembered, machine)],
+        intent={"files": _files_of_intent(owned, writes), "folders": sorted(before | set(folders.owned))},
         after={"files": {path: {"written": _fingerprint(kept[path])} for path in kept}, "folders": folders.owned},
     )
 
 
-def _listed(file: Wanted, machine: Machine, owned: typing.Optional[str]) -> Item:
+def _plan_item(file: PlannedFile, machine: Machine, owned: typing.Optional[str]) -> Item:
     """One planned file; `owned` is the fingerprint of what was written last, None for a file that is not owned."""
-    return Item(file.path, _state(file, machine.found[file.path], owned, machine.owner), file.mode)
+    return Item(file.path, _state(file, machine.states[file.path], owned, machine.owner), file.mode)
 
 
-def _intended(owned: typing.Dict[str, str], writes: typing.Iterable[Wanted]) -> typing.Dict[str, typing.Dict[str, str]]:
+def _files_of_intent(
+    owned: typing.Dict[str, str], writes: typing.Iterable[PlannedFile]
+) -> typing.Dict[str, typing.Dict[str, str]]:
     """The files in the record while the run is at work."""
     files = {path: {"written": owned[path]} for path in owned}
     for file in writes:
@@ -337,12 +341,12 @@ def _notes(
 ) -> typing.List[str]:
     """The notes on drift, on files that are right but not owned, and on folders that stay."""
     notes = [_NOTES[item.state].format(path=item.path) for item in items if item.state in _NOTES]
-    edited = [path for path in removals if not _matches(machine.found[path], owned[path])]
+    edited = [path for path in removals if not _matches(machine.states[path], owned[path])]
     notes += [f"{path}, which goes, had been changed by hand since we wrote it." for path in edited]
     return notes + [f"{quoted(folder)} stays, because it holds files that are not ours." for folder in folders.kept]
 
 
-def _left(remembered: Data, machine: Machine) -> typing.List[str]:
+def _notes_on_unsafe(remembered: Data, machine: Machine) -> typing.List[str]:
     """The notes on what was ours, and is left where it is."""
     ours = [*remembered.get("files", {}), *remembered.get("folders", [])]
     return [
@@ -353,28 +357,28 @@ def _left(remembered: Data, machine: Machine) -> typing.List[str]:
 
 
 def _state(
-    file: Wanted, found: typing.Optional[Found], owned: typing.Optional[str], owner: typing.Tuple[int, int]
+    file: PlannedFile, present: typing.Optional[FileState], owned: typing.Optional[str], owner: typing.Tuple[int, int]
 ) -> str:
     """The state of a planned file as in Item, or "conflict": something that is not owned is in its way."""
-    if found is None:
+    if present is None:
         return "edited" if owned else "written"
-    right = _matches(found, _fingerprint(file))
+    right = _matches(present, _fingerprint(file))
     if owned is None:
         return "foreign" if right else "conflict"
-    if found.kind == _FOLDER:
+    if present.kind == _FOLDER:
         return "conflict"
-    if right and found.owner == (file.owner or owner):
+    if right and present.owner == (file.owner or owner):
         return "unchanged"
     has_owner = len(owned.split()) > 2
-    return "written" if _matches(found, owned) and (has_owner or found.owner == owner) else "edited"
+    return "written" if _matches(present, owned) and (has_owner or present.owner == owner) else "edited"
 
 
-def _refuse_unsafe(wanted: typing.Iterable[Wanted], machine: Machine) -> None:
+def _refuse_unsafe(files: typing.Iterable[PlannedFile], machine: Machine) -> None:
     """Raise Problem with a sentence for every planned path where somebody else could lead root elsewhere."""
     problems = [
         f"{file.path} is not written, since {machine.unsafe[file.path]}; expected folders that root alone can change: choose "
         "another path, or give its folders to root (chown, chmod)."
-        for file in wanted
+        for file in files
         if file.path in machine.unsafe
     ]
     if problems:
@@ -382,11 +386,13 @@ def _refuse_unsafe(wanted: typing.Iterable[Wanted], machine: Machine) -> None:
 
 
 def _refuse(
-    wanted: typing.List[Wanted], items: typing.List[Item], machine: Machine, removals: typing.List[str]
+    files: typing.List[PlannedFile], items: typing.List[Item], machine: Machine, removals: typing.List[str]
 ) -> None:
     """Raise Problem with a sentence for everything that is in the way of the plan."""
     problems = [
-        _in_the_way(file, machine.found[file.path]) for file, item in zip(wanted, items) if item.state == "conflict"
+        _describe_conflict(file, machine.states[file.path])
+        for file, item in zip(files, items)
+        if item.state == "conflict"
     ]
     problems += [
         f"{folder} is {kind}, expected a folder for planned files: move it away."
@@ -396,21 +402,21 @@ def _refuse(
     problems += [
         f"{path} was a file of ours and is a folder now, so it is not removed: move it away."
         for path in removals
-        if _is_folder(machine.found[path])
+        if _is_folder(machine.states[path])
     ]
     if problems:
         raise Problem(" ".join(problems))
 
 
-def _is_folder(found: typing.Optional[Found]) -> bool:
-    return found is not None and found.kind == _FOLDER
+def _is_folder(state: typing.Optional[FileState]) -> bool:
+    return state is not None and state.kind == _FOLDER
 
 
-def _in_the_way(file: Wanted, found: typing.Optional[Found]) -> str:
-    what = found.kind if found else "nothing"
-    if found and found.kind == _FILE:
-        what = f"a file of {len(found.content)} bytes with mode {found.mode:04o}"
-        what += f" and owner {found.owner[0]}:{found.owner[1]}" if file.owner else ""
+def _describe_conflict(file: PlannedFile, present: typing.Optional[FileState]) -> str:
+    what = present.kind if present else "nothing"
+    if present and present.kind == _FILE:
+        what = f"a file of {len(present.content)} bytes with mode {present.mode:04o}"
+        what += f" and owner {present.owner[0]}:{present.owner[1]}" if file.owner else ""
     planned = f" and owner {file.owner[0]}:{file.owner[1]}" if file.owner else ""
     return (
         f"{file.path} is {what} that this collection did not write, and the plan is a file of {len(file.content)} bytes "
@@ -432,11 +438,11 @@ def _plan_folders(
     kept: typing.Iterable[str], removals: typing.List[str], before: typing.Set[str], machine: Machine
 ) -> _Folders:
     """Plan the folders for the files that are owned from now on; `before` are the folders in the record."""
-    needed = {folder for path in kept for folder in _above(path)}
+    needed = {folder for path in kept for folder in _parents(path)}
     made = sorted(folder for folder in needed if not machine.folders[folder])
     rubbish = machine.leftovers + _orphans(before, set(removals), set(kept), machine.entries)
-    removed, staying = _emptied(before - needed, before, set(removals) | set(rubbish), machine.entries)
-    owned = sorted((before | machine.claimed | set(made)) & needed)
+    removed, staying = _find_empty_folders(before - needed, before, set(removals) | set(rubbish), machine.entries)
+    owned = sorted((before | machine.folders_of_others | set(made)) & needed)
     return _Folders(made, removed, staying, rubbish, owned)
 
 
@@ -454,12 +460,12 @@ def _orphans(
     return orphans
 
 
-def _emptied(
+def _find_empty_folders(
     unneeded: typing.Set[str], owned: typing.Set[str], gone: typing.Set[str], entries: Entries
 ) -> typing.Tuple[typing.List[str], typing.List[str]]:
     """The folders and caches that are empty then, innermost first, and the unneeded folders that are not."""
     gone = set(gone)
-    removed, kept = [], []
+    removed, staying = [], []
     for folder in sorted(owned, reverse=True):
         cache = os.path.join(folder, _CACHE)
         for path in (cache, folder) if folder in unneeded else (cache,):
@@ -467,53 +473,51 @@ def _emptied(
                 removed.append(path)
                 gone.add(path)
             elif path in entries and path == folder:
-                kept.append(folder)
-    return removed, kept
+                staying.append(folder)
+    return removed, staying
 
 
-def changes(planned: Plan) -> bool:
+def changes(plan: FilePlan) -> bool:
     """True if a plan changes anything but the record."""
-    return bool(
-        planned.writes or planned.removals or planned.rubbish or planned.folders_made or planned.folders_removed
-    )
+    return bool(plan.writes or plan.removals or plan.rubbish or plan.folders_made or plan.folders_removed)
 
 
-def places(planned: Plan, record: Record) -> typing.List[str]:
+def places(plan: FilePlan, record: Record) -> typing.List[str]:
     """The paths that carrying out a plan writes or removes, with its record; none where nothing changes."""
-    paths = [file.path for file in planned.writes] + planned.removals + planned.rubbish
-    return [*paths, record.path] if changes(planned) else []
+    paths = [file.path for file in plan.writes] + plan.removals + plan.rubbish
+    return [*paths, record.path] if changes(plan) else []
 
 
 # The steps
 
-_LOST = "{what} could not be put back ({reason})."
-RECORD_LOST = "The record {what} could not be put back ({reason})."
+_RESTORE_FAILURE = "{what} could not be put back ({reason})."
+RECORD_RESTORE_FAILURE = "The record {what} could not be put back ({reason})."
 
 
-def steps(planned: Plan, machine: Machine) -> typing.List[Step]:
+def steps(plan: FilePlan, machine: Machine) -> typing.List[Step]:
     """The steps that carry out a plan, without its record."""
-    found = [_removal(path, machine.found[path]) for path in planned.removals]
-    for file in planned.writes:
-        found += [_folders_for(file.path), _write(file, machine)]
-    found.append(Step("what is left over", lambda: _tidy(planned)))
-    return found
+    result = [_removal(path, machine.states[path]) for path in plan.removals]
+    for file in plan.writes:
+        result += [_folders_for(file.path), _write(file, machine)]
+    result.append(Step("what is left over", lambda: _tidy(plan)))
+    return result
 
 
-def _removal(path: str, before: typing.Optional[Found]) -> Step:
+def _removal(path: str, before: typing.Optional[FileState]) -> Step:
     def remove() -> None:
         atomic.remove(path)
         if os.path.isdir(os.path.dirname(path)):
             atomic.sync_folder(os.path.dirname(path))
 
-    return Step(path, remove, lambda: _put_back(path, before), failure=_LOST)
+    return Step(path, remove, lambda: _restore(path, before), failure=_RESTORE_FAILURE)
 
 
-def _write(file: Wanted, machine: Machine) -> Step:
+def _write(file: PlannedFile, machine: Machine) -> Step:
     return Step(
         file.path,
         lambda: atomic.write_by_rename(file.path, file.content, file.mode, file.owner or machine.owner),
-        lambda: _put_back(file.path, machine.found[file.path]),
-        failure=_LOST,
+        lambda: _restore(file.path, machine.states[file.path]),
+        failure=_RESTORE_FAILURE,
     )
 
 
@@ -534,14 +538,14 @@ def _folders_for(path: str) -> Step:
     return Step(folder, lambda: made.extend(atomic.make_folders(folder)), remove_again)
 
 
-def _tidy(planned: Plan) -> None:
-    for path in planned.rubbish:
+def _tidy(plan: FilePlan) -> None:
+    for path in plan.rubbish:
         atomic.remove(path)
-    for folder in planned.folders_removed:
+    for folder in plan.folders_removed:
         atomic.remove_folder_if_empty(folder)
 
 
-def _put_back(path: str, before: typing.Optional[Found]) -> None:
+def _restore(path: str, before: typing.Optional[FileState]) -> None:
     if look(path) == before:  # the step has failed before it changed anything
         return
     if before is None:
@@ -559,26 +563,26 @@ def _put_back(path: str, before: typing.Optional[Found]) -> None:
 
 
 def differences(
-    planned: Plan, machine: Machine, brief: typing.Iterable[str] = ()
+    plan: FilePlan, machine: Machine, brief: typing.Iterable[str] = ()
 ) -> typing.List[typing.Dict[str, str]]:
     """The `diff` of a module: one entry per file that changes, and one line for all that are below a `brief` folder."""
     entries = []
     folders: typing.Dict[str, typing.List[Pair]] = {folder.rstrip("/"): [] for folder in brief}
-    after: typing.Optional[Wanted]
-    for path, after in [(file.path, file) for file in planned.writes] + [(path, None) for path in planned.removals]:
-        found = machine.found[path]
+    after: typing.Optional[PlannedFile]
+    for path, after in [(file.path, file) for file in plan.writes] + [(path, None) for path in plan.removals]:
+        before = machine.states[path]
         folder = next((folder for folder in folders if path.startswith(folder + "/")), None)
         if folder is None:
-            entries.append(_difference_of(path, found, after, machine.owner))
+            entries.append(_difference_of(path, before, after, machine.owner))
         else:
-            folders[folder].append((found, after))
+            folders[folder].append((before, after))
     return entries + [_summary(folder, pairs) for folder, pairs in folders.items() if pairs]
 
 
 def _summary(folder: str, pairs: typing.List[Pair]) -> typing.Dict[str, str]:
     """Count what changes below a folder; for example "3 files, 900 bytes: 1 new, 2 changed, 0 removed"."""
-    before = [found for found, after in pairs if found]
-    left = [after for found, after in pairs if after]
+    before = [old for old, new in pairs if old]
+    left = [new for old, new in pairs if new]
     changed = len(before) + len(left) - len(pairs)
     deeds = f"{len(left) - changed} new, {changed} changed, {len(before) - changed} removed"
     header = f"files below {folder} that change"
@@ -590,18 +594,18 @@ def _summary(folder: str, pairs: typing.List[Pair]) -> typing.Dict[str, str]:
     }
 
 
-def _size(held: typing.Sequence[typing.Union[Found, Wanted]]) -> str:
-    return f"{len(held)} files, {sum(len(file.content) for file in held)} bytes"
+def _size(files: typing.Sequence[typing.Union[FileState, PlannedFile]]) -> str:
+    return f"{len(files)} files, {sum(len(file.content) for file in files)} bytes"
 
 
 def _difference_of(
-    path: str, found: typing.Optional[Found], after: typing.Optional[Wanted], owner: typing.Tuple[int, int]
+    path: str, before: typing.Optional[FileState], after: typing.Optional[PlannedFile], owner: typing.Tuple[int, int]
 ) -> typing.Dict[str, str]:
-    entry = difference(path, found and found.content, after and after.content)
-    if found and after and found.kind == _FILE and found.content == after.content:
-        entry["before"] = f"mode {found.mode:04o}, owner {found.owner[0]}:{found.owner[1]}\n"
+    entry = difference(path, before and before.content, after and after.content)
+    if before and after and before.kind == _FILE and before.content == after.content:
+        entry["before"] = f"mode {before.mode:04o}, owner {before.owner[0]}:{before.owner[1]}\n"
         uid, gid = after.owner or owner
         entry["after"] = f"mode {after.mode:04o}, owner {uid}:{gid}\n"
-    elif found and found.kind != _FILE:
-        entry["before"] = f"({found.kind})\n"
+    elif before and before.kind != _FILE:
+        entry["before"] = f"({before.kind})\n"
     return entry

@@ -28,19 +28,19 @@ T = typing.TypeVar("T")
 
 
 @contextlib.contextmanager
-def held(folders: typing.Iterable[str], name: str) -> typing.Iterator[typing.List[str]]:
+def hold(folders: typing.Iterable[str], name: str) -> typing.Iterator[typing.List[str]]:
     """Hold the locks of these folders of records; `name` is that of the module. Raises Problem where a run does not end.
 
     Gives a sentence for each folder in which no lock can be had, as on a read-only file system.
     """
     deadline = time.monotonic() + WAIT
-    taken: typing.List[_Taken] = []
+    locks: typing.List[_Lock] = []
     sentences: typing.List[str] = []
     try:
         # In one order, so that no two runs wait for each other.
         for folder in sorted(set(filter(os.path.isabs, folders))):
             try:
-                taken.append(_take(folder, name, deadline))
+                locks.append(_take(folder, name, deadline))
             except OSError as problem:
                 sentences.append(
                     f"{os.path.join(folder, NAME)} cannot be locked ({problem.strerror or problem}), so a run at the same time "
@@ -48,33 +48,33 @@ def held(folders: typing.Iterable[str], name: str) -> typing.Iterator[typing.Lis
                 )
         yield sentences
     finally:
-        for lock in reversed(taken):
+        for lock in reversed(locks):
             _free(lock)
 
 
-def undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
-    """Return what `read` returns while no run holds the lock. Raises Problem as `held`, and what `read` raises."""
+def read_undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
+    """Return what `read` returns while no run holds the lock. Raises Problem as `hold`, and what `read` raises."""
     deadline = time.monotonic() + WAIT
     while True:
         before = _trace(folder)  # first: a run may begin after the wait
         _wait(os.path.join(folder, NAME), deadline)
         try:
-            found = read()
+            content = read()
         except Problem:
             if _trace(folder) == before or time.monotonic() > deadline:
                 raise
             continue
         if _trace(folder) == before or time.monotonic() > deadline:
-            return found
+            return content
 
 
-class _Taken(typing.NamedTuple):
+class _Lock(typing.NamedTuple):
     path: str
     descriptor: int
     made: typing.List[str]  # the folders made for it, outermost first
 
 
-def _take(folder: str, name: str, deadline: float) -> _Taken:
+def _take(folder: str, name: str, deadline: float) -> _Lock:
     """Wait for the lock of a folder. Raises OSError where there can be none, Problem where a run does not end."""
     path = os.path.join(folder, NAME)
     made: typing.List[str] = []
@@ -90,7 +90,7 @@ def _take(folder: str, name: str, deadline: float) -> _Taken:
         except OSError:
             _remove_folders(folder, made)
             raise
-        lock = _Taken(path, descriptor, made)
+        lock = _Lock(path, descriptor, made)
         try:
             if _is_free(descriptor, fcntl.LOCK_EX, path, deadline) and _is_at(descriptor, path):
                 _sign(descriptor, name)
@@ -101,7 +101,7 @@ def _take(folder: str, name: str, deadline: float) -> _Taken:
         os.close(descriptor)
 
 
-def _free(lock: _Taken) -> None:
+def _free(lock: _Lock) -> None:
     """End a run: remove the file and what is empty then, and free the lock. The kernel does the last one in any case."""
     with contextlib.suppress(OSError):
         if _is_at(lock.descriptor, lock.path):
@@ -173,9 +173,9 @@ def _trace(folder: str) -> typing.List[typing.Tuple[int, int]]:
     """What a run changes by taking and freeing the lock: the file, and its folder or the nearest one that is there."""
     while not os.path.isdir(folder) and os.path.dirname(folder) != folder:
         folder = os.path.dirname(folder)
-    found = []
+    stamps = []
     for place in (folder, os.path.join(folder, NAME)):
         with contextlib.suppress(OSError):
             status = os.lstat(place)
-            found.append((status.st_ino, status.st_mtime_ns))
-    return found
+            stamps.append((status.st_ino, status.st_mtime_ns))
+    return stamps

@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.probl
 Fields = typing.Dict[str, typing.Any]
 
 
-class Foreseen(typing.NamedTuple):
+class Forecast(typing.NamedTuple):
     """What check mode knows of the change itself."""
 
     refusals: typing.List[str]  # the sentences that say what would fail
@@ -35,9 +35,9 @@ class ModuleRun:
         """The sentences that say why the plan is not carried out, also in check mode; none where it is."""
         return []
 
-    def foresee(self) -> "Foreseen":
+    def foresee(self) -> Forecast:
         """Try what the run would find out only when it changes something, without a change; asked for in check mode alone."""
-        return Foreseen([], [])
+        return Forecast([], [])
 
     @property
     def warnings(self) -> typing.List[str]:
@@ -70,7 +70,7 @@ class ModuleRun:
         raise NotImplementedError
 
 
-class Unguarded:
+class PlainGuard:
     """The ends of a module without a dead-man's switch, with the methods of deadman.Guard."""
 
     def __init__(self, module: typing.Any) -> None:
@@ -100,10 +100,10 @@ def run_module(module: typing.Any, make: typing.Callable[[typing.Any], ModuleRun
     """
     folders = [] if module.check_mode else [module.params["records"]]
     try:
-        with lock.held(folders, module._name) as unlocked:
+        with lock.hold(folders, module._name) as unlocked:
             run_locked(module, make, guard, unlocked)
     except Problem as problem:  # of the lock
-        (guard or Unguarded(module)).fail(problem)
+        (guard or PlainGuard(module)).fail(problem)
 
 
 def run_locked(
@@ -112,15 +112,15 @@ def run_locked(
     guard: typing.Any = None,
     unlocked: typing.Iterable[str] = (),
 ) -> None:
-    """Run a module and end it, as `run_module`, where the lock is held already. `unlocked`: why it is not, see lock.held."""
-    guard = guard or Unguarded(module)
+    """Run a module and end it, as `run_module`, where the lock is held already. `unlocked`: why it is not, see lock.hold."""
+    guard = guard or PlainGuard(module)
 
-    def planned() -> ModuleRun:
+    def make_run() -> ModuleRun:
         _check_texts(module.params, "")
         return make(guard.begin())
 
     try:
-        run = lock.undisturbed(module.params["records"], planned) if module.check_mode else planned()
+        run = lock.read_undisturbed(module.params["records"], make_run) if module.check_mode else make_run()
     except Problem as problem:
         return guard.fail(problem)
     try:
@@ -153,14 +153,14 @@ def _check_texts(value: typing.Any, place: str) -> None:
 
 def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any, unlocked: typing.Iterable[str]) -> None:
     refusals = run.refusals
-    foreseen = run.foresee() if module.check_mode and not refusals else Foreseen([], [])
-    if refusals or foreseen.refusals:
-        raise Problem(" ".join([*refusals, *foreseen.refusals]))
-    warned = run.warnings
-    _warn(module, [*warned, *foreseen.unknown, *(unlocked if run.changed else ())])
+    forecast = run.foresee() if module.check_mode and not refusals else Forecast([], [])
+    if refusals or forecast.refusals:
+        raise Problem(" ".join([*refusals, *forecast.refusals]))
+    warnings = run.warnings
+    _warn(module, [*warnings, *forecast.unknown, *(unlocked if run.changed else ())])
     if not module.check_mode:
         guard.apply(run)
-        _warn(module, [sentence for sentence in run.warnings if sentence not in warned])
+        _warn(module, [sentence for sentence in run.warnings if sentence not in warnings])
 
 
 def _warn(module: typing.Any, sentences: typing.Iterable[str]) -> None:

@@ -19,32 +19,32 @@ _SHIFT = {"u": 6, "g": 3, "o": 0}
 _SPECIAL = {"u": 0o4000, "g": 0o2000, "o": 0o1000}
 
 
-def mode_of(given: typing.Any) -> typing.Optional[int]:
+def parse_mode(value: typing.Any) -> typing.Optional[int]:
     """Read a mode as Ansible takes it: octal text, the number that YAML makes of 0644, or symbolic; None for no mode."""
-    if isinstance(given, int):
+    if isinstance(value, int):
         # A number above 0777 is a mode that was written in decimal, as 644 is.
-        return given if not isinstance(given, bool) and 0 <= given <= 0o777 else None
-    if not isinstance(given, str):
+        return value if not isinstance(value, bool) and 0 <= value <= 0o777 else None
+    if not isinstance(value, str):
         return None
-    text = given.strip()
+    text = value.strip()
     if _OCTAL.fullmatch(text):
         mode = int(text, 8)
         return mode if mode <= 0o7777 else None
     mode = NEW
     for clause in text.split(","):
-        found = _CLAUSE.fullmatch(clause.strip())
-        if not found:
+        match = _CLAUSE.fullmatch(clause.strip())
+        if not match:
             return None
-        who = "ugo" if "a" in found.group(1) or not found.group(1) else found.group(1)
-        for operator, rights in _CHANGE.findall(found.group(2)):
-            mode = _changed(mode, who, operator, rights)
+        users = "ugo" if "a" in match.group(1) or not match.group(1) else match.group(1)
+        for operator, rights in _CHANGE.findall(match.group(2)):
+            mode = _change_mode(mode, users, operator, rights)
     return mode
 
 
-def _changed(mode: int, who: str, operator: str, rights: str) -> int:
+def _change_mode(mode: int, users: str, operator: str, rights: str) -> int:
     """One change of a symbolic mode."""
     bits = every = 0
-    for user in set(who):
+    for user in set(users):
         every |= 7 << _SHIFT[user] | _SPECIAL[user]
         three = mode >> _SHIFT[rights] & 7 if rights in _SHIFT else _bits(rights, mode)
         bits |= three << _SHIFT[user]
@@ -61,7 +61,7 @@ def _bits(rights: str, mode: int) -> int:
     return (4 if "r" in rights else 0) | (2 if "w" in rights else 0) | (1 if execute else 0)
 
 
-def owner_of(
+def find_owner(
     path: str, owner: typing.Optional[str], group: typing.Optional[str]
 ) -> typing.Optional[typing.Tuple[int, int]]:
     """The (uid, gid) of a file, None where neither is asked for. Raises Problem for a name that is not known here.
@@ -75,13 +75,13 @@ def owner_of(
     return uid, gid
 
 
-def _number(path: str, kind: str, given: str, ask: typing.Callable[[str], int]) -> int:
+def _number(path: str, kind: str, name: str, ask: typing.Callable[[str], int]) -> int:
     try:
-        return ask(given)
+        return ask(name)
     except (KeyError, ValueError) as problem:
-        if given.isdigit() and int(given) < 2**32 - 1:
-            return int(given)
+        if name.isdigit() and int(name) < 2**32 - 1:
+            return int(name)
         raise Problem(
-            f"The {kind} {given!r} of {path} is not known on this computer; expected the name or number of a "
+            f"The {kind} {name!r} of {path} is not known on this computer; expected the name or number of a "
             f"{'user' if kind == 'owner' else 'group'} that is: make it first, or correct the name."
         ) from problem

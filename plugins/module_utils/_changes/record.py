@@ -70,7 +70,7 @@ class Record:
         folder = os.path.dirname(self.path)
         if data:
             atomic.make_folders(folder)
-            atomic.write_by_rename(self.path, _encoded(data), mode=0o600)
+            atomic.write_by_rename(self.path, _encode(data), mode=0o600)
         else:
             atomic.remove_leftovers(self.path)
             atomic.remove(self.path)
@@ -78,7 +78,7 @@ class Record:
 
     def save_if_changed(self, data: typing.Dict[str, typing.Any]) -> None:
         """Save an object unless it is saved already: a run that only removes things works on a full disk, too."""
-        if data and atomic.read_bytes(self.path) == _encoded(data):
+        if data and atomic.read_bytes(self.path) == _encode(data):
             atomic.remove_leftovers(self.path)
         elif data or os.path.lexists(self.path):
             self.save(data)
@@ -122,7 +122,7 @@ def _unfit(text: str) -> bool:
         return True
 
 
-def _encoded(data: typing.Dict[str, typing.Any]) -> bytes:
+def _encode(data: typing.Dict[str, typing.Any]) -> bytes:
     return (json.dumps(data, indent=2, sort_keys=True) + "\n").encode("utf-8")
 
 

@@ -53,8 +53,8 @@ class Systemd:
             return []
         shown = systemd.show(names, wanted, limit=_QUICK)
         if shown.error:
-            raise _failed(("show", f"--property={','.join(wanted)}", "--", *names), shown.error)
-        return one_for_each(shown.units, names)
+            raise _failure(("show", f"--property={','.join(wanted)}", "--", *names), shown.error)
+        return check_blocks(shown.units, names)
 
     def show(self, names: typing.Sequence[str]) -> typing.Dict[str, State]:
         """Ask for the state of units, with the inputs of their running processes; raises Problem or OSError."""
@@ -64,24 +64,24 @@ class Systemd:
             for name, block in zip(names, blocks)
         }
 
-    def overtaken(self, content: str, state: State) -> str:
+    def find_newer_file(self, content: str, state: State) -> str:
         """Name a file that a unit's text names, and that was written after its process had started; raises OSError."""
         paths = files_read(content) if state.pid not in ("", "0") else []
-        began = processes.started(state.pid) if paths else None
-        return next((path for path in paths if began is not None and _written_after(path, began)), "")
+        start = processes.started(state.pid) if paths else None
+        return next((path for path in paths if start is not None and _is_newer(path, start)), "")
 
     def unit_path(self) -> typing.List[str]:
         """Ask for the folders that systemd reads units from; raises Problem."""
         shown = systemd.show([], ["UnitPath"], limit=_QUICK)
         if shown.error:
-            raise _failed(("show", "--property=UnitPath"), shown.error)
+            raise _failure(("show", "--property=UnitPath"), shown.error)
         return [folder for block in shown.units for folder in block.get("UnitPath", "").split()]
 
     def call(self, verb: str, *arguments: str) -> None:
         """Run systemctl; raises Problem with what it said."""
         answer = commands.run(("systemctl", verb) + arguments, limit=max(_QUICK, self.timeout))
         if answer.status != 0:
-            raise _failed((verb,) + arguments, answer.error or str(answer.status))
+            raise _failure((verb,) + arguments, answer.error or str(answer.status))
 
     def try_call(self, verb: str, *names: str) -> None:
         """Run systemctl where a failure means that there was nothing to do."""
@@ -121,11 +121,11 @@ class Systemd:
         return []
 
 
-def _failed(arguments: typing.Iterable[str], error: str) -> Problem:
+def _failure(arguments: typing.Iterable[str], error: str) -> Problem:
     return Problem(f"'systemctl {' '.join(arguments)}' failed: {quoted(error.rstrip('.'), LINE)}.")
 
 
-def one_for_each(
+def check_blocks(
     blocks: typing.List[systemd.Properties], names: typing.Sequence[str]
 ) -> typing.List[systemd.Properties]:
     """The blocks of `systemctl show`; raises Problem if there is not one for each of these units."""
@@ -148,13 +148,13 @@ def _inputs_of(pid: str) -> str:
     return inputs.encode("utf-8", "surrogateescape").decode("utf-8", "replace")  # it goes into results
 
 
-def _written_after(path: str, began: float) -> bool:
+def _is_newer(path: str, start: float) -> bool:
     """Say if a file was written after a time. One of the future was written by another clock: of it nobody knows."""
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except (FileNotFoundError, NotADirectoryError):
         return False
-    return stat.S_ISREG(found.st_mode) and began + _SOON < found.st_mtime <= time.time()
+    return stat.S_ISREG(status.st_mode) and start + _SOON < status.st_mtime <= time.time()
 
 
 # The folders of a unit

@@ -4,10 +4,10 @@
 """Steps of a change: done in their order, and undone in the reverse order where one of them fails.
 
 A change that has a record begins with the step `intent`, which saves what is about to happen. So a run that is killed
-leaves nothing on the machine that the next run does not know of. It ends with the step `settled`, which saves what is
+leaves nothing on the machine that the next run does not know of. It ends with the step `outcome`, which saves what is
 owned from then on:
 
-    carry_out([intent(record, planned, before), Step("/etc/example", write, restore), settled(record, after)])
+    carry_out([intent(record, planned, before), Step("/etc/example", write, restore), outcome(record, after)])
 """
 
 import typing
@@ -19,7 +19,7 @@ FAILURES = (OSError, ValueError, Problem)  # what a step may raise; anything els
 Data = typing.Dict[str, typing.Any]
 
 
-def nothing() -> None:
+def do_nothing() -> None:
     """Do nothing: for a step that has only one of its two halves."""
 
 
@@ -29,12 +29,12 @@ class Step(typing.NamedTuple):
     what: str  # names the step in the sentence that says what could not be undone
     do: typing.Callable[[], typing.Any]  # raises OSError, ValueError or Problem
     #: brings the state from before back, also after half of `do`; raises as `do`, or returns a sentence per failure
-    undo: typing.Callable[[], typing.Optional[typing.List[str]]] = nothing
+    undo: typing.Callable[[], typing.Optional[typing.List[str]]] = do_nothing
     only_if_all_undone: bool = False  # undo this step only if every step after it could be undone
     failure: str = "{what} ({reason})"  # says that `undo` raised an exception
 
 
-class NotDone(Problem):
+class StepFailure(Problem):
     """A step has failed, and the steps before it are undone as far as possible.
 
     Its text is the sentence of the cause, followed by what was undone.
@@ -49,14 +49,14 @@ class NotDone(Problem):
 
 
 def carry_out(steps: typing.Iterable[Step]) -> None:
-    """Do all steps or none. Raises NotDone."""
-    begun: typing.List[Step] = []
+    """Do all steps or none. Raises StepFailure."""
+    started: typing.List[Step] = []
     try:
         for step in steps:
-            begun.append(step)
+            started.append(step)
             step.do()
     except FAILURES as problem:
-        raise NotDone(problem, undo(begun)) from problem
+        raise StepFailure(problem, undo(started)) from problem
 
 
 def undo(steps: typing.Sequence[Step]) -> typing.List[str]:
@@ -84,6 +84,6 @@ def intent(record: Record, data: Data, before: Data, what: str = "", failure: st
     )
 
 
-def settled(record: Record, after: Data) -> Step:
+def outcome(record: Record, after: Data) -> Step:
     """The step that saves what is owned after the last change; an undo of it is that of `intent`."""
     return Step(record.path, lambda: record.save_if_changed(after))

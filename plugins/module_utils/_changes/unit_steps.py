@@ -12,10 +12,10 @@ import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import systemctl
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.files import RECORD_LOST
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.files import RECORD_RESTORE_FAILURE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.systemctl import Systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Data, Step, nothing
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Data, Step, do_nothing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import (
     ENABLED,
     RUNNING,
@@ -32,7 +32,7 @@ SWITCHES = ("disable", "enable", "reenable")  # verbs of systemctl
 SETTLE = 1.0  # seconds in which a service that dies at once does so, where it does not say when it is up
 
 
-class Plan(typing.NamedTuple):
+class UnitPlan(typing.NamedTuple):
     """A plan of units, as far as its steps depend on it."""
 
     units: typing.List[Unit]
@@ -51,12 +51,12 @@ class Plan(typing.NamedTuple):
         return [unit.name for unit in self.units]
 
     @property
-    def removed(self) -> typing.List[Action]:
+    def removals(self) -> typing.List[Action]:
         """The actions of the units that are no longer listed, last first."""
         return [action for action in self.actions if action.name not in self.paths]
 
     @property
-    def listed(self) -> typing.List[Action]:
+    def updates(self) -> typing.List[Action]:
         """The actions of the planned units in their order."""
         return [action for action in self.actions if action.name in self.paths]
 
@@ -67,7 +67,7 @@ class UnitSteps:
     `memory` is the part of the record that is not of the files: units, pending, directories, parents.
     """
 
-    def __init__(self, systemd: Systemd, plan: Plan, record: Record, remembered: Data, memory: Data) -> None:
+    def __init__(self, systemd: Systemd, plan: UnitPlan, record: Record, remembered: Data, memory: Data) -> None:
         self.systemd = systemd
         self.plan = plan
         self.record = record
@@ -83,8 +83,14 @@ class UnitSteps:
         """All steps in their order, with the record and with these steps of the files."""
         put_back = self.remembered
         return [
-            Step("the units", nothing, self._bring_back),
-            Step(self.record.path, self._remember, lambda: self.record.save_if_changed(put_back), True, RECORD_LOST),
+            Step("the units", do_nothing, self._bring_back),
+            Step(
+                self.record.path,
+                self._remember,
+                lambda: self.record.save_if_changed(put_back),
+                True,
+                RECORD_RESTORE_FAILURE,
+            ),
             Step("the running units", self._stop),
             *files,
             Step("the new units", self._load, self._stop_new),
@@ -106,17 +112,17 @@ class UnitSteps:
 
     def _stop(self) -> None:
         """Stop and disable the removed units, and stop the planned units that shall not run, last first."""
-        for action in self.plan.removed:
+        for action in self.plan.removals:
             if action.run:
                 self.systemd.call(action.run, "--", action.name)
-        self._switch(self.plan.removed)
-        for action in reversed(self.plan.listed):
+        self._switch(self.plan.removals)
+        for action in reversed(self.plan.updates):
             if action.run == "stop":
                 self.systemd.call("stop", "--", action.name)
 
     def _load(self) -> None:
         """Enable or disable the planned units, let systemd read all files once, and check before any start what it took."""
-        self._switch(self.plan.listed)
+        self._switch(self.plan.updates)
         if self.plan.reload or any(action.switch for action in self.plan.actions):
             self.systemd.call("daemon-reload")
         if not self.plan.fresh:
@@ -138,8 +144,8 @@ class UnitSteps:
 
     def _remember_directories(self) -> None:
         """Save, before the start, which folders systemd is about to make: only those are removed with the unit."""
-        known = self.memory["directories"]
-        owned = {path for paths in known.values() for path in paths}
+        directories = self.memory["directories"]
+        owned = {path for paths in directories.values() for path in paths}
         blocks = self.systemd.properties(self.plan.fresh, systemctl.DIRECTORY_PROPERTIES)
         for name, block in zip(self.plan.fresh, blocks):
             paths, parents = systemctl.state_directories(block)
@@ -147,7 +153,7 @@ class UnitSteps:
             self._new_parents += [path for path in parents if not os.path.lexists(path)]
             self._new_directories[name] = [path for path in new if path not in owned]
             if new:
-                known[name] = sorted(set(known.get(name, [])) | set(new))
+                directories[name] = sorted(set(directories.get(name, [])) | set(new))
         self.memory["parents"] = sorted(set(self.memory["parents"]) | set(self._new_parents))
         self._remember()
 
@@ -158,19 +164,19 @@ class UnitSteps:
         self._later = [action.name for action in self.plan.actions if action.run == "restart"][1:]
         for name in reversed(self._later):
             self.systemd.call("stop", "--", name)
-        begun = [action for action in self.plan.actions if action.run in ("start", "restart", "follow")]
+        actions = [action for action in self.plan.actions if action.run in ("start", "restart", "follow")]
         # A start limit that was hit would refuse the next start, and restarts of before would be taken for new ones.
-        self.systemd.try_call("reset-failed", *[action.name for action in begun])
-        for action in begun:
+        self.systemd.try_call("reset-failed", *[action.name for action in actions])
+        for action in actions:
             if action.run == "restart" and action.name not in self._later:
                 self._restart(action.name, self.plan.before[action.name].invocation)
             else:
                 self.systemd.bring("start", action.name)
         texts = {unit.name: unit.content for unit in self.plan.units}
-        if any(not says_when_up(texts[action.name]) for action in begun):
+        if any(not says_when_up(texts[action.name]) for action in actions):
             time.sleep(SETTLE)
         self.after = self.systemd.show(self.plan.names)
-        self._check_up([action.name for action in begun])
+        self._check_up([action.name for action in actions])
 
     def _switch(self, actions: typing.Sequence[Action]) -> None:
         """Enable and disable units. That systemd reads all its files after each call is left to the one reload of `_load`."""
@@ -189,13 +195,13 @@ class UnitSteps:
         self.systemd.bring("restart", name)
         self._restarted = True
 
-    def _check_up(self, begun: typing.Container[str]) -> None:
+    def _check_up(self, names: typing.Container[str]) -> None:
         """Raise Problem where a unit that is planned to run does not, or one of those started now has ended since."""
         for unit in self.plan.units:
             state = self.after[unit.name]
             if unit.started and state.active not in UP:
                 raise Problem(f"The unit {unit.name} did not stay up{self.systemd.explain(unit.name)}")
-            if unit.name in begun and state.restarts not in ("", "0"):
+            if unit.name in names and state.restarts not in ("", "0"):
                 raise Problem(
                     f"The unit {unit.name} ended {state.restarts} times right after its start"
                     f"{self.systemd.explain(unit.name)}"
@@ -203,7 +209,7 @@ class UnitSteps:
 
     def _clean(self) -> None:
         """Remove what systemd keeps of the removed units: failures, and the folders that it made for them."""
-        removed = [action.name for action in self.plan.removed]
+        removed = [action.name for action in self.plan.removals]
         self.systemd.try_call("reset-failed", *removed)
         directories = self.memory["directories"]
         in_use = {path for name in self.plan.names for path in directories.get(name, ())}
@@ -216,13 +222,13 @@ class UnitSteps:
     # Undo
 
     @property
-    def _all_names(self) -> typing.List[str]:
+    def _unit_names(self) -> typing.List[str]:
         """Removed and planned units, what others depend on first."""
-        return [action.name for action in reversed(self.plan.removed)] + self.plan.names
+        return [action.name for action in reversed(self.plan.removals)] + self.plan.names
 
     def _stop_new(self) -> None:
         """Stop and disable the units that did not run before."""
-        for name in reversed(self._all_names):
+        for name in reversed(self._unit_names):
             if self.plan.before[name].active not in RUNNING:
                 self.systemd.try_call("stop", name)
             if self.plan.before[name].file_state not in ENABLED:
@@ -230,37 +236,37 @@ class UnitSteps:
 
     def _bring_back(self) -> typing.List[str]:
         """Let systemd read the former files, and enable and run what was enabled and ran; returns the failures."""
-        left: typing.List[str] = []
+        failures: typing.List[str] = []
 
         def attempt(function: typing.Callable[..., typing.Any], *arguments: typing.Any) -> typing.Any:
             try:
                 return function(*arguments)
             except (OSError, Problem) as problem:
-                left.append(str(problem))
+                failures.append(str(problem))
                 return None
 
         attempt(self.systemd.call, "daemon-reload")
-        self.systemd.try_call("reset-failed", *self._all_names)
+        self.systemd.try_call("reset-failed", *self._unit_names)
         attempt(systemctl.remove_trees, [path for paths in self._new_directories.values() for path in paths])
         attempt(systemctl.remove_parents, self._new_parents)
         self._restarted = False
-        brought_back = []
-        now = attempt(self.systemd.show, self._all_names) or {}
-        for name in [name for name in self._all_names if name in now]:
-            before, state = self.plan.before[name], now[name]
+        names = []
+        states = attempt(self.systemd.show, self._unit_names) or {}
+        for name in [name for name in self._unit_names if name in states]:
+            before, state = self.plan.before[name], states[name]
             if before.file_state in ENABLED:
                 runtime = ("--runtime",) if before.file_state == "enabled-runtime" else ()
                 attempt(self.systemd.call, "reenable", *runtime, "--", name)
             untouched = state.active in UP and state.invocation == before.invocation
             if before.active in RUNNING and not untouched:
-                brought_back.append(name)
+                names.append(name)
                 attempt(self._restart, name, state.invocation)
-        if brought_back:
+        if names:
             try:
-                self._remember_pending(brought_back)
+                self._remember_pending(names)
             except (OSError, Problem) as problem:
-                left.append(sentence(problem))
-        return left
+                failures.append(sentence(problem))
+        return failures
 
     def _remember_pending(self, names: typing.Iterable[str]) -> None:
         """Save that the next run restarts these units.

@@ -22,7 +22,7 @@ _INPUTS = re.compile(rf"^[ \t]*Environment[ \t]*=.*?\b{INPUTS}=([^\s\"']+)", re.
 _FILE = re.compile(r"(?<![\w./])/etc/[^\s\"';]+")
 _INSTALL = re.compile(r"^[ \t]*(WantedBy|RequiredBy|UpheldBy|Alias|Also)[ \t]*=[ \t]*\S", re.MULTILINE)
 _TYPE = re.compile(r"^Type[ \t]*=[ \t]*(\S+)[ \t]*$", re.MULTILINE)
-_SAYING = ("notify", "notify-reload", "oneshot", "dbus")
+_READY_TYPES = ("notify", "notify-reload", "oneshot", "dbus")
 # The settings that make systemd restart a unit together with another one (systemd.unit(5)).
 _FOLLOWS = re.compile(r"^[ \t]*(?:PartOf|BindsTo|Requires|Requisite)[ \t]*=(.*)$", re.MULTILINE)
 
@@ -86,9 +86,9 @@ class Action(typing.NamedTuple):
     why: str
 
 
-def wanted_units(units: typing.Iterable[typing.Dict[str, typing.Any]]) -> typing.List[Unit]:
+def parse_units(units: typing.Iterable[typing.Dict[str, typing.Any]]) -> typing.List[Unit]:
     """Read the planned units from mappings of name, content, enabled and started. Raises Problem."""
-    wanted: typing.List[Unit] = []
+    planned: typing.List[Unit] = []
     for entry in units:
         unit = Unit(entry["name"], entry["content"], entry["enabled"], entry["started"])
         if not _NAME.fullmatch(unit.name):
@@ -96,21 +96,21 @@ def wanted_units(units: typing.Iterable[typing.Dict[str, typing.Any]]) -> typing
                 f"The unit name {unit.name!r} is not usable; expected a name such as multimaster-sync.service, which "
                 "ends in .service, .socket, .timer, .path or .target."
             )
-        if unit.name in [other.name for other in wanted]:
+        if unit.name in [other.name for other in planned]:
             raise Problem(f"The unit {unit.name} is listed twice in the units; list it once.")
         if unit.enabled and not _INSTALL.search(unit.content):
             raise Problem(
                 f"The unit {unit.name} is to be enabled, but its content has no WantedBy= in a section [Install]; "
                 "add one, for example WantedBy=multi-user.target, or set enabled: false."
             )
-        wanted.append(unit)
-    return wanted
+        planned.append(unit)
+    return planned
 
 
-def planned_inputs(content: str) -> str:
+def read_inputs(content: str) -> str:
     """The digest in the last line Environment=ROSFLEET_INPUTS=... of a unit's text, or an empty text."""
-    found = _INPUTS.findall(content)
-    return found[-1] if found else ""
+    digests = _INPUTS.findall(content)
+    return digests[-1] if digests else ""
 
 
 def files_read(content: str) -> typing.List[str]:
@@ -122,10 +122,10 @@ def files_read(content: str) -> typing.List[str]:
 def says_when_up(content: str) -> bool:
     """Say if systemd's start of the unit of this text lasts until the unit says that it is up (Type=, systemd.service(5))."""
     types = _TYPE.findall(content)
-    return bool(types) and types[-1] in _SAYING
+    return bool(types) and types[-1] in _READY_TYPES
 
 
-def followed(content: str) -> typing.Set[str]:
+def restart_partners(content: str) -> typing.Set[str]:
     """The units with which systemd restarts the unit of this text."""
     return {name for names in _FOLLOWS.findall(content) for name in names.split()}
 
@@ -150,25 +150,25 @@ def check(units: typing.List[Unit], states: typing.Dict[str, State], owned: typi
         raise Problem(" ".join(problems))
 
 
-def plan(
+def plan_actions(
     units: typing.List[Unit],
     removed: typing.List[str],
     states: typing.Dict[str, State],
     texts: typing.Dict[str, str],
     pending: typing.Container[str],
-    written: typing.Mapping[str, str],
+    newer_files: typing.Mapping[str, str],
 ) -> typing.List[Action]:
     """Plan the actions: those of the removed units, last first, then those of the planned units in their order; pure.
 
     `texts` has the units whose file is about to be written ("new", "changed"). `pending` has the units that an earlier run
-    had begun with and did not end, so that they may not have been restarted, or their links made. `written` has the units
+    had begun with and did not end, so that they may not have been restarted, or their links made. `newer_files` has the units
     of which a file that they read was written after they had started, and that file.
     """
     actions = [_removal(name, states[name], name in pending) for name in reversed(removed)]
     restarted: typing.Set[str] = set()
     for unit in units:
-        reasons = Reasons(texts.get(unit.name, ""), unit.name in pending, written.get(unit.name, ""), restarted)
-        action = _listed(unit, states[unit.name], reasons)
+        reasons = Reasons(texts.get(unit.name, ""), unit.name in pending, newer_files.get(unit.name, ""), restarted)
+        action = _plan_action(unit, states[unit.name], reasons)
         if action.run in ("restart", "follow"):
             restarted.add(unit.name)
         actions.append(action)
@@ -184,15 +184,15 @@ def _removal(name: str, state: State, pending: bool) -> Action:
 
 
 class Reasons(typing.NamedTuple):
-    """The grounds to restart a unit beside its state: see `plan`; `restarted` are the units before it that are restarted."""
+    """The grounds to restart a unit beside its state: see `plan_actions`; `restarted` are the units before it that are restarted."""
 
     text: str
     pending: bool
-    written: str
+    newer_file: str
     restarted: typing.Set[str]
 
 
-def _listed(unit: Unit, state: State, reasons: Reasons) -> Action:
+def _plan_action(unit: Unit, state: State, reasons: Reasons) -> Action:
     """The action for a planned unit."""
     switch = ""
     if unit.enabled and (reasons.text or reasons.pending or state.file_state != "enabled"):
@@ -215,14 +215,14 @@ def _run(unit: Unit, state: State, reasons: Reasons) -> typing.Tuple[str, str]:
         return "restart", "it had ended and was waiting for another start"
     if reasons.text:
         return "restart", "its text changed"
-    planned = planned_inputs(unit.content)
+    planned = read_inputs(unit.content)
     if planned and state.pid != "0" and planned != state.inputs:
         return "restart", f"it ran with the inputs {state.inputs[:12] or 'of nobody'}"
     if reasons.pending:
         return "restart", "an earlier run did not come to its end"
-    if reasons.written and state.pid != "0":
-        return "restart", f"{reasons.written} was written after its start"
-    others = sorted(followed(unit.content) & reasons.restarted)
+    if reasons.newer_file and state.pid != "0":
+        return "restart", f"{reasons.newer_file} was written after its start"
+    others = sorted(restart_partners(unit.content) & reasons.restarted)
     if others:
         return "follow", f"systemd restarts it with {others[0]}"
     if state.active == "activating":

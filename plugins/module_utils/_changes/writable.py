@@ -24,22 +24,22 @@ def obstacle(path: str, in_place: bool = False) -> str:
 
     With `in_place`, a writable file in a folder that is not writable is enough.
     """
-    if in_place and os.path.isfile(path) and os.access(path, os.W_OK) and not locked(path):
+    if in_place and os.path.isfile(path) and os.access(path, os.W_OK) and not lock_flag(path):
         return ""
     folder = os.path.dirname(path)
     while folder != "/" and not os.path.lexists(folder):
         folder = os.path.dirname(folder)
     for place in (path, folder):
-        flag = locked(place)
+        flag = lock_flag(place)
         if flag:
             return (
                 f"{place} is {flag} (lsattr shows it), so not even root changes it; expected one without that: "
                 f"run 'chattr -{flag[0]} {place}', or leave the path to whoever locked it."
             )
-    return _unfit(path, folder) or _closed(folder)
+    return _path_obstacle(path, folder) or _folder_obstacle(folder)
 
 
-def _unfit(path: str, folder: str) -> str:
+def _path_obstacle(path: str, folder: str) -> str:
     """Say why this path is no place for a file that is replaced; empty where it is one."""
     longest = _longest_name(folder)
     if len(os.fsencode(os.path.basename(path))) > longest:
@@ -47,14 +47,14 @@ def _unfit(path: str, folder: str) -> str:
             f"The name of {path} is longer than the {longest} bytes that a file there can have while it is replaced; expected a shorter "
             "one: correct the path."
         )
-    if _no_place(folder):
+    if _is_virtual(folder):
         return f"{folder} is no place for files, but a view into the kernel; expected a folder on a disk: correct the path {path}."
-    if _mounted(path):
+    if _is_mount_point(path):
         return f"Something is mounted at {path}, so it cannot be replaced; expected a file of its folder: unmount it, or correct the path."
     return ""
 
 
-def _closed(folder: str) -> str:
+def _folder_obstacle(folder: str) -> str:
     """Say why nothing can be written in a folder; empty where it can, or where it is none."""
     if not os.path.isdir(folder) or os.access(folder, os.W_OK | os.X_OK):
         return ""
@@ -73,7 +73,7 @@ def _longest_name(folder: str) -> int:
         return 255
 
 
-def _no_place(folder: str) -> bool:
+def _is_virtual(folder: str) -> bool:
     """True for /proc, /sys and the like: no room for anything, and no file without a name can be made (open(2), O_TMPFILE)."""
     try:
         if os.statvfs(folder).f_blocks:
@@ -85,13 +85,13 @@ def _no_place(folder: str) -> bool:
     return False
 
 
-def _mounted(path: str) -> bool:
+def _is_mount_point(path: str) -> bool:
     """True for a file that is a mount point of its own, as in a container."""
     if not os.path.isfile(path):
         return False
     octal = re.compile(r"\\([0-7]{3})")
     places = [line.split()[4] for line in text("/proc/self/mountinfo").splitlines() if len(line.split()) > 4]
-    return os.path.realpath(path) in [octal.sub(lambda found: chr(int(found.group(1), 8)), place) for place in places]
+    return os.path.realpath(path) in [octal.sub(lambda match: chr(int(match.group(1), 8)), place) for place in places]
 
 
 def obstacles(paths: typing.Iterable[str]) -> typing.List[str]:
@@ -99,7 +99,7 @@ def obstacles(paths: typing.Iterable[str]) -> typing.List[str]:
     return list(dict.fromkeys(filter(None, (obstacle(path) for path in paths))))
 
 
-def locked(path: str) -> str:
+def lock_flag(path: str) -> str:
     """The word for the flag that forbids every change of a file or folder (chattr(1)); empty for none."""
     try:
         kind = os.lstat(path).st_mode

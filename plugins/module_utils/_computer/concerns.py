@@ -56,13 +56,13 @@ def _hosts_entries() -> Code:
 
 
 def _managed_files() -> Code:
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import managed_files as run
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import file_bundle as run
 
     return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedFiles(options))
 
 
 def _managed_services() -> Code:
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import managed_services as run
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import service_bundle as run
 
     return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedServices(options))
 

@@ -58,7 +58,7 @@ class Part:
         raise Ended(dict(result, failed=True))
 
     def carry_out(self, unlocked: typing.Iterable[str]) -> Fields:
-        """Carry the concern out; returns its result. `unlocked`: see lock.held."""
+        """Carry the concern out; returns its result. `unlocked`: see lock.hold."""
         try:
             run_locked(self, lambda memory: self.code.make(self.params, memory, self.tools), self.guard, unlocked)
         except Ended as end:
@@ -79,7 +79,7 @@ def carry_out(
         return ends.fail(module, f"{problem} Nothing was changed.")
     folders = [] if module.check_mode else [part.params["records"] for part in parts]
     try:
-        with lock.held(folders, "multimaster_computer") as unlocked:
+        with lock.hold(folders, "multimaster_computer") as unlocked:
             return _carry_out(module, parts, unlocked, read_back)
     except Problem as problem:
         return ends.fail(module, str(problem))

@@ -18,9 +18,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     Data,
     Step,
     carry_out,
+    do_nothing,
     intent,
-    nothing,
-    settled,
+    outcome,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access, wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.contract import BackEnd, Rules
@@ -79,9 +79,9 @@ class Run(ModuleRun):
             self.record = files.record_of("files", "firewall", options["records"])
             self.remembered = self.record.load()
             listed = self.chosen.files(self.wanted) if self.chosen and self.wanted else []
-            self.listed = files.wanted_files(listed)
+            self.listed = files.parse_files(listed)
             self.machine = files.read(self.listed, self.remembered, self.record)
-            self.plan = files.plan(self.listed, self.remembered, self.machine)
+            self.plan = files.plan_files(self.listed, self.remembered, self.machine)
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self.after = self._after()
@@ -223,7 +223,7 @@ class Run(ModuleRun):
         steps += [self._prepare(end) for end in self._touched]
         steps += files.steps(self.plan, self.machine)
         steps += [self._load(end) for end in self._touched]
-        carry_out([*steps, settled(self.record, self.after)])
+        carry_out([*steps, outcome(self.record, self.after)])
 
     @property
     def _touched(self) -> typing.List[End]:
@@ -237,10 +237,10 @@ class Run(ModuleRun):
         return Step(what, lambda: do(end.wanted), lambda: end.back_end.restore(end.before))
 
     def _prepare(self, end: End) -> Step:
-        return Step(end.back_end.name, lambda: end.back_end.prepare(end.wanted), nothing)
+        return Step(end.back_end.name, lambda: end.back_end.prepare(end.wanted), do_nothing)
 
     def _load(self, end: End) -> Step:
-        return Step(f"the rules of {end.back_end.name}", lambda: self._loaded(end), nothing)
+        return Step(f"the rules of {end.back_end.name}", lambda: self._loaded(end), do_nothing)
 
     def _loaded(self, end: End) -> None:
         """Load the rules, and see that they are there. Raises Problem."""

@@ -13,8 +13,8 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
-    NotDone,
     Step,
+    StepFailure,
     carry_out,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import Binding
@@ -114,7 +114,7 @@ class HostsFile:
                         Step(self.path, lambda: _overwrite(stream, content), put_back),
                     ]
                 )
-            except NotDone as problem:
+            except StepFailure as problem:
                 if not stuck:
                     raise problem.cause from problem
                 raise Problem(

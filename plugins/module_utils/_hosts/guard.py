@@ -13,7 +13,7 @@ import os
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, intent, settled
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, intent, outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import FILES, INSTALLED
 
 
@@ -25,10 +25,10 @@ class Guard:
         present = os.path.isdir(root + INSTALLED)
         listed = [{"path": root + path, "content": content, "mode": "0644"} for path, content in sorted(FILES.items())]
         self.record = files.record_of("files", "hosts_entries", records)
-        self.wanted = files.wanted_files(listed if wanted and present else [])
+        self.wanted = files.parse_files(listed if wanted and present else [])
         self.remembered = self.record.load()
         self.machine = files.read(self.wanted, self.remembered, self.record)
-        self.plan = files.plan(self.wanted, self.remembered, self.machine)
+        self.plan = files.plan_files(self.wanted, self.remembered, self.machine)
         self.changed = files.changes(self.plan)
 
     @property
@@ -40,12 +40,12 @@ class Guard:
         """The steps of the guard, with its record, around those of the hosts file."""
         after = self.plan.after if any(self.plan.after.values()) else {}
         if not self.changed:
-            return [*steps, settled(self.record, after)]
+            return [*steps, outcome(self.record, after)]
         return [
-            intent(self.record, self.plan.intent, self.remembered, failure=files.RECORD_LOST),
+            intent(self.record, self.plan.intent, self.remembered, failure=files.RECORD_RESTORE_FAILURE),
             *files.steps(self.plan, self.machine),
             *steps,
-            settled(self.record, after),
+            outcome(self.record, after),
         ]
 
     @property

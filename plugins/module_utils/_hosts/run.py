@@ -11,8 +11,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
-    NotDone,
     Step,
+    StepFailure,
     carry_out,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
@@ -105,8 +105,8 @@ class Run(ModuleRun):
         steps = [replacing, Step(self.file.path, self.file.clean)]
         try:
             carry_out(self.guard.around(steps) if self.guard else steps)
-        except NotDone as problem:
-            raise NotDone(problem.cause, problem.left, self._failed(problem)) from problem
+        except StepFailure as problem:
+            raise StepFailure(problem.cause, problem.left, self._failed(problem)) from problem
         if self.is_system:
             self.answers = list(resolve(self.bindings))
             self._check()
@@ -130,7 +130,7 @@ class Run(ModuleRun):
                 self.backup_file = self.back_up(self.file.path)
             self.written = self.file.replace(self.plan.content)
 
-    def _failed(self, problem: NotDone) -> str:
+    def _failed(self, problem: StepFailure) -> str:
         """The sentence on a change that was not done."""
         if not isinstance(problem.cause, OSError):
             return str(problem)

@@ -8,8 +8,8 @@ The record is written before the first package: so what an interrupted run has i
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import OPTIONS as FILES
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import ManagedFiles
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.file_bundle import OPTIONS as FILES
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.file_bundle import ManagedFiles
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, plain, quoted

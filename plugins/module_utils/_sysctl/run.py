@@ -14,9 +14,13 @@ import stat
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, writable
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Foreseen, ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Forecast, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, Step, carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
+    Step,
+    StepFailure,
+    carry_out,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, of_mode
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
@@ -260,11 +264,11 @@ class Run(ModuleRun):
         files = [self.file, *map(self._place, self.stale), self.record.path] if self.changed and not problems else []
         return problems + (self.conflicts if self.fails_on_conflict else []) + writable.obstacles(files)
 
-    def foresee(self) -> Foreseen:
+    def foresee(self) -> Forecast:
         """What the kernel makes of the values, as far as it can be asked without a change."""
         writes = {write.key: write.value for write in self.plan.writes if write in self.settings}
         if self.kernel.proc != PROC or not writes:
-            return Foreseen([], [])
+            return Forecast([], [])
         from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import trial
 
         tried = trial.outcomes(self.kernel, writes)
@@ -273,7 +277,7 @@ class Run(ModuleRun):
         ]
         open_ = [key for key in writes if key not in tried and not _alike(writes[key], self.current[key])]
         names = ", ".join(f"{name_of(key)} = {writes[key]}" for key in open_)
-        return Foreseen(refused, [f"Check mode cannot know whether the kernel takes {names}."] if names else [])
+        return Forecast(refused, [f"Check mode cannot know whether the kernel takes {names}."] if names else [])
 
     def _foreseen(self, setting: Setting, number: int, held: str) -> str:
         if number:
@@ -432,12 +436,12 @@ class Run(ModuleRun):
     def _carry_out(self, steps: typing.Iterable[Step]) -> None:
         try:
             carry_out(steps)
-        except NotDone as problem:
+        except StepFailure as problem:
             if not self.lost or problem.left:
                 raise
             end = "not the addresses and routes of IPv6 that the kernel removed with"
             text = f"{sentence(problem.cause)} The values are as they were before, but {end} {', '.join(self.lost)}."
-            raise NotDone(problem.cause, problem.left, text) from problem
+            raise StepFailure(problem.cause, problem.left, text) from problem
 
     def _write_files(self) -> None:
         text = self.plan.text

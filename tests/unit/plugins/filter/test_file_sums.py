@@ -16,7 +16,7 @@ PLANNED = [
 
 
 def test_the_digest_is_that_of_the_module():
-    wanted = files.wanted_files({"mode": "0644", **file} for file in PLANNED)
+    wanted = files.parse_files({"mode": "0644", **file} for file in PLANNED)
     assert file_sums(PLANNED)["digest"] == files.digest(wanted)
     assert file_sums(PLANNED[:1])["digest"] != file_sums([{**PLANNED[0], "content": "a"}])["digest"]
 

@@ -32,16 +32,16 @@ class Place:
     def steps(self, files, bundle="b"):
         """Everything that the module does before it applies: (plan, machine, the steps of its change)."""
         record = files_module.record_of("files", bundle, str(self.records))
-        wanted = files_module.wanted_files(
+        wanted = files_module.parse_files(
             {"path": self.path(name), "content": content, "mode": mode} for name, (content, mode) in files.items()
         )
         remembered = record.load()
         machine = files_module.read(wanted, remembered, record)
-        planned = files_module.plan(wanted, remembered, machine)
-        steps = [transaction.intent(record, planned.intent, remembered, failure=files_module.RECORD_LOST)]
+        planned = files_module.plan_files(wanted, remembered, machine)
+        steps = [transaction.intent(record, planned.intent, remembered, failure=files_module.RECORD_RESTORE_FAILURE)]
         steps += files_module.steps(planned, machine)
         after = planned.after if any(planned.after.values()) else {}
-        return planned, machine, [*steps, transaction.settled(record, after)]
+        return planned, machine, [*steps, transaction.outcome(record, after)]
 
     def run(self, bundle="b", **files):
         """One run of the module with files of mode 0644, name=content."""
@@ -283,7 +283,7 @@ def test_a_failure_puts_everything_back(place):
         {"etc/a": ("A2", "0644"), "new/b": ("B", "0644"), impossible: ("C", "0755")}
     )
     seen = []
-    with pytest.raises(transaction.NotDone, match="File name too long") as caught:
+    with pytest.raises(transaction.StepFailure, match="File name too long") as caught:
         transaction.carry_out([*steps[:-3], transaction.Step("look", lambda: seen.append(place.tree())), *steps[-3:]])
     assert "new/b" in seen[0] and "etc/old" not in seen[0]
     assert caught.value.left == []
@@ -380,7 +380,7 @@ def test_whatever_the_order_of_plans_nothing_is_left(tmp_path_factory, plans):
 )
 def test_bad_files_are_sentences(files, said):
     with pytest.raises(Problem, match=said):
-        files_module.wanted_files(files)
+        files_module.parse_files(files)
 
 
 @pytest.mark.parametrize("label", ["", "../x", "a/b", ".", "x" * 65])
@@ -397,7 +397,7 @@ def test_the_folder_of_records_is_absolute():
 def test_the_digest_tells_any_change_and_no_order():
     def digest(*files):
         return files_module.digest(
-            files_module.wanted_files(dict(zip(("path", "content", "mode"), file)) for file in files)
+            files_module.parse_files(dict(zip(("path", "content", "mode"), file)) for file in files)
         )
 
     a, b = ("/a", "A", "0644"), ("/b", "B", "0644")

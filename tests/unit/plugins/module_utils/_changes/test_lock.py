@@ -27,7 +27,7 @@ folder, path, times, seed = sys.argv[1:]
 chance = random.Random(int(seed))
 for _round in range(int(times)):
     time.sleep(chance.random() * 0.01)
-    with lock.held([folder], "count"):
+    with lock.hold([folder], "count"):
         number = int(open(path).read())
         time.sleep(chance.random() * 0.002)
         with open(path, "w") as stream:
@@ -36,7 +36,7 @@ for _round in range(int(times)):
 HOLD = """
 import sys, time
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import lock
-with lock.held(sys.argv[1:2], "routes"):
+with lock.hold(sys.argv[1:2], "routes"):
     print("held", flush=True)
     time.sleep(60)
 """
@@ -74,13 +74,13 @@ def test_runs_at_once_go_one_after_the_other_also_where_the_folder_comes_and_goe
 
 def test_nothing_is_left_of_a_lock_and_what_was_there_stays(records):
     records.parent.mkdir(parents=True)
-    with lock.held([str(records)], "example") as sentences:
+    with lock.hold([str(records)], "example") as sentences:
         assert sentences == []
         assert (records / "lock").stat().st_mode & 0o777 == 0o600
     assert list(records.parent.iterdir()) == []
     records.mkdir()
     (records / "sysctl.json").touch()
-    with lock.held([str(records)], "example"):
+    with lock.hold([str(records)], "example"):
         pass
     assert [path.name for path in records.iterdir()] == ["sysctl.json"]
 
@@ -88,12 +88,12 @@ def test_nothing_is_left_of_a_lock_and_what_was_there_stays(records):
 def test_a_run_that_does_not_end_is_named(records, monkeypatch):
     monkeypatch.setattr(lock, "WAIT", 0.2)
     with holder(records) as held:
-        with pytest.raises(Problem) as problem, lock.held([str(records)], "example"):
+        with pytest.raises(Problem) as problem, lock.hold([str(records)], "example"):
             raise AssertionError("both have it")
         assert f"The process {held.pid} (routes) changes this computer since 20" in str(problem.value)
         assert f"kill {held.pid}" in str(problem.value)
         with pytest.raises(Problem, match="has not ended within 0.2 s"):
-            lock.undisturbed(str(records), lambda: None)
+            lock.read_undisturbed(str(records), lambda: None)
 
 
 def test_a_killed_run_frees_it(records):
@@ -101,7 +101,7 @@ def test_a_killed_run_frees_it(records):
         os.kill(held.pid, signal.SIGKILL)
         held.wait()
         assert (records / "lock").exists()
-        with lock.held([str(records)], "example") as sentences:
+        with lock.hold([str(records)], "example") as sentences:
             assert sentences == []
     assert not (records / "lock").exists()
 
@@ -111,7 +111,7 @@ def test_an_ordinary_user_cannot_hold_it(tmp_path):
     records = tmp_path / "records"
     for folder in [tmp_path, *tmp_path.parents[:2]]:
         folder.chmod(0o755)
-    with lock.held([str(records)], "example"):
+    with lock.hold([str(records)], "example"):
         words = ["sh", "-c", 'exec 9< "$0"; flock --shared 9', records / "lock"]
         tried = subprocess.run(words, user=65534, cwd="/", capture_output=True, text=True, check=False)
     assert "Permission denied" in tried.stderr
@@ -119,21 +119,21 @@ def test_an_ordinary_user_cannot_hold_it(tmp_path):
 
 def test_where_there_can_be_no_lock_a_sentence_says_so(tmp_path):
     (tmp_path / "file").touch()
-    with lock.held([str(tmp_path / "file")], "example") as sentences:
+    with lock.hold([str(tmp_path / "file")], "example") as sentences:
         assert [("file/lock cannot be locked" in one, "(File exists)" in one) for one in sentences] == [(True, True)]
 
 
 def test_a_link_in_its_place_is_not_followed(records):
     records.mkdir(parents=True)
     (records / "lock").symlink_to(records / "other")
-    with lock.held([str(records)], "example") as sentences:
+    with lock.hold([str(records)], "example") as sentences:
         assert len(sentences) == 1
     assert [path.name for path in records.iterdir()] == ["lock"]
 
 
 def test_a_path_that_is_not_absolute_is_for_the_run_to_refuse(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with lock.held(["records"], "example") as sentences:
+    with lock.hold(["records"], "example") as sentences:
         assert (sentences, os.listdir()) == ([], [])
 
 
@@ -146,7 +146,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 folder, first, second, seed = sys.argv[1:]
 chance = random.Random(int(seed))
 while True:
-    with lock.held([folder], "alternate"):
+    with lock.hold([folder], "alternate"):
         for path in (first, second):
             with open(path, "r+") as stream:
                 stream.write("ab"[int(open(first).read() == "a")] if path == first else open(first).read())
@@ -171,7 +171,7 @@ def test_check_mode_reads_no_state_between_two(records, tmp_path, seed):
         try:
             while files[1].read_text() == "a":  # it has begun
                 time.sleep(0.01)
-            found = [lock.undisturbed(str(records), read) for _time in range(40)]
+            found = [lock.read_undisturbed(str(records), read) for _time in range(40)]
             torn = [read() for _time in range(400)]
         finally:
             changing.kill()
@@ -190,9 +190,9 @@ def test_a_refusal_of_a_half_state_is_looked_at_again(records):
             raise Problem("Half a state.")
         return "whole"
 
-    assert (lock.undisturbed(str(records), read), len(looks)) == ("whole", 2)
+    assert (lock.read_undisturbed(str(records), read), len(looks)) == ("whole", 2)
 
 
 def test_check_mode_makes_nothing(records, tmp_path):
-    assert lock.undisturbed(str(records), lambda: 7) == 7
+    assert lock.read_undisturbed(str(records), lambda: 7) == 7
     assert list(tmp_path.iterdir()) == []

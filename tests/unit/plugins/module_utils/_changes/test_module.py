@@ -106,7 +106,7 @@ def test_a_run_that_cannot_be_made_is_a_sentence():
     assert end(Module(), make) == {"failed": True, "msg": "Wrong option."}
 
 
-class Guard(shell.Unguarded):
+class Guard(shell.PlainGuard):
     """Stands for deadman.Guard."""
 
     def begin(self):

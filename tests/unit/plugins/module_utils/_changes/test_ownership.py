@@ -7,7 +7,7 @@ import os
 import subprocess
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.ownership import mode_of, owner_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.ownership import find_owner, parse_mode
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 
@@ -37,26 +37,26 @@ def test_a_mode_is_what_chmod_makes_of_it(tmp_path, text):
     path.touch()
     path.chmod(0o644)
     subprocess.run(["chmod", text, str(path)], check=True)
-    assert mode_of(text) == path.stat().st_mode & 0o7777
+    assert parse_mode(text) == path.stat().st_mode & 0o7777
 
 
 def test_the_number_that_yaml_makes_of_an_octal_is_taken_and_a_decimal_one_is_not():
-    assert mode_of(0o644) == 0o644
-    assert [mode_of(given) for given in (644, 755, -1, True)] == [None] * 4
+    assert parse_mode(0o644) == 0o644
+    assert [parse_mode(given) for given in (644, 755, -1, True)] == [None] * 4
 
 
 @pytest.mark.parametrize(
     "text", ["", "64", "0999", "u=q", "z+r", "u", "rw-r--r--", "0o", "123456", "77777", "preserve"]
 )
 def test_anything_else_is_no_mode(text):
-    assert mode_of(text) is None
+    assert parse_mode(text) is None
 
 
 def test_owners_are_names_or_numbers():
-    assert owner_of("/a", None, None) is None
-    assert owner_of("/a", "root", None) == (0, os.getegid())
-    assert owner_of("/a", None, "0") == (os.geteuid(), 0)
-    assert owner_of("/a", "1234567", "root") == (1234567, 0)
+    assert find_owner("/a", None, None) is None
+    assert find_owner("/a", "root", None) == (0, os.getegid())
+    assert find_owner("/a", None, "0") == (os.geteuid(), 0)
+    assert find_owner("/a", "1234567", "root") == (1234567, 0)
     for owner in ("nobody-here", "-1", "", "4294967295", "a\0b"):
         with pytest.raises(Problem, match="of /a is not known on this computer"):
-            owner_of("/a", owner, None)
+            find_owner("/a", owner, None)

@@ -78,10 +78,10 @@ def test_a_file_that_was_written_after_the_start_of_the_process(tmp_path, monkey
     monkeypatch.setattr(systemctl, "files_read", lambda content: [str(tmp_path), str(path)])
     monkeypatch.setattr(systemctl.processes, "started", lambda pid: began)
     state = units.State(**dict.fromkeys(units.State._fields, ""))._replace(pid="7")
-    assert systemctl.Systemd(1).overtaken("", state) == (str(path) if overtakes else "")
-    assert systemctl.Systemd(1).overtaken("", state._replace(pid="0")) == ""
+    assert systemctl.Systemd(1).find_newer_file("", state) == (str(path) if overtakes else "")
+    assert systemctl.Systemd(1).find_newer_file("", state._replace(pid="0")) == ""
     monkeypatch.setattr(systemctl.processes, "started", lambda pid: None)
-    assert systemctl.Systemd(1).overtaken("", state) == ""
+    assert systemctl.Systemd(1).find_newer_file("", state) == ""
 
 
 @pytest.mark.parametrize(
@@ -131,12 +131,12 @@ def test_a_unit_that_does_not_start_is_explained(computer, status, code, journal
 def test_there_is_one_block_for_each_unit():
     text = 'Id=a.service\nLoadError=x "y=z"\nMainPID=0\n\nId=b.service\nMainPID=7\n'
     blocks = systemd.parse(text)
-    assert systemctl.one_for_each(blocks, ["a.service", "b.service"]) == [
+    assert systemctl.check_blocks(blocks, ["a.service", "b.service"]) == [
         {"Id": "a.service", "LoadError": 'x "y=z"', "MainPID": "0"},
         {"Id": "b.service", "MainPID": "7"},
     ]
     with pytest.raises(Problem, match="expected 3"):
-        systemctl.one_for_each(blocks, ["a.service", "b.service", "c.service"])
+        systemctl.check_blocks(blocks, ["a.service", "b.service", "c.service"])
 
 
 def test_state_directories():

@@ -34,7 +34,7 @@ class Story:
 
 
 def failure(*steps):
-    with pytest.raises(transaction.NotDone) as caught:
+    with pytest.raises(transaction.StepFailure) as caught:
         transaction.carry_out(steps)
     return caught.value
 
@@ -97,19 +97,19 @@ def test_the_record_holds_the_intent_then_what_is_owned_and_after_a_failure_what
     record.save(before)
     seen = []
     look = Step("look", lambda: seen.append(record.load()))
-    intent, settled = transaction.intent(record, {"new": "?"}, before), transaction.settled(record, {"new": 2})
+    intent, outcome = transaction.intent(record, {"new": "?"}, before), transaction.outcome(record, {"new": 2})
 
     failed = Step("fail", lambda: int("x"))
-    failure(intent, look, failed, settled)
+    failure(intent, look, failed, outcome)
     assert record.load() == before and (tmp_path / "records").exists() == bool(before)
 
-    transaction.carry_out([intent, look, settled])
+    transaction.carry_out([intent, look, outcome])
     assert seen == [{"new": "?"}] * 2 and record.load() == {"new": 2}
 
 
 def test_the_intent_stays_where_something_could_not_be_undone(tmp_path):
     record = Record("x", str(tmp_path))
-    stuck = Step("/f", transaction.nothing, lambda: ["/f"])
+    stuck = Step("/f", transaction.do_nothing, lambda: ["/f"])
     found = failure(transaction.intent(record, {"new": "?"}, {}), stuck, Step("", lambda: int("x")))
     assert found.left == ["/f"] and record.load() == {"new": "?"}
 

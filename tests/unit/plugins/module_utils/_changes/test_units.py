@@ -49,7 +49,7 @@ def absent(name):
 def plan(states=(), units=None, removed=(), texts=None, pending=(), written=None):
     known = {name: state(name) for name in [*NAMES, *removed]}
     known.update({entry.name: entry for entry in states})
-    return units_module.plan(
+    return units_module.plan_actions(
         UNITS if units is None else list(units), list(removed), known, texts or {}, pending, written or {}
     )
 
@@ -211,12 +211,12 @@ def test_foreign_and_masked_units_are_sentences():
     ],
 )
 def test_planned_inputs(text, inputs):
-    assert units_module.planned_inputs(text) == inputs
+    assert units_module.read_inputs(text) == inputs
 
 
 def test_followed():
     text = "PartOf=a.service b.service\nBindsTo = c.service\nRequires=d.service\nWants=e.service\nAfter=f.service\n"
-    assert units_module.followed(text) == {"a.service", "b.service", "c.service", "d.service"}
+    assert units_module.restart_partners(text) == {"a.service", "b.service", "c.service", "d.service"}
 
 
 @pytest.mark.parametrize(
@@ -233,7 +233,7 @@ def test_followed():
 def test_bad_units_are_sentences(units, said):
     full = [dict({"content": INSTALL, "enabled": True, "started": True}, **entry) for entry in units]
     with pytest.raises(Problem, match=said):
-        units_module.wanted_units(full)
+        units_module.parse_units(full)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,11 @@ import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.writable import locked, obstacle, obstacles
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.writable import (
+    lock_flag,
+    obstacle,
+    obstacles,
+)
 
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives rights away")
 
@@ -42,7 +46,7 @@ def test_a_file_locked_by_a_flag_is_named_with_the_command(tmp_path, flagged):
     path = tmp_path / "file"
     path.write_bytes(b"")
     letter = flagged(path)
-    assert locked(str(path)) == {"i": "immutable", "a": "append-only"}[letter]
+    assert lock_flag(str(path)) == {"i": "immutable", "a": "append-only"}[letter]
     assert f"run 'chattr -{letter} {path}'" in obstacle(str(path))
     assert obstacle(str(path), in_place=True) == obstacle(str(path))
     assert obstacles([str(path), str(path)]) == [obstacle(str(path))]

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import StepFailure
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run as run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import concerned
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.guard import Guard
@@ -65,8 +65,8 @@ def test_kill_at_any_call_leaves_what_the_next_run_repairs(
             raise OSError(errno.EBUSY, "Device or resource busy", path)
         write(path, *rest, **more)
 
-    undisturbed = Machine(tmp_path / "undisturbed", content)
-    undisturbed.apply(wanted)
+    read_undisturbed = Machine(tmp_path / "undisturbed", content)
+    read_undisturbed.apply(wanted)
     killed, step = True, 0
     while killed:
         machine = Machine(tmp_path / str(step), content)
@@ -80,7 +80,7 @@ def test_kill_at_any_call_leaves_what_the_next_run_repairs(
             killed = False
         monkeypatch.setattr(atomic, "write_by_rename", write)
         machine.apply(wanted)
-        assert machine.found() == undisturbed.found(), step
+        assert machine.found() == read_undisturbed.found(), step
         assert not machine.run(wanted).changed, step
         machine.apply([])
         assert machine.found() == before, step
@@ -197,9 +197,9 @@ def test_another_file_than_that_of_the_system_has_nothing_to_do_with_cloud_init(
 @pytest.mark.parametrize("wanted", [SECOND, []])
 @pytest.mark.parametrize("first", [FIRST, []])
 def test_kill_at_any_call_with_cloud_init(guarded, killed_at, first, wanted):
-    undisturbed = guarded("undisturbed")
-    undisturbed.apply(wanted)
-    expected = undisturbed.found()
+    read_undisturbed = guarded("undisturbed")
+    read_undisturbed.apply(wanted)
+    expected = read_undisturbed.found()
     killed, step = True, 0
     while killed:
         machine = guarded(str(step))
@@ -224,7 +224,7 @@ def test_a_hosts_file_that_cannot_be_written_takes_the_guard_back(guarded, monke
         write(path, *rest, **more)
 
     monkeypatch.setattr(atomic, "write_by_rename", full)
-    with pytest.raises(NotDone, match=r"which has its old content; .*: make room on its file system\.$"):
+    with pytest.raises(StepFailure, match=r"which has its old content; .*: make room on its file system\.$"):
         machine.apply(FIRST)
     assert machine.found() == before
 
@@ -241,7 +241,7 @@ def test_a_record_that_cannot_be_written_at_the_end_takes_the_hosts_file_back(gu
         save(record, data)
 
     monkeypatch.setattr(Record, "save", full_at_the_end)
-    with pytest.raises(NotDone):
+    with pytest.raises(StepFailure):
         machine.apply(FIRST)
     assert len(calls) == 3 and machine.found() == before
 

@@ -9,10 +9,10 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
-    NotDone,
+    StepFailure,
     carry_out,
     intent,
-    settled,
+    outcome,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence, unreadable
@@ -45,8 +45,8 @@ OPTIONS = dict(
     records=dict(type="str", default=RECORDS),
 )
 
-_RELOADING = 60  # seconds
-_VALIDATING = 60
+_RELOAD_LIMIT = 60  # seconds
+_VALIDATION_LIMIT = 60
 
 
 class ManagedFiles(ModuleRun):
@@ -57,10 +57,10 @@ class ManagedFiles(ModuleRun):
         self.bundle = options["bundle"]
         try:
             self.record = files.record_of("files", self.bundle, options["records"])
-            self.wanted = files.wanted_files(options["files"])
+            self.wanted = files.parse_files(options["files"])
             self.remembered = self.record.load()
             self.machine = files.read(self.wanted, self.remembered, self.record)
-            self.plan = files.plan(self.wanted, self.remembered, self.machine)
+            self.plan = files.plan_files(self.wanted, self.remembered, self.machine)
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self.reloaded = self._to_reload(options.get("reload") or {})
@@ -76,15 +76,15 @@ class ManagedFiles(ModuleRun):
     @property
     def refusals(self) -> typing.List[str]:
         """The sentences on what cannot be written here; else that on the first file that its own command refuses."""
-        locked = writable.obstacles(files.places(self.plan, self.record))
+        obstacles = writable.obstacles(files.places(self.plan, self.record))
         others = sorted(file.path for file in self.plan.writes if file.owner not in (None, self.machine.owner))
-        if others and self.machine.owner[0] != 0 and not locked:
-            locked = [
+        if others and self.machine.owner[0] != 0 and not obstacles:
+            obstacles = [
                 f"{others[0]} is to have another owner or group, which the user {self.machine.owner[0]} cannot give it; "
                 "expected root: run as root (become: true)."
             ]
-        if locked:
-            return [*locked, "Nothing was changed."]
+        if obstacles:
+            return [*obstacles, "Nothing was changed."]
         checks = {entry["path"]: entry["validate"] for entry in self.options["files"] if entry["validate"]}
         for file in self.plan.writes:
             refusal = self._refusal(file, checks[file.path]) if file.path in checks else ""
@@ -92,46 +92,46 @@ class ManagedFiles(ModuleRun):
                 return [refusal]
         return []
 
-    def _refusal(self, file: files.Wanted, command: typing.List[str]) -> str:
-        answer = commands.run(command, limit=_VALIDATING, given=file.content)
+    def _refusal(self, file: files.PlannedFile, command: typing.List[str]) -> str:
+        answer = commands.run(command, limit=_VALIDATION_LIMIT, given=file.content)
         if answer.status == 0:
             return ""
         words = f"{answer.output.decode('utf-8', 'replace')} {answer.error}".strip()
-        said = quoted(words, LINE) or f"status {answer.status}"
+        reason = quoted(words, LINE) or f"status {answer.status}"
         return (
-            f"The content for {file.path} is refused by '{' '.join(command)}' ({said}); nothing was changed: "
+            f"The content for {file.path} is refused by '{' '.join(command)}' ({reason}); nothing was changed: "
             "correct the content."
         )
 
     def apply(self) -> None:
-        """Write and remove the files, or put everything back and raise NotDone."""
+        """Write and remove the files, or put everything back and raise StepFailure."""
         steps = []
         if files.changes(self.plan):
-            steps = [intent(self.record, self.plan.intent, self.remembered, failure=files.RECORD_LOST)]
+            steps = [intent(self.record, self.plan.intent, self.remembered, failure=files.RECORD_RESTORE_FAILURE)]
             steps += files.steps(self.plan, self.machine)
         after = self.plan.after if any(self.plan.after.values()) else {}
         try:
-            carry_out([*steps, settled(self.record, after)])
-        except NotDone as problem:
-            said = [f"The files of the bundle {self.bundle} could not be written: {sentence(problem.cause)}"]
-            said += problem.left or ["Everything that this run had changed was put back."]
-            raise NotDone(problem.cause, problem.left, " ".join(said)) from problem
+            carry_out([*steps, outcome(self.record, after)])
+        except StepFailure as problem:
+            sentences = [f"The files of the bundle {self.bundle} could not be written: {sentence(problem.cause)}"]
+            sentences += problem.left or ["Everything that this run had changed was put back."]
+            raise StepFailure(problem.cause, problem.left, " ".join(sentences)) from problem
         if self.reloaded:
             self._reload()
 
     def _reload(self) -> None:
-        answer = commands.run(["systemctl", "reload", self.reloaded], limit=_RELOADING)
+        answer = commands.run(["systemctl", "reload", self.reloaded], limit=_RELOAD_LIMIT)
         if answer.status != 0:
-            said = quoted(answer.error, LINE) or f"status {answer.status}"
+            reason = quoted(answer.error, LINE) or f"status {answer.status}"
             self.unread = True
             raise Problem(
-                f"The files of the bundle {self.bundle} are as planned, but {self.reloaded} does not read them again ({said}); "
+                f"The files of the bundle {self.bundle} are as planned, but {self.reloaded} does not read them again ({reason}); "
                 f"expected a service that can be reloaded: look at systemctl status {self.reloaded}."
             )
 
     def failure(self, problem: Problem) -> Fields:
         """The fields of a failed change: `changed` says that something is left of it."""
-        if isinstance(problem, NotDone):
+        if isinstance(problem, StepFailure):
             return {"changed": bool(problem.left)}
         return {"changed": files.changes(self.plan)} if self.unread else {}
 

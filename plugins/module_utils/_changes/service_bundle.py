@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.systemctl import Systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone, carry_out
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import StepFailure, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence, unreadable
 
 USUAL_FOLDER = "/etc/systemd/system"
@@ -60,8 +60,8 @@ class ManagedServices(ModuleRun):
     def _read_options(self, options: typing.Mapping[str, typing.Any]) -> None:
         folder = options["unit_folder"]
         self.record = files.record_of("services", options["bundle"], options["records"])
-        self.units = units.wanted_units(options["units"])
-        self.wanted = files.wanted_files(
+        self.units = units.parse_units(options["units"])
+        self.wanted = files.parse_files(
             dict(path=os.path.join(folder, unit.name), content=unit.content, mode="0644") for unit in self.units
         )
         self.remembered = self.record.load()
@@ -85,14 +85,14 @@ class ManagedServices(ModuleRun):
             name: state if os.path.lexists(state.fragment) else state._replace(file_state="")
             for name, state in self.systemd.show(self.names + self.former).items()
         }
-        self.overtaken = {
-            unit.name: self.systemd.overtaken(unit.content, self.states[unit.name]) for unit in self.units
+        self.newer_files = {
+            unit.name: self.systemd.find_newer_file(unit.content, self.states[unit.name]) for unit in self.units
         }
 
     def _plan(self) -> None:
-        owned = files.owned_files(self.remembered, self.machine)
+        owned = files.find_owned_files(self.remembered, self.machine)
         units.check(self.units, self.states, owned)
-        self.files = files.plan(self.wanted, self.remembered, self.machine)
+        self.files = files.plan_files(self.wanted, self.remembered, self.machine)
         # A unit whose file an interrupted run never wrote is not owned: somebody else may have one of this name.
         self.removed = [
             name for name in self.former if not self.states[name].fragment or self.states[name].fragment in owned
@@ -100,12 +100,14 @@ class ManagedServices(ModuleRun):
         self.paths = {name: file.path for name, file in zip(self.names, self.wanted)}
         written = {file.path for file in self.files.writes}
         self.texts = {
-            name: "changed" if self.machine.found[path] else "new"
+            name: "changed" if self.machine.states[path] else "new"
             for name, path in self.paths.items()
             if path in written
         }
         self.pending = set(self.remembered.get("pending", []))
-        self.actions = units.plan(self.units, self.removed, self.states, self.texts, self.pending, self.overtaken)
+        self.actions = units.plan_actions(
+            self.units, self.removed, self.states, self.texts, self.pending, self.newer_files
+        )
         self.reload = files.changes(self.files) or any(state.reload == "yes" for state in self.states.values())
         acts = any(action.run or action.switch for action in self.actions)
         self.changed = bool(self.reload or self.former or acts)
@@ -115,15 +117,15 @@ class ManagedServices(ModuleRun):
         """The sentences on what cannot be changed here: files, and systemd without root's rights."""
         if not self.changed:
             return []
-        found = writable.obstacles([*files.places(self.files, self.record), self.record.path])
-        if os.geteuid() != 0 and not found:
-            found = [
+        sentences = writable.obstacles([*files.places(self.files, self.record), self.record.path])
+        if os.geteuid() != 0 and not sentences:
+            sentences = [
                 f"The user {os.geteuid()} cannot change units of the system; expected root: run as root (become: true)."
             ]
-        return [*found, "Nothing was changed."] if found else []
+        return [*sentences, "Nothing was changed."] if sentences else []
 
     def apply(self) -> None:
-        """Carry out the actions, or bring the previous state back and raise NotDone."""
+        """Carry out the actions, or bring the previous state back and raise StepFailure."""
         if not self.changed:
             if not self.remembered:  # a run that was killed after the last file may have left the folder of records
                 self.record.tidy()
@@ -135,7 +137,7 @@ class ManagedServices(ModuleRun):
             directories=dict(self.remembered.get("directories", {})),
             parents=list(self.remembered.get("parents", [])),
         )
-        plan = unit_steps.Plan(
+        plan = unit_steps.UnitPlan(
             units=self.units,
             actions=self.actions,
             before=self.states,
@@ -148,14 +150,14 @@ class ManagedServices(ModuleRun):
         change = unit_steps.UnitSteps(self.systemd, plan, self.record, self.remembered, memory)
         try:
             carry_out(change.steps(files.steps(self.files, self.machine)))
-        except NotDone as problem:
+        except StepFailure as problem:
             back = ["This could not be taken back:"] + problem.left if problem.left else ["The previous state is back."]
-            raise NotDone(problem.cause, problem.left, " ".join([sentence(problem.cause)] + back)) from problem
+            raise StepFailure(problem.cause, problem.left, " ".join([sentence(problem.cause)] + back)) from problem
         self.after = change.after
 
     def failure(self, problem: Problem) -> Fields:
         """The fields of a failed change: `changed` says that something is left of it."""
-        if not isinstance(problem, NotDone):
+        if not isinstance(problem, StepFailure):
             return {}
         return {"changed": bool(problem.left), "previous_state_is_back": not problem.left}
 
@@ -216,7 +218,7 @@ def _item(unit: units.Unit, action: units.Action, text: str, state: units.State)
         unit_file_state=state.file_state,
         main_pid=int(state.pid or 0),
         since=state.since,
-        inputs=units.planned_inputs(unit.content),
+        inputs=units.read_inputs(unit.content),
         inputs_running=state.inputs,
         restarts=int(state.restarts or 0),
     )

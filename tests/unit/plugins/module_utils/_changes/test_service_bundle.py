@@ -9,9 +9,9 @@ import subprocess
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import unit_steps
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_services import ManagedServices
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import State, planned_inputs
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.service_bundle import ManagedServices
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import StepFailure
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import State, read_inputs
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 CORE, SYNC = "core.service", "sync.service"
@@ -55,7 +55,7 @@ class FakeSystemd:
     def runs(self):
         return True
 
-    def overtaken(self, content, state):
+    def find_newer_file(self, content, state):
         """The file that the unit's text names as `behind <path>`, as long as it runs since its first start."""
         path = content.partition("behind ")[2].split("\n")[0]
         return path if state.invocation == "1" else ""
@@ -115,7 +115,7 @@ class FakeSystemd:
             active="active" if good else "failed",
             text=read,
             invocation=unit["invocation"] + 1,
-            inputs=planned_inputs(read or ""),
+            inputs=read_inputs(read or ""),
         )
         if not good:
             raise Problem(f"The unit {name} did not {verb}: it is failed.")
@@ -204,7 +204,7 @@ def test_a_unit_that_does_not_start_brings_the_previous_state_back(computer):
     computer.apply(first)
     record = computer.record()
     run = computer.run({CORE: text(2), "new.service": text(2, "bad")})
-    with pytest.raises(NotDone) as caught:
+    with pytest.raises(StepFailure) as caught:
         run.apply()
     assert str(caught.value) == "The unit new.service did not start: it is failed. The previous state is back."
     assert run.failure(caught.value) == {"changed": False, "previous_state_is_back": True}
@@ -238,7 +238,7 @@ def test_a_former_unit_that_does_not_start_again_is_told(computer, monkeypatch):
     monkeypatch.setattr(computer.systemd, "bring", broken)
     run = computer.run({CORE: text(2)})
     computer.systemd.call("stop", CORE)
-    with pytest.raises(NotDone) as caught:
+    with pytest.raises(StepFailure) as caught:
         run.apply()
     assert str(caught.value) == (
         f"The unit {CORE} did not restart. This could not be taken back: The unit {CORE} did not restart."
@@ -269,7 +269,7 @@ def test_kill_at_any_call_leaves_what_the_next_run_repairs(tmp_path, killed_at, 
         killed = killed_at(step, computer.apply, wanted)
         computer.apply(wanted)
         assert computer.files() == wanted, step
-        expected = {name: (True, planned_inputs(content)) for name, content in wanted.items()}
+        expected = {name: (True, read_inputs(content)) for name, content in wanted.items()}
         assert computer.running() == expected, step
         assert not computer.apply(wanted).changed, step
         computer.apply({})

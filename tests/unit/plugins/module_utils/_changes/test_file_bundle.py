@@ -8,8 +8,8 @@ import subprocess
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.managed_files import ManagedFiles
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import NotDone
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.file_bundle import ManagedFiles
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import StepFailure
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
@@ -162,7 +162,7 @@ def test_a_failure_is_told_with_what_is_left_of_it(machine, monkeypatch):
 
     monkeypatch.setattr(atomic, "write_by_rename", full)
     run = machine.run({"a": "A2", "b": "B2"})
-    with pytest.raises(NotDone) as caught:
+    with pytest.raises(StepFailure) as caught:
         run.apply()
     assert str(caught.value) == (
         f"The files of the bundle b could not be written: {machine.root}/b cannot be written (No space left on "
@@ -177,7 +177,7 @@ def test_a_failure_is_told_with_what_is_left_of_it(machine, monkeypatch):
         full(path, content, *rest, **more)
 
     monkeypatch.setattr(atomic, "write_by_rename", worse)
-    with pytest.raises(NotDone) as caught:
+    with pytest.raises(StepFailure) as caught:
         machine.run({"a": "A2", "b": "B2"}).apply()
     assert str(caught.value).endswith(f". {machine.root}/a could not be put back (Read-only file system).")
     assert run.failure(caught.value) == {"changed": True} and run.failure(Problem("x")) == {}
@@ -278,7 +278,7 @@ def test_a_file_that_was_never_touched_is_not_said_to_be_lost(machine, immutable
     machine.apply({"a": "A", "b": "B"})
     before, run = machine.state(), machine.run({"a": "A2", "b": "B2"})
     immutable(machine.root / "b")
-    with pytest.raises(NotDone, match=r"chattr -i.*Everything that this run had changed was put back\.$") as caught:
+    with pytest.raises(StepFailure, match=r"chattr -i.*Everything that this run had changed was put back\.$") as caught:
         run.apply()
     assert caught.value.left == [] and machine.state() == before
 
@@ -294,7 +294,7 @@ def test_attributes_of_a_file_come_back_with_it(machine, monkeypatch):
         write(path, content, *rest, **more)
 
     monkeypatch.setattr(atomic, "write_by_rename", full)
-    with pytest.raises(NotDone):
+    with pytest.raises(StepFailure):
         run.apply()
     assert os.getxattr(str(machine.root / "a"), "user.colour") == b"blue"
 
