@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     plain,
     plain_data,
     plain_lines,
-    quoted,
+    quote,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import gathered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import watched
@@ -72,6 +72,6 @@ def told_by(variables: Mapping[str, Any], name: str, hosts: Collection[str] = ()
             return from_plain(Watched, told)
         why = str(told.get("msg", "no result"))
     except Mismatch as problem:
-        why = f"its results cannot be read: {quoted(problem, LINE)}"
+        why = f"its results cannot be read: {quote(problem, LINE)}"
     gone = Event("computer", "", False, "an answer", why, time.time(), 0.0)
     return Watched(watched=0, events=(gone,), lost=(Lost("computer", ""),))

@@ -1438,7 +1438,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros i
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
@@ -1652,7 +1652,7 @@ def look(params: Params, quiet: bool) -> Result:
         try:
             return part, part.look(params, ros, began + params["patience"]), ""
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
-            return part, part.nothing, f"{part.name} could not be looked at: {quoted(str(problem).rstrip('.'), LINE)}."
+            return part, part.nothing, f"{part.name} could not be looked at: {quote(str(problem).rstrip('.'), LINE)}."
 
     def late(part: Part) -> Looked:
         return part, part.nothing, f"{part.name} gave no result within {LONGEST:g} s."

@@ -13,7 +13,7 @@ import shlex
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain, quote
 from setups.links import until
 from subject import NODES
 
@@ -59,7 +59,7 @@ def test_whoever_does_not_belong_to_the_fleet_is_named_and_ignored(fleet, who):
     held = fleet.run(VICTIM, "rostopic list")
     assert "/rogue/cmd_vel" not in held
     log = fleet.run(VICTIM, f"journalctl --unit multimaster-discovery --output cat --since @{since - 1:.0f}")
-    assert log.count(f"{quoted(name)} ({uri}) at {ROGUE} is ignored: {why}") == 1, log
+    assert log.count(f"{quote(name)} ({uri}) at {ROGUE} is ignored: {why}") == 1, log
     ask = f"import xmlrpc.client as x; print(x.ServerProxy('http://{ADDRESS}:11611').getOutsiders()[1])"
     assert f"['{ROGUE}', '{name}', '{uri}', '{why}']" in fleet.run(VICTIM, f'python3 -c "{ask}"')
 

@@ -29,7 +29,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes impor
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl_run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
 
@@ -269,7 +269,7 @@ def test_a_foreign_name_stands_in_quotes_on_one_line(place, there):
 
 @pytest.mark.parametrize("word", WORDS)
 def test_a_name_that_is_a_word_of_ours_stands_in_quotes(word):
-    assert quoted(word) == f'"{word}"' and routes_wanted._names([word]) == f'"{word}"'
+    assert quote(word) == f'"{word}"' and routes_wanted._names([word]) == f'"{word}"'
     assert str(Registration("publisher", word, word, "http://b:1/")) == f'publisher "{word}" of "{word}"'
 
 
@@ -287,4 +287,4 @@ def test_a_name_that_is_a_word_of_ours_stands_in_quotes(word):
     ],
 )
 def test_a_name_is_itself(name):
-    assert quoted(name) == name
+    assert quote(name) == name

@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     is_plain,
     plain_lines,
-    quoted,
+    quote,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import judged as judgement
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report, run
@@ -134,7 +134,7 @@ class Texts:
         """The harmless one is as long, so both are cut at the same places."""
         self.count += 1
         told = f"z{self.count:05d} {hostile(self.words)}"
-        fine = (f"z{self.count:05d} fine " + "words " * len(told))[: len(quoted(told, MOST)) - 3]
+        fine = (f"z{self.count:05d} fine " + "words " * len(told))[: len(quote(told, MOST)) - 3]
         return told if self.evil else f"{fine}."
 
     def of(self, value):

@@ -13,7 +13,7 @@ import os
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.reading import read_regular
 
 NEIGHBOUR = ".rosfleet-new"  # and the number of the process
@@ -61,7 +61,7 @@ def _keep(stream: typing.IO[bytes], path: str, kept: Attributes) -> None:
             try:
                 os.setxattr(descriptor, name, value)
             except OSError as problem:
-                why = f"Its extended attribute {quoted(name)} cannot be kept: {os.strerror(problem.errno or 0)}"
+                why = f"Its extended attribute {quote(name)} cannot be kept: {os.strerror(problem.errno or 0)}"
                 raise OSError(problem.errno, why, path) from problem
 
 

@@ -20,7 +20,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
@@ -93,7 +93,7 @@ class Timer:
         if answer.status != 0:
             raise Problem(
                 f"confirm_within: found no way to start the timer {unit}.timer "
-                f"({quoted(answer.error, LINE) or f'status {answer.status}'}), expected systemd and the right to "
+                f"({quote(answer.error, LINE) or f'status {answer.status}'}), expected systemd and the right to "
                 "start units: run as root (become: true), or set confirm_within to 0 to go without the dead-man's switch."
             )
 

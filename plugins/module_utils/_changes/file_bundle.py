@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     intent,
     outcome,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence, unreadable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
@@ -97,7 +97,7 @@ class ManagedFiles(ModuleRun):
         if answer.status == 0:
             return ""
         words = f"{answer.output.decode('utf-8', 'replace')} {answer.error}".strip()
-        reason = quoted(words, LINE) or f"status {answer.status}"
+        reason = quote(words, LINE) or f"status {answer.status}"
         return (
             f"The content for {file.path} is refused by '{' '.join(command)}' ({reason}); nothing was changed: "
             "correct the content."
@@ -122,7 +122,7 @@ class ManagedFiles(ModuleRun):
     def _reload(self) -> None:
         answer = commands.run(["systemctl", "reload", self.reloaded], limit=_RELOAD_LIMIT)
         if answer.status != 0:
-            reason = quoted(answer.error, LINE) or f"status {answer.status}"
+            reason = quote(answer.error, LINE) or f"status {answer.status}"
             self.unread = True
             raise Problem(
                 f"The files of the bundle {self.bundle} are as planned, but {self.reloaded} does not read them again ({reason}); "

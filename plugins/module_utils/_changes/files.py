@@ -24,7 +24,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.reco
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 _FILE = "a file"
@@ -230,7 +230,7 @@ def look(path: str) -> typing.Optional[FileState]:
         content = atomic.read_bytes(path) or b""
     elif stat.S_ISLNK(status.st_mode):
         content = os.readlink(os.fsencode(path))
-        kind = f"a symbolic link to {quoted(os.fsdecode(content))}"
+        kind = f"a symbolic link to {quote(os.fsdecode(content))}"
     else:
         kind = _FOLDER if stat.S_ISDIR(status.st_mode) else "a device, pipe or socket"
     attributes = atomic.attributes(path)
@@ -343,7 +343,7 @@ def _notes(
     notes = [_NOTES[item.state].format(path=item.path) for item in items if item.state in _NOTES]
     edited = [path for path in removals if not _matches(machine.states[path], owned[path])]
     notes += [f"{path}, which goes, had been changed by hand since we wrote it." for path in edited]
-    return notes + [f"{quoted(folder)} stays, because it holds files that are not ours." for folder in folders.kept]
+    return notes + [f"{quote(folder)} stays, because it holds files that are not ours." for folder in folders.kept]
 
 
 def _notes_on_unsafe(remembered: Data, machine: Machine) -> typing.List[str]:

@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.unit
     files_read,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands, processes
 
@@ -104,7 +104,7 @@ class Systemd:
         elif state.exit_code in ("2", "3"):  # CLD_KILLED, CLD_DUMPED
             ended = f", killed by signal {state.exit_status}"
         result = f", result {state.result}" if state.result not in ("", "success") else ""
-        lines = " ".join(quoted(line, LINE) for line in self._journal(name, state.invocation))
+        lines = " ".join(quote(line, LINE) for line in self._journal(name, state.invocation))
         journal = f" The end of its journal: {lines}" if lines else " Its journal is empty."
         return f": it is {state.active} ({state.sub}){result}{ended}.{journal}"
 
@@ -122,7 +122,7 @@ class Systemd:
 
 
 def _failure(arguments: typing.Iterable[str], error: str) -> Problem:
-    return Problem(f"'systemctl {' '.join(arguments)}' failed: {quoted(error.rstrip('.'), LINE)}.")
+    return Problem(f"'systemctl {' '.join(arguments)}' failed: {quote(error.rstrip('.'), LINE)}.")
 
 
 def check_blocks(

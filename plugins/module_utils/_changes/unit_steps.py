@@ -25,7 +25,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.unit
     Unit,
     says_when_up,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
 
 SWITCHES = ("disable", "enable", "reenable")  # verbs of systemctl
@@ -129,7 +129,7 @@ class UnitSteps:
             return
         for name, state in self.systemd.show(self.plan.fresh).items():
             if state.load != "loaded":
-                why = f"{state.load}: {quoted(state.load_error, LINE)}" if state.load_error else state.load
+                why = f"{state.load}: {quote(state.load_error, LINE)}" if state.load_error else state.load
                 raise Problem(
                     f"systemd does not accept the content of {name} ({why}); "
                     "correct it, systemd-analyze verify tells more."
@@ -137,7 +137,7 @@ class UnitSteps:
             path = self.plan.paths[name]
             if os.path.realpath(state.fragment) != os.path.realpath(path):
                 raise Problem(
-                    f"systemd reads the unit {name} from {quoted(state.fragment) or 'nowhere'}, expected from {path}; "
+                    f"systemd reads the unit {name} from {quote(state.fragment) or 'nowhere'}, expected from {path}; "
                     "remove that file."
                 )
         self._remember_directories()

@@ -9,7 +9,7 @@ Works with systemd 237 (Ubuntu 18.04) and later; the words are those of systemct
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 RUNNING = ("active", "reloading", "refreshing", "activating")
@@ -143,7 +143,7 @@ def check(units: typing.List[Unit], states: typing.Dict[str, State], owned: typi
         elif state.load != "not-found" and state.fragment not in owned:
             problems.append(
                 f"There is a unit {unit.name} already that is not ours "
-                f"({quoted(state.fragment) or 'a unit without a file'}, {state.active}): "
+                f"({quote(state.fragment) or 'a unit without a file'}, {state.active}): "
                 "remove it or rename it, or choose another name."
             )
     if problems:

@@ -32,7 +32,7 @@ Bytes = typing.Union[bytes, bytearray]
 Values = typing.Tuple[typing.Tuple[typing.Any, ...], typing.Optional[str]]
 
 
-class TooLarge(ValueError):
+class DocumentTooLarge(ValueError):
     """A document that costs more than is taken; its text says which limit was hit."""
 
 
@@ -53,7 +53,7 @@ class _Reader(xmlrpc.client.Unmarshaller):
     def start(self, tag: str, attrs: typing.Dict[str, str]) -> None:
         self._depth, self._size, self._wide = self._depth + 1, 0, False
         if self._depth > _NESTING:
-            raise TooLarge(f"more than {_NESTING} elements within each other")
+            raise DocumentTooLarge(f"more than {_NESTING} elements within each other")
         self._left -= _ELEMENT + _STRUCT if tag == "struct" else _ELEMENT
         if self._left < 0:
             self._refuse()
@@ -73,7 +73,7 @@ class _Reader(xmlrpc.client.Unmarshaller):
         if self._left < 0:
             self._refuse()
         if self._size > self._longest:
-            raise TooLarge(f"a text of more than {self._longest} bytes")
+            raise DocumentTooLarge(f"a text of more than {self._longest} bytes")
         self._data.append(text)
 
     def end(self, tag: str) -> None:
@@ -84,10 +84,10 @@ class _Reader(xmlrpc.client.Unmarshaller):
         self._size = 0
 
     def _refuse(self) -> None:
-        raise TooLarge(f"its values take more than {self._most >> 20} MiB of memory")
+        raise DocumentTooLarge(f"its values take more than {self._most >> 20} MiB of memory")
 
 
-def _no_document_type(*_declaration: typing.Any) -> None:
+def _refuse_document_type(*_declaration: typing.Any) -> None:
     raise ValueError("a document type in an XML-RPC document")
 
 
@@ -105,7 +105,7 @@ class Document:
         # In UTF-8 whatever it says: in another encoding nobody would see a document type coming.
         self._parser = parser = xml.parsers.expat.ParserCreate("utf-8")
         parser.buffer_text = True  # else each line break of a long text is one object
-        parser.StartDoctypeDeclHandler = _no_document_type
+        parser.StartDoctypeDeclHandler = _refuse_document_type
         parser.StartElementHandler = self._reader.start
         parser.EndElementHandler = self._reader.end
         parser.CharacterDataHandler = self._reader.data
@@ -116,10 +116,10 @@ class Document:
             piece = data[at : at + _PIECE]
             self._fed += len(piece)
             if self._fed > self._most:
-                raise TooLarge(f"it has more than {self._most} bytes")
+                raise DocumentTooLarge(f"it has more than {self._most} bytes")
             self._parser.Parse(piece, False)
             if self._fed - max(self._parser.CurrentByteIndex, 0) > _TOKEN:
-                raise TooLarge(f"a token of more than {_TOKEN} bytes")
+                raise DocumentTooLarge(f"a token of more than {_TOKEN} bytes")
 
     def close(self) -> Values:
         """The values, and the name of the method where it is a call."""
@@ -127,7 +127,7 @@ class Document:
         return self._reader.close(), self._reader.getmethodname()
 
 
-def unpacked(body: Bytes, most: int) -> typing.Iterator[bytes]:
+def unpack(body: Bytes, most: int) -> typing.Iterator[bytes]:
     """Unpack gzip in pieces, but not without a bound. Raises ValueError."""
     unpacker, size = zlib.decompressobj(31), 0
     try:
@@ -138,7 +138,7 @@ def unpacked(body: Bytes, most: int) -> typing.Iterator[bytes]:
                 rest = unpacker.unconsumed_tail
                 size += len(piece)
                 if size > most:
-                    raise TooLarge(f"it has more than {most} bytes")
+                    raise DocumentTooLarge(f"it has more than {most} bytes")
                 yield piece
     except zlib.error as problem:
         raise ValueError(str(problem)) from None
@@ -149,6 +149,6 @@ def unpacked(body: Bytes, most: int) -> typing.Iterator[bytes]:
 def loads(body: Bytes, most: int = STATE, packed: bool = False) -> Values:
     """The values and the method of an XML-RPC document. Document types and entities are not read."""
     document = Document(most)
-    for piece in unpacked(body, most) if packed else (body,):
+    for piece in unpack(body, most) if packed else (body,):
         document.feed(piece)
     return document.close()

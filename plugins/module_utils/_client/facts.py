@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._client impor
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
 
 CALLER = "/multimaster_info"
@@ -102,13 +102,13 @@ class Roscore:
         try:
             code, message, value = getattr(server(self._uri, STATE), method)(CALLER, *arguments)
         except OSError as problem:
-            raise OSError(f"{self._uri}: {problem.strerror or quoted(problem)}") from problem
+            raise OSError(f"{self._uri}: {problem.strerror or quote(problem)}") from problem
         except xmlrpc.client.Error as problem:  # another XML-RPC server, or another HTTP server
-            raise Strange(f"{self._uri}: {quoted(problem)}") from problem
+            raise Strange(f"{self._uri}: {quote(problem)}") from problem
         except Exception as problem:  # http.client's and expat's own
             raise Strange(f"{self._uri}: {type(problem).__name__}") from problem
         if code != 1:
-            raise OSError(f"{self._uri}: {method}: {quoted(message)}")
+            raise OSError(f"{self._uri}: {method}: {quote(message)}")
         return value
 
     def parameter(self, name: str, default: typing.Any) -> typing.Any:

@@ -16,7 +16,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node, tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 
 WORKERS = 32  # publishers that are asked at the same time: one that does not answer takes its worker for some seconds
 AGAIN = 0.5  # seconds until a publisher is asked again that did not answer
@@ -29,7 +29,7 @@ def place_of(topic: str, uri: str, caller: str) -> typing.Tuple[str, int]:
     """Ask a publisher where its topic is to be had. Raises OSError, and what a strange answer makes of it."""
     code, said, place = server(uri).requestTopic(caller, topic, [["TCPROS"]])
     if code != 1:
-        raise OSError(f"it does not give the topic: {quoted(said)}")
+        raise OSError(f"it does not give the topic: {quote(said)}")
     return str(place[1]), int(place[2])
 
 
@@ -105,7 +105,7 @@ class Listener:
             try:
                 self._hear(topic, *self._ask(topic, uri))
             except Exception as problem:  # whatever a stranger answers
-                self.errors[topic] = f"{quoted(uri)}: {quoted(problem)}"
+                self.errors[topic] = f"{quote(uri)}: {quote(problem)}"
                 again = threading.Timer(AGAIN, self._due.put, ((topic, uri),))
                 again.daemon = True
                 again.start()

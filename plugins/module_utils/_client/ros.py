@@ -17,7 +17,7 @@ import xmlrpc.client
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.reading import read_regular
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import BASE_PATH, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import foreign
@@ -86,13 +86,13 @@ class Ros:
         try:
             code, message, value = getattr(server(self.uri, STATE), method)(caller, *arguments)
         except OSError as problem:
-            raise OSError(f"{self.uri}: {problem.strerror or quoted(problem)}") from problem
+            raise OSError(f"{self.uri}: {problem.strerror or quote(problem)}") from problem
         except xmlrpc.client.Error as problem:
-            raise OSError(f"{self.uri}: {quoted(problem)}") from problem
+            raise OSError(f"{self.uri}: {quote(problem)}") from problem
         except Exception as problem:  # http.client's and expat's own: something else than a roscore
             raise OSError(f"{self.uri} answers, but not as a roscore ({type(problem).__name__})") from problem
         if code != 1:
-            raise OSError(f"{self.uri}: {method}: {quoted(message)}")
+            raise OSError(f"{self.uri}: {method}: {quote(message)}")
         return value
 
 

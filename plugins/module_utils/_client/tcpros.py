@@ -15,7 +15,7 @@ import typing
 import urllib.parse
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
 
 CALL = 5.0  # seconds that a call may take, from the connection to the last byte
 CONNECT = 2.0  # seconds that a connection may take before a stream
@@ -118,7 +118,7 @@ def call(
     except socket.timeout:
         raise OSError(f"{service} gave no answer within {CALL:g} s") from None
     except ValueError as problem:  # also of a URI that is none
-        raise OSError(f"{service} gave an answer that is none: {quoted(problem)}") from None
+        raise OSError(f"{service} gave an answer that is none: {quote(problem)}") from None
 
 
 def _call(
@@ -130,21 +130,21 @@ def _call(
 ) -> typing.List[Row]:
     place = urllib.parse.urlsplit(uri)
     if place.scheme != "rosrpc" or not place.hostname or not place.port:
-        raise ValueError(f"{quoted(uri)} is no address of a service")
+        raise ValueError(f"{quote(uri)} is no address of a service")
     with socket.create_connection((place.hostname, place.port), CALL) as connection:
         connection.sendall(node.header({"callerid": caller, "service": service, "md5sum": "*"}))
         told = node.fields_of(_read_block(connection, _HEADER, deadline))
         if "error" in told:
-            raise OSError(f"{service}: {quoted(told['error'])}")
+            raise OSError(f"{service}: {quote(told['error'])}")
         if told.get("md5sum") not in known:
             raise UnknownType(
-                f"{service} is of the type {quoted(told.get('type', ''))} ({quoted(told.get('md5sum', ''))}), which is not known"
+                f"{service} is of the type {quote(told.get('type', ''))} ({quote(told.get('md5sum', ''))}), which is not known"
             )
         connection.sendall(node.block(b""))
         good = _read(connection, 1, deadline) == b"\1"
         answer = _read_block(connection, MOST, deadline)
     if not good:
-        raise OSError(f"{service}: {quoted(answer.decode('utf-8', 'replace'))}")
+        raise OSError(f"{service}: {quote(answer.decode('utf-8', 'replace'))}")
     return Reader(answer).many(known[told["md5sum"]])
 
 
@@ -162,7 +162,7 @@ def heard(place: typing.Tuple[str, int], topic: str, caller: str) -> typing.Tupl
     except socket.timeout:
         raise OSError(f"no message within {CALL:g} s") from None
     except (ValueError, struct.error) as problem:
-        raise OSError(f"a message that is none: {quoted(problem)}") from None
+        raise OSError(f"a message that is none: {quote(problem)}") from None
 
 
 def streamed(place: typing.Tuple[str, int], topic: str, caller: str, seconds: float) -> typing.Tuple[int, float]:
@@ -188,12 +188,12 @@ def streamed(place: typing.Tuple[str, int], topic: str, caller: str, seconds: fl
             _send(connection, deadline)
             came, took = Reader(_read_block(connection, _HEADER, deadline)).text().split()
             if not 0 < int(came) <= 2 * node.STREAM_BYTES or not 0 < float(took) <= node.REQUEST:
-                raise ValueError(f"{quoted(came)} bytes in {quoted(took)} s")
+                raise ValueError(f"{quote(came)} bytes in {quote(took)} s")
             return int(came), float(took)
     except socket.timeout:
         raise OSError(f"no answer within {CALL:g} s") from None
     except (ValueError, struct.error) as problem:
-        raise OSError(f"an answer that is none: {quoted(problem)}") from None
+        raise OSError(f"an answer that is none: {quote(problem)}") from None
 
 
 def _send(connection: socket.socket, deadline: float) -> None:

@@ -14,7 +14,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import FIRST, Wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports, systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
 
 _SERVERS = ("sshd", "sshd-session", "dropbear")  # processes that serve ssh
@@ -60,7 +60,7 @@ class Access(typing.NamedTuple):
             closed = way.connection.port >= FIRST and way.connection.port not in stay_open
             if closed and not peer.is_loopback and not any(peer in network for network in let_in):
                 return (
-                    f"The controller at {peer} reaches this computer on TCP port {way.connection.port} of {quoted(way.program)}, which is no "
+                    f"The controller at {peer} reaches this computer on TCP port {way.connection.port} of {quote(way.program)}, which is no "
                     "ssh server, and the packet filter would cut it off; expected ssh, or an address that is let in: add it to "
                     "multimaster_allow, or reach the computer by ssh."
                 )

@@ -30,7 +30,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.bac
     CHOICES,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, unreadable
 
 OPTIONS: typing.Dict[str, typing.Any] = {
@@ -249,6 +249,6 @@ class Run(ModuleRun):
         if now != end.after:
             differing = sorted(set(now) ^ set(end.after))[:3]
             raise Problem(
-                f"{end.back_end.name} holds other rules than it was given ({'; '.join(map(quoted, differing))}), expected the same: see what "
+                f"{end.back_end.name} holds other rules than it was given ({'; '.join(map(quote, differing))}), expected the same: see what "
                 "else changes them."
             )

@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import HostsFile, resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.plan import plan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import (
     Problem,
     remedy,
@@ -93,7 +93,7 @@ class Run(ModuleRun):
     def _conflicts(self) -> typing.List[str]:
         """One sentence for each line of the user that gives a managed name another address."""
         return [
-            f"{self.file.path} line {conflict['line']} gives {conflict['name']} the address {quoted(conflict['found'])}, "
+            f"{self.file.path} line {conflict['line']} gives {conflict['name']} the address {quote(conflict['found'])}, "
             f"{_EFFECTS[conflict['effect']]}; expected {conflict['expected']} (entries): "
             "correct or remove that line, or correct the entry."
             for conflict in self.plan.conflicts
@@ -116,7 +116,7 @@ class Run(ModuleRun):
         wrong = self._unresolved()
         if wrong:
             said = ", ".join(
-                f"{item['name']} with {' '.join(map(quoted, item['found'])) or 'nothing'}" for item in wrong
+                f"{item['name']} with {' '.join(map(quote, item['found'])) or 'nothing'}" for item in wrong
             )
             raise Problem(
                 f"This computer answers {said}, although {self.file.path} has the expected "
@@ -194,14 +194,14 @@ class Run(ModuleRun):
             said.append(f"cloud-init {be} {longer}kept from writing the file at boot.")
         said += [self._replaced(item) for item in self.plan.replaced if item["state"] != "unchanged"]
         others = [
-            f"{quoted(entry['names'][0])} (line {entry['line']})" for entry in self.plan.entries if not entry["ours"]
+            f"{quote(entry['names'][0])} (line {entry['line']})" for entry in self.plan.entries if not entry["ours"]
         ]
         if others:
             said.append(f"Left to lines that are not ours and already right: {', '.join(others)}.")
         names = [name.lower() for binding in self.bindings for name in binding.names]
         if names and self.own_name.lower() not in names:
             said.append(
-                f"This computer's own name {quoted(self.own_name)} is not among the entries, and resolves as before."
+                f"This computer's own name {quote(self.own_name)} is not among the entries, and resolves as before."
             )
         return " ".join(said)
 
@@ -215,10 +215,10 @@ class Run(ModuleRun):
         """One sentence on a loopback line."""
         before, after = (" ".join(item[when].split()) for when in ("before", "after"))
         if item["state"] == "restored":
-            return f"Line {item['line']} is again: {quoted(before)}."
+            return f"Line {item['line']} is again: {quote(before)}."
         own = self.own_name.lower() in before.lower().split()
         name = "this computer's own name" if own else "a name of the fleet"
-        return f"Line {item['line']} ({quoted(before)}) no longer binds {name} to loopback; of it remains: {quoted(after) or 'nothing'}."
+        return f"Line {item['line']} ({quote(before)}) no longer binds {name} to loopback; of it remains: {quote(after) or 'nothing'}."
 
 
 def _guard(wanted: bool, records: str) -> typing.Any:

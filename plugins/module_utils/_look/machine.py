@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
     shells,
     system,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import tables
@@ -121,7 +121,7 @@ def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.An
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
             value = part.nothing
             result["problems"].append(
-                f"The part {part.name} of the machine could not be read: {quoted(str(problem).rstrip('.'), LINE)}."
+                f"The part {part.name} of the machine could not be read: {quote(str(problem).rstrip('.'), LINE)}."
             )
         result.update(value if part.name == "system" else {part.name: value})
     return result

@@ -8,7 +8,7 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import run, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import foreign, last_line
 
@@ -90,7 +90,7 @@ def _checked(node: typing.Dict[str, typing.Any], told: typing.Any) -> typing.Dic
     if path and not _PATH.fullmatch(path):
         return _node(node, "", "its path is not absolute, or has other characters than letters, digits and _ . + -")
     if path and not os.path.isfile(path):
-        return _node(node, "", f"{quoted(path)} is no file")
+        return _node(node, "", f"{quote(path)} is no file")
     return _node(node, path, plain(problem))
 
 

@@ -13,7 +13,7 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer, run, text
 
 _UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # netdevice(7), linux/if.h
@@ -86,7 +86,7 @@ def interfaces() -> typing.List[Interface]:
             pass  # iproute2 before 4.14 takes the option and prints text
     answer = run(["ip", "-oneline", "address"])
     if answer.status != 0:
-        raise OSError(f"the interfaces' addresses cannot be read: {quoted(answer.error) or 'ip failed'}")
+        raise OSError(f"the interfaces' addresses cannot be read: {quote(answer.error) or 'ip failed'}")
     return from_text(answer.output.decode("utf-8", "replace"), links())
 
 

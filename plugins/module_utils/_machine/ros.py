@@ -16,7 +16,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, imports, set_up
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import is_plain, plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import is_plain, plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import (
     BASE_PATH,
     CLEAN,
@@ -114,7 +114,7 @@ def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[t
     ros1 = [record for record in found if record["version"] != "2"]
     prefixes = [record for record in ros1 if record["kind"] == "prefix"]
     if not ros1:
-        others = ", ".join(quoted(record["setup"]) for record in found)
+        others = ", ".join(quote(record["setup"]) for record in found)
         neither = f"neither {root}/<distro>/setup.sh nor Debian's python3-rospy"
         seen = f"only ROS 2 ({others})" if others else neither
         return (
@@ -122,7 +122,7 @@ def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[t
             f"There is no ROS 1: {seen}; install it, or name a workspace's set-up file in multimaster_ros_setup.",
         )
     if len(prefixes) > 1:
-        setups = ", ".join(quoted(record["setup"]) for record in prefixes)
+        setups = ", ".join(quote(record["setup"]) for record in prefixes)
         return None, f"ROS 1 is here more than once ({setups}); name the one to use in multimaster_ros_setup."
     return ros1[0], ros1[0]["problem"]
 
@@ -135,7 +135,7 @@ def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
     environment = {} if reach.refusal else variables.usable
     if reach.refusal:
         problem = (
-            f"The set-up file {quoted(setup)} is no code for the services, since {reach.refusal}; expected files and folders that "
+            f"The set-up file {quote(setup)} is no code for the services, since {reach.refusal}; expected files and folders that "
             "one user alone can change: take the right to write away from others (chmod o-w)."
         )
     below, for_root = ("", reach.for_root) if not reach.doubt else of_root_below(setup, environment, root)
@@ -195,13 +195,13 @@ def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
     if len(answer.output) > _LARGEST:
         return (
             {},
-            f"The set-up file {quoted(setup)} makes more than {_LARGEST >> 10} KiB of variables; expected those of ROS.",
+            f"The set-up file {quote(setup)} makes more than {_LARGEST >> 10} KiB of variables; expected those of ROS.",
         )
     variables = added(answer.output)
     if answer.status == 0 and variables:
         return variables, ""
-    said = quoted((answer.error.splitlines() or [""])[-1].rstrip(".")) or "it says nothing"
-    return {}, closed([setup]) or f"The set-up file {quoted(setup)}, sourced by {shell}, sets no variables: {said}."
+    said = quote((answer.error.splitlines() or [""])[-1].rstrip(".")) or "it says nothing"
+    return {}, closed([setup]) or f"The set-up file {quote(setup)}, sourced by {shell}, sets no variables: {said}."
 
 
 def added(output: bytes) -> typing.Dict[str, str]:
@@ -241,12 +241,12 @@ def hooks(environment: typing.Dict[str, str]) -> typing.Tuple[str, str]:
             doubts = trust.doubts(folder)
             if not doubts:
                 return folder, ""
-            passed_over = passed_over or f"below {quoted(prefix)}, since {doubts[0].words}"
+            passed_over = passed_over or f"below {quote(prefix)}, since {doubts[0].words}"
     return "", passed_over
 
 
 def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
-    where = quoted(setup) or "Debian's packages"
+    where = quote(setup) or "Debian's packages"
     old = environment.get("ROS_PYTHON_VERSION") == "2" or "/python2." in environment.get("PYTHONPATH", "")
     python = PYTHON2 if old else PYTHON
     if not os.path.exists(python):
@@ -255,7 +255,7 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
         }
     found = imports.tried(python, MODULES, full(environment))
     if not found.version:
-        return {"problem": f"The modules of {where} cannot be imported: {quoted(found.said)}."}
+        return {"problem": f"The modules of {where} cannot be imported: {quote(found.said)}."}
     result = {
         "python": python,
         "python_version": found.version,
@@ -268,7 +268,7 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
         advice = "install what is missing" if setup else f"install {packages}"
         result["problem"] = (
             closed(folders)
-            or f"{python} cannot import {', '.join(map(quoted, found.missing))} out of {where}; {advice}."
+            or f"{python} cannot import {', '.join(map(quote, found.missing))} out of {where}; {advice}."
         )
     return result
 
@@ -285,6 +285,6 @@ def closed(paths: typing.Iterable[str]) -> str:
     except (OSError, ValueError):  # it is gone meanwhile
         return ""
     return (
-        f"The {kind} {quoted(part)} (mode {mode:04o}) is closed to other users, but the services run as an unprivileged one: "
-        f"open it (chmod o+{right} {quoted(part)}), or use a ROS that is installed for everybody."
+        f"The {kind} {quote(part)} (mode {mode:04o}) is closed to other users, but the services run as an unprivileged one: "
+        f"open it (chmod o+{right} {quote(part)}), or use a ROS that is installed for everybody."
     )

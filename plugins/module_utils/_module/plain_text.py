@@ -51,7 +51,7 @@ def plain(value: typing.Any, most: int = LONGEST) -> str:
     joined = " ".join(text[: 4 * most + 2].split())
     head = joined[: most + 1]
     more = len(joined) > most or bool(text[4 * most + 2 :].strip())
-    shown = "".join(map(_escaped, head))
+    shown = "".join(map(_escape, head))
     return _cut(shown, most) if more or len(shown) > most else shown
 
 
@@ -64,7 +64,7 @@ def _cut(text: str, most: int) -> str:
     return head + CUT + '"' * (head.count('"') % 2)
 
 
-def quoted(value: typing.Any, most: int = LONGEST) -> str:
+def quote(value: typing.Any, most: int = LONGEST) -> str:
     """A name or a text of others as it stands in a sentence of ours, so that nothing in it is taken for one.
 
     A name is itself, where it has the form of one. Everything else stands in quotes, and has none in it: a name with blanks or
@@ -106,11 +106,11 @@ def is_plain(text: str, most: int = VALUE) -> bool:
 def _plain_line(line: str, most: int) -> str:
     if is_plain(line.replace("\t", ""), most):
         return line
-    shown = "".join(character if character == "\t" else _escaped(character) for character in line[: most + 1])
+    shown = "".join(character if character == "\t" else _escape(character) for character in line[: most + 1])
     return shown[: most - len(CUT)] + CUT if len(shown) > most or len(line) > most else shown
 
 
-def _escaped(character: str) -> str:
+def _escape(character: str) -> str:
     if character.isprintable() and not _INVISIBLE.match(character):
         return character
     return character.encode("unicode_escape").decode("ascii")

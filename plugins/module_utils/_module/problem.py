@@ -6,7 +6,7 @@
 import errno
 import os
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 
 
 class Problem(Exception):
@@ -37,18 +37,18 @@ def remedy(problem: OSError) -> str:
 
 def unreadable(problem: OSError) -> str:
     """Return the sentence for a user about a file that cannot be read."""
-    return f"{_file(problem)} cannot be read ({problem.strerror or quoted(problem)}); expected a regular file: {remedy(problem)}."
+    return f"{_file(problem)} cannot be read ({problem.strerror or quote(problem)}); expected a regular file: {remedy(problem)}."
 
 
 def sentence(problem: Exception) -> str:
     """Return the sentence for a user about a half-done change: the words of a Problem, or the file of an OSError."""
     if isinstance(problem, OSError):
         return (
-            f"{_file(problem)} cannot be written ({problem.strerror or quoted(problem)}); expected a writable file: "
+            f"{_file(problem)} cannot be written ({problem.strerror or quote(problem)}); expected a writable file: "
             f"{remedy(problem)}."
         )
     return str(problem)
 
 
 def _file(problem: OSError) -> str:
-    return quoted(problem.filename or "") or "A file"
+    return quote(problem.filename or "") or "A file"

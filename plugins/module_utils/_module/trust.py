@@ -11,7 +11,7 @@ import stat
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 
 _LINKS = 40  # as many as the kernel follows (path_resolution(7))
 _ACL = "system.posix_acl_access"
@@ -106,18 +106,18 @@ def _look(path: str, last: bool, root: int) -> typing.Tuple[bool, typing.Optiona
     except (FileNotFoundError, NotADirectoryError):
         return False, None
     except OSError as problem:
-        return False, Doubt(EVERYBODY, f"{quoted(path)} cannot be looked at: {problem.strerror}")
+        return False, Doubt(EVERYBODY, f"{quote(path)} cannot be looked at: {problem.strerror}")
     doubt = None
     if status.st_uid not in (0, root):
-        doubt = Doubt(status.st_uid, f"{quoted(path)} belongs to {account(status.st_uid) or status.st_uid}")
+        doubt = Doubt(status.st_uid, f"{quote(path)} belongs to {account(status.st_uid) or status.st_uid}")
     if stat.S_ISLNK(status.st_mode):
         return True, doubt  # who may replace it is decided by its folder
     # In a folder as /tmp nobody replaces what belongs to others, but everybody adds.
     sticky = stat.S_ISDIR(status.st_mode) and status.st_mode & stat.S_ISVTX and not last
     if status.st_mode & stat.S_IWOTH and not sticky:
-        return True, Doubt(EVERYBODY, f"{quoted(path)} can be written by everybody")
+        return True, Doubt(EVERYBODY, f"{quote(path)} can be written by everybody")
     if doubt is None and status.st_mode & stat.S_IWGRP and not sticky and _shared(path, status, root):
-        return True, Doubt(A_GROUP, f"{quoted(path)} can be written by a group")
+        return True, Doubt(A_GROUP, f"{quote(path)} can be written by a group")
     return True, doubt
 
 

@@ -9,7 +9,7 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper import Settings
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper_process import (
@@ -145,7 +145,7 @@ def look(params: Params) -> typing.Tuple[Result, typing.Tuple[str, ...], int]:
 def listed(seen: Result, group: str) -> str:
     """Return the message of the state `listed`."""
     members = sorted({item["interface"] for item in seen["memberships"] if item["group"] == group})
-    return f"{group} has members on {', '.join(map(quoted, members)) or 'no interface'}."
+    return f"{group} has members on {', '.join(map(quote, members)) or 'no interface'}."
 
 
 def start(settings: Settings, index: int) -> Result:

@@ -5,7 +5,7 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 
 
 def icmp_round(
@@ -67,7 +67,7 @@ def _cases(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.List
     return {
         "silent": _names(silent, lambda entry: True),
         "deaf": _names(udp, lambda entry: entry["heard_by"] is False),
-        "elsewhere": [f"{entry['name']} ({', '.join(map(quoted, entry['other_interfaces']))})" for entry in elsewhere],
+        "elsewhere": [f"{entry['name']} ({', '.join(map(quote, entry['other_interfaces']))})" for entry in elsewhere],
         "reachable": _names(udp, lambda entry: entry["name"] in missing and entry["unicast"]),
         "unreachable": _names(silent + apart, lambda entry: entry["heard_by"] is None),
         "unanswered": result["unanswered"],

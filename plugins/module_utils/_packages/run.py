@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.file
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.file_bundle import ManagedFiles
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
@@ -58,7 +58,7 @@ class Packages(ModuleRun):
         strange = [name for name in options["names"] if not fkie.PACKAGE.fullmatch(name)]
         if strange:
             raise Problem(
-                f"The option names has {quoted(strange[0])}; expected the name of a Debian package, for example "
+                f"The option names has {quote(strange[0])}; expected the name of a Debian package, for example "
                 "ros-noetic-fkie-master-sync."
             )
         found = fkie.packages(options["names"], fkie.INSTALLED)
@@ -124,6 +124,6 @@ def _apt(*words: str) -> None:
     if answer.status != 0:
         said = [line for line in answer.error.splitlines() if line.startswith("E:")] or answer.error.splitlines()[-1:]
         raise Problem(
-            f"apt-get {plain(' '.join(words), LINE)} failed ({quoted(' '.join(said) or f'status {answer.status}', _SAID)}); expected "
+            f"apt-get {plain(' '.join(words), LINE)} failed ({quote(' '.join(said) or f'status {answer.status}', _SAID)}); expected "
             "package sources that have these packages, and a network: run it on this computer by hand."
         )

@@ -14,7 +14,7 @@ import socket
 import syslog
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, plain, quote
 
 FOLDER = "/run/rosfleet-multimaster"
 LONGEST_LINE = 1 << 24  # bytes of a request or reply; the files of the nodes are half a megabyte
@@ -38,7 +38,7 @@ def leave(serve: typing.Callable[[], None], kept: typing.Iterable[socket.socket]
         _let_go(item.fileno() for item in kept)
         serve()
     except Exception as error:  # nobody else is left to tell
-        syslog.syslog(syslog.LOG_ERR, plain(f"{who} ended: {quoted(repr(error), LINE)}", LINE))
+        syslog.syslog(syslog.LOG_ERR, plain(f"{who} ended: {quote(repr(error), LINE)}", LINE))
     finally:
         os._exit(0)
 
@@ -128,7 +128,7 @@ class Visit:
 
     def __init__(self, path: str, request: Line) -> None:
         if os.stat(path).st_uid != os.geteuid():
-            raise PermissionError(f"{quoted(path)} belongs to another user")
+            raise PermissionError(f"{quote(path)} belongs to another user")
         self.connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.connection.settimeout(5)
         self.connection.connect(path)

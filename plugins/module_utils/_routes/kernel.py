@@ -12,7 +12,7 @@ import json
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer, run
 
@@ -320,7 +320,7 @@ class Kernel:
             found = from_text(answer.output.decode("utf-8", "replace"))
         if answer.status != 0:
             raise Problem(
-                f"routes: the kernel's routes cannot be read ({quoted(answer.error)}), expected the command ip."
+                f"routes: the kernel's routes cannot be read ({quote(answer.error)}), expected the command ip."
             )
         # Routes for one kind of service, or for some senders only, have other keys for the kernel. They are never ours.
         return [held(raw, version, table) for raw in found if "dst" in raw and not {"tos", "from"} & set(raw)]
@@ -331,4 +331,4 @@ class Kernel:
         answer = run(argv, limit=_LIMIT)
         if answer.status != 0:
             said = " ".join(answer.error.split()).replace("RTNETLINK answers: ", "").replace("Error: ", "").rstrip(".")
-            raise Problem(f"routes: the kernel refuses {quoted(' '.join(argv))} ({quoted(said) or 'without a word'}).")
+            raise Problem(f"routes: the kernel refuses {quote(' '.join(argv))} ({quote(said) or 'without a word'}).")

@@ -11,7 +11,7 @@ import collections
 import shlex
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
     DEFAULTS,
     MAIN,
@@ -224,18 +224,18 @@ def _judge(
     connected = [held for held in there if held.protocol == "kernel"]
     if connected:
         return "refused", (
-            f"routes: {name}: the kernel itself makes {quoted(connected[0].text)} for an address of the interface, so it is never "
+            f"routes: {name}: the kernel itself makes {quote(connected[0].text)} for an address of the interface, so it is never "
             "replaced: remove it from routes, or give it another metric."
         )
     if foreign and not replace:
         return "conflict", (
-            f"routes: {name}: somebody else has made {quoted(foreign[0].text)}, expected no other way with this metric: correct it "
+            f"routes: {name}: somebody else has made {quote(foreign[0].text)}, expected no other way with this metric: correct it "
             "there, give this one another metric, or set on_conflict to replace."
         )
     inexpressible = sorted({word for held in foreign for word in held.inexpressible})
     if inexpressible:
         return "refused", (
-            f"routes: {name}: somebody else's {quoted(foreign[0].text)} has {', '.join(map(quoted, inexpressible))}, which cannot be given back later, "
+            f"routes: {name}: somebody else's {quote(foreign[0].text)} has {', '.join(map(quote, inexpressible))}, which cannot be given back later, "
             "so it is not replaced: remove it by hand, or give this one another metric."
         )
     return "ok", None

@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.modu
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.rights import may_change_network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan, record, wanted
@@ -193,8 +193,8 @@ class Run(ModuleRun):
                 owner = self.boot.owner(held.route.device)
                 if owner and not self.boot.backends[owner].takes_precedence:
                     return (
-                        f"routes: {text_of(route)}: {quoted(held.text)} comes from {owner}, which would make it again at the next "
-                        f"boot, beside this one: remove it from the configuration of {quoted(held.route.device)}, or give this one "
+                        f"routes: {text_of(route)}: {quote(held.text)} comes from {owner}, which would make it again at the next "
+                        f"boot, beside this one: remove it from the configuration of {quote(held.route.device)}, or give this one "
                         "another metric."
                     )
         return None
@@ -222,7 +222,7 @@ class Run(ModuleRun):
     @property
     def warnings(self) -> typing.List[str]:
         """The sentences about other default routes, and about routes that could not be taken back as planned."""
-        sentences = [_SECOND_DEFAULT.format(text=quoted(other["text"])) for other in self.other_defaults]
+        sentences = [_SECOND_DEFAULT.format(text=quote(other["text"])) for other in self.other_defaults]
         return sentences + [_sentence(item) for item in self.taken_back if item["state"] in ("left", "lost")]
 
     @property
@@ -373,7 +373,7 @@ class Run(ModuleRun):
             there = now.get(route.key, [])
             same = [held for held in there if route.fits(held.route)]
             if not same:
-                found = " and ".join(quoted(held.text) for held in there) or "nothing"
+                found = " and ".join(quote(held.text) for held in there) or "nothing"
                 raise Problem(
                     f"routes: {text_of(route)}: the kernel holds {found} afterwards, expected this route: something else "
                     "changes it at the same time."
@@ -413,7 +413,7 @@ def _all(current: plan.Current) -> typing.List[Held]:
 
 def _sentence(item: Data) -> str:
     return _TAKEN_BACK[item["state"]].format(
-        destination=item["destination"], **{when: quoted(item[when] or "") for when in ("before", "after")}
+        destination=item["destination"], **{when: quote(item[when] or "") for when in ("before", "after")}
     )
 
 

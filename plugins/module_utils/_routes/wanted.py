@@ -8,7 +8,7 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
     DEFAULTS,
@@ -106,7 +106,7 @@ def _table(value: typing.Any, where: str, tables: Tables) -> int:
     if re.fullmatch(r"-?[0-9]+", text):
         return int(text)
     if text not in tables:
-        found = ", ".join(map(quoted, sorted(tables))) or "no names"
+        found = ", ".join(map(quote, sorted(tables))) or "no names"
         raise Problem(
             f"{where}: there is no routing table {text} in rt_tables of /etc/iproute2 or /usr/share/iproute2 (found {found}): "
             "correct table, or give its number."
@@ -262,12 +262,12 @@ def _is_near(route: Route, device: str) -> bool:
 
 
 def _names(interfaces: typing.Iterable[str]) -> str:
-    return ", ".join(map(quoted, sorted(interfaces))) or "none"
+    return ", ".join(map(quote, sorted(interfaces))) or "none"
 
 
 def _addresses(interfaces: Interfaces) -> str:
     found = [
-        f"{quoted(name)} {own}"
+        f"{quote(name)} {own}"
         for name, link in sorted(interfaces.items())
         for own in link.networks
         if not link.loopback and not own.is_link_local

@@ -17,7 +17,7 @@ import shlex
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.atomic import read_bytes
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, remedy
 
 # In order of precedence: a file hides the files with the same name in later folders (sysctl.d(5)).
@@ -171,7 +171,7 @@ class Tree:
             if problem.errno in (errno.EISDIR, errno.ELOOP):
                 return ""
             raise Problem(
-                f"The file {quoted(path)} cannot be read ({problem.strerror}); expected to see everything that sets kernel settings at "
+                f"The file {quote(path)} cannot be read ({problem.strerror}); expected to see everything that sets kernel settings at "
                 f"boot: {remedy(problem)}."
             ) from problem
 

@@ -8,7 +8,7 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.rights import (
     has_all_rights,
     may_change_network,
@@ -198,7 +198,7 @@ def refusal(path: str, setting: Setting, found: typing.Optional[str], number: in
         name=name_of(setting.key),
         path=path,
         wanted=setting.value,
-        found="nothing that can be read" if found is None else quoted(found),
+        found="nothing that can be read" if found is None else quote(found),
         reason=os.strerror(number),
         user=os.geteuid(),
         capability=lacking,
@@ -298,6 +298,6 @@ class Kernel:
         """Restore these values; returns a text for each that could not be restored."""
         goals = {key: value for key in changes_others_first(values) for value in [values[key]] if value is not None}
         return [
-            f"{self.path(key)} ({os.strerror(number) if number else 'it holds another value than ' + quoted(goals[key])})"
+            f"{self.path(key)} ({os.strerror(number) if number else 'it holds another value than ' + quote(goals[key])})"
             for key, number in self.settle(goals).items()
         ]

@@ -22,7 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     carry_out,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, of_mode
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import (
@@ -224,7 +224,7 @@ class Run(ModuleRun):
         if writes and unfit(setting):
             return "invalid", (
                 f"{name_of(setting.key)}: found the value {setting.value}, expected a whole number as the kernel says it, such as "
-                f"{quoted(found.value)}: correct the value."
+                f"{quote(found.value)}: correct the value."
             )
         if self.plan.after[setting.key] != setting.value:
             return "invalid", self._contradiction(setting)
@@ -328,7 +328,7 @@ class Run(ModuleRun):
         sentences = [f"{changed} of {len(self.items)} kernel settings changed."] if self.items else []
         sentences += [_sentence(item) for item in self.taken_back]
         sentences += [
-            f"The kernel changed {item.name} from {quoted(item.before)} to {quoted(item.after)} with it."
+            f"The kernel changed {item.name} from {quote(item.before)} to {quote(item.after)} with it."
             for item in self.plan.also_changed
         ]
         return " ".join(sentences) or "No kernel settings are ours."
@@ -475,7 +475,7 @@ class Run(ModuleRun):
 def _otherwise(setting: Setting, held: typing.Optional[str]) -> str:
     """The sentence for a value of which the kernel makes another one."""
     return (
-        f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {quoted(held)}, expected the same: write the value as the "
+        f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {quote(held)}, expected the same: write the value as the "
         "kernel says it."
     )
 
@@ -491,7 +491,7 @@ def _encoded(text: typing.Optional[str]) -> typing.Optional[bytes]:
 
 
 def _sentence(item: Data) -> str:
-    values = {when: quoted(item[when]) for when in ("runtime_after", "expected")}
+    values = {when: quote(item[when]) for when in ("runtime_after", "expected")}
     return _TAKEN_BACK[item["state"]].format(name=item["name"], **values)
 
 
@@ -509,13 +509,13 @@ def _conflict(
 
 def _conflict_sentence(item: Data, drop_in: str) -> str:
     conflict = item["conflict"]
-    where = quoted(conflict["file"]) + (f" line {conflict['line']}" if conflict["line"] else "")
+    where = quote(conflict["file"]) + (f" line {conflict['line']}" if conflict["line"] else "")
     if conflict["value"] is None and conflict["masks"]:
         found = f"{where} keeps {drop_in} from being read at boot"
     elif conflict["value"] is None:
         found = f"{where} excludes it from being set at boot"
     elif conflict["masks"]:
-        found = f"{where} sets {quoted(conflict['value'])} at boot, and {drop_in} is not read"
+        found = f"{where} sets {quote(conflict['value'])} at boot, and {drop_in} is not read"
     else:
-        found = f"{where} sets {quoted(conflict['value'])} at boot, after {drop_in}"
+        found = f"{where} sets {quote(conflict['value'])} at boot, after {drop_in}"
     return f"{item['name']}: {found}, expected {item['value']}: correct or remove it there, or set on_conflict to report to go on."

@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._client impor
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import NODE, STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import CALLER, NO_SCRIPT, Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
@@ -93,7 +93,7 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
         pass  # of another version of multimaster_fkie, whose classes may be there
     answers, error = _ask(ros, {"types": [], "service": service})
     if not _of_masters(answers.get("service")):
-        raise OSError(f"{service} does not tell what is registered: {quoted(error) or 'no answer'}")
+        raise OSError(f"{service} does not tell what is registered: {quote(error) or 'no answer'}")
     return answers["service"]
 
 

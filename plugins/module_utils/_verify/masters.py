@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 
@@ -35,9 +35,9 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
             offset, uncertainty = clock_offset(master["monitor_uri"])
             found.update(clock_offset_s=round(offset, 6), clock_uncertainty_s=round(uncertainty, 6))
         except (OSError, xmlrpc.client.Error, ValueError, TypeError, IndexError) as problem:
-            found["clock_error"] = f"getCurrentTime failed: {quoted(problem)}"
+            found["clock_error"] = f"getCurrentTime failed: {quote(problem)}"
         except Exception as problem:  # http.client's and expat's own: something else than a discovery node
-            found["clock_error"] = f"getCurrentTime failed: {type(problem).__name__}: {quoted(problem)}"
+            found["clock_error"] = f"getCurrentTime failed: {type(problem).__name__}: {quote(problem)}"
     return found
 
 

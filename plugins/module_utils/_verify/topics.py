@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import Listener, Said, listener_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import PAUSE, awaited, concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import sentence_of, topic_of
@@ -78,7 +78,7 @@ def _topic(talker: str, name: str, said: typing.Dict[str, typing.Any], wanted: s
         "heard": heard,
         "text": plain(said.get("text", "")),
         "seconds": said.get("seconds"),
-        "error": f"heard {quoted(said.get('text', ''))} instead" if said and not heard else "",
+        "error": f"heard {quote(said.get('text', ''))} instead" if said and not heard else "",
     }
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain, quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected
 
 Info = Mapping[str, Any]
@@ -108,7 +108,7 @@ def read(name: str, info: Info) -> Machine:
     try:
         return _machine(name, info)
     except (LookupError, TypeError, ValueError, AttributeError) as problem:
-        raise Strange(f"what it answered cannot be understood ({quoted(problem)})") from None
+        raise Strange(f"what it answered cannot be understood ({quote(problem)})") from None
 
 
 def _machine(name: str, info: Info) -> Machine:
@@ -132,7 +132,7 @@ def _addresses(interfaces: Sequence[Info]) -> tuple[list[Address], list[str]]:
         for address in entry["addresses"][:MOST]:
             if address["family"] != "inet" or entry["loopback"]:
                 continue
-            found = Address(IPv4Interface(f"{address['address']}/{address['prefix']}"), quoted(entry["name"], 32))
+            found = Address(IPv4Interface(f"{address['address']}/{address['prefix']}"), quote(entry["name"], 32))
             why = _not_usable(found, entry["up"])
             if why:
                 aside.append(f"{found.interface} of {found.device}, {why}")
@@ -163,7 +163,7 @@ def _roscore(entry: Info) -> Roscore:
     return Roscore(
         port=_port(entry["port"]),
         uri=uri(entry["uri"]),
-        runs=quoted(process["unit"] or process["command"], 100),
+        runs=quote(process["unit"] or process["command"], 100),
         discovery=tuple(_discovery(node) for node in entry["discovery"][:MOST]),
         syncs=tuple(_implementation(node["implementation"]) for node in entry["sync"][:MOST]),
     )
@@ -171,7 +171,7 @@ def _roscore(entry: Info) -> Roscore:
 
 def _discovery(entry: Info) -> Discovery:
     return Discovery(
-        node=quoted(entry["node"], 100),
+        node=quote(entry["node"], 100),
         implementation=_implementation(entry.get("implementation", "")),
         uri=uri(entry.get("uri", "")),
         group=_group(entry.get("group", "")),
@@ -180,7 +180,7 @@ def _discovery(entry: Info) -> Discovery:
 
 
 def _implementation(text: Any) -> str:
-    return str(text) if text in IMPLEMENTATIONS else quoted(text, 32)
+    return str(text) if text in IMPLEMENTATIONS else quote(text, 32)
 
 
 def _group(text: Any) -> IPv4Address | None:
@@ -198,12 +198,12 @@ def _port(number: Any) -> int:
 def _named_masters(info: Info) -> Iterable[Uri]:
     """Find the values of ROS_MASTER_URI: what arrives in shells first, then what files say."""
     for kind, variables in sorted((info.get("environment") or {}).items(), key=lambda item: item[0] != "login"):
-        found = uri((variables or {}).get("ROS_MASTER_URI", ""), f"its shells ({quoted(kind, 16)})")
+        found = uri((variables or {}).get("ROS_MASTER_URI", ""), f"its shells ({quote(kind, 16)})")
         if found:
             yield found
     for entry in (info.get("exports") or ())[:MOST]:
         if entry["variable"] == "ROS_MASTER_URI":
-            found = uri(entry["value"], f"{quoted(entry['file'], 100)} line {int(entry['line'])}")
+            found = uri(entry["value"], f"{quote(entry['file'], 100)} line {int(entry['line'])}")
             if found:
                 yield found
 

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.found import Machine, is_name
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 
 # What people add to the name of a robot for the name of its computer.
 _ENDINGS = re.compile(r"(?<=[a-z0-9])[-_.]?(computer|laptop|notebook|desktop|nuc|pc)$", re.IGNORECASE)
@@ -35,7 +35,7 @@ def computers(machines: Mapping[str, Machine]) -> dict[str, tuple[str, str]]:
             found[name] = host, ""
         else:
             made = "host-" + (re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:50] or "unnamed")
-            found[name] = made, f"its host name is {quoted(host) or 'not known'}, which is no name of one machine alone"
+            found[name] = made, f"its host name is {quote(host) or 'not known'}, which is no name of one machine alone"
     return found
 
 

@@ -25,7 +25,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     VALUE,
     plain,
     plain_lines,
-    quoted,
+    quote,
 )
 
 MOST_TEXT = 16 << 20  # characters of an answer
@@ -82,14 +82,14 @@ def taken(text: str, answer: Answer) -> Taken:
     if result.get("failed"):
         result.setdefault("msg", plain((trace.strip().splitlines() or ["it does not say why"])[-1], LINE))
     known = {*answer, *MESSAGES, SHOWN, TRACE, OPTIONS}
-    more = [quoted(name, NAME) for name in said if name not in known]
+    more = [quote(name, NAME) for name in said if name not in known]
     return Taken(result, plain_lines(trace), reader.left_out + more)
 
 
 def _refuse_orders(said: Mapping[str, Any]) -> None:
     orders = sorted(name for name in said if name in ORDERS or name.startswith(INTERNAL))
     if orders:
-        raise Strange(f"the key {quoted(orders[0], NAME)}, which no module of the collection answers")
+        raise Strange(f"the key {quote(orders[0], NAME)}, which no module of the collection answers")
 
 
 def _refuse_less(result: Result, answer: Answer) -> None:
@@ -133,7 +133,7 @@ def _whole(digits: str) -> int:
 def _finite(digits: str) -> float:
     number = float(digits) if len(digits) <= LINE else math.inf
     if not math.isfinite(number):
-        raise Strange(f"{quoted(digits, NAME)}, which is no finite number")
+        raise Strange(f"{quote(digits, NAME)}, which is no finite number")
     return number
 
 
@@ -185,10 +185,10 @@ class _Reader:
         if kind.parts is None:
             item = kind.each or Kind("raw")
             return {
-                plain(name, LINE): self.value(item, part, f"{place}.{quoted(name, NAME)}", depth + 1)
+                plain(name, LINE): self.value(item, part, f"{place}.{quote(name, NAME)}", depth + 1)
                 for name, part in said.items()
             }
-        self.left_out += [f"{place}.{quoted(name, NAME)}" for name in said if name not in kind.parts]
+        self.left_out += [f"{place}.{quote(name, NAME)}" for name in said if name not in kind.parts]
         parts = kind.parts.items()
         return {
             name: self.value(part, said[name], f"{place}.{name}", depth + 1) for name, part in parts if name in said

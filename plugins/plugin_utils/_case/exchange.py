@@ -64,7 +64,7 @@ class Rules(filters.Rules):
     def of(cls, patterns: Mapping[str, Iterable[str]]) -> Rules:
         """Make rules of patterns as people write them, by the names of the fields."""
         rules = cls(**{rule.name: filters.usable(patterns.get(rule.name, ())) for rule in fields(cls)})
-        return cast(Rules, rules.closed())  # closed() keeps the class
+        return cast(Rules, rules.complete_white_lists())  # closed() keeps the class
 
     def passes(self, item: Item, type_name: str) -> bool:
         """Say if a registration is to be known to the receiving robot."""

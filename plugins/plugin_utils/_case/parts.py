@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 
 
 class Fault(NamedTuple):
@@ -69,7 +69,7 @@ class Part(NamedTuple):
     def _advice(self, words: str) -> str:
         """Our words with the names of the part; without a command where `what` may be anything."""
         if self.what and "{what}" in words and not advice.fitting("what", self.what):
-            return f"look at it there: {quoted(self.what)} fits into no command"
+            return f"look at it there: {quote(self.what)} fits into no command"
         return words.format(place=self.place, what=self.what or self.fault.example)
 
 

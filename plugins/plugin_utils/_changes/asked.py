@@ -25,7 +25,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     LINE,
     plain,
     plain_lines,
-    quoted,
+    quote,
 )
 
 MODULES = Path(__file__).resolve().parents[2] / "modules"
@@ -83,7 +83,7 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
             return {"failed": True, "msg": self._strange(str(strange))}
         result = dict(taken.result)
         if "warnings" in result:  # Ansible shows them without the name of the robot
-            result["warnings"] = [f"{self._robot} warns: {quoted(text, LINE)}" for text in result["warnings"]]
+            result["warnings"] = [f"{self._robot} warns: {quote(text, LINE)}" for text in result["warnings"]]
         if taken.left_out:
             names = ", ".join(sorted(taken.left_out)[:3])
             note = f"{self._robot}: {self._task.action} does not document {names} of its answer, so they are left out."
@@ -96,7 +96,7 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
         """Return the result of a module that has not answered: it could not run, or was killed."""
         words = [plain_lines(str(res.get(name) or "")[-LAST_WORDS:]) for name in ("stdout", "stderr")]
         last = next((line for text in reversed(words) for line in reversed(text.splitlines()) if line.strip()), "")
-        said = f"; it said last: {quoted(last, LINE)}" if last else ""
+        said = f"; it said last: {quote(last, LINE)}" if last else ""
         message = (
             f"{self._robot}: {self._task.action} has not answered (exit status {res.get('rc')}){said}. Expected that "
             "ansible_python_interpreter is a Python 3.6 or later there, and that nothing ends it."

@@ -11,7 +11,7 @@ from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import (
     KEY,
@@ -78,10 +78,10 @@ def gathered(
 
 def _lines(result: Mapping[str, Any]) -> str:
     """Return the logs of a computer as one text."""
-    parts = [f"problem: {quoted(problem, LINE)}" for problem in result.get("problems") or []]
+    parts = [f"problem: {quote(problem, LINE)}" for problem in result.get("problems") or []]
     if result.get("msg") and not result.get("logs"):
-        parts.append(f"problem: {quoted(result['msg'], 500)}")
+        parts.append(f"problem: {quote(result['msg'], 500)}")
     for service, lines in dict(result.get("logs") or {}).items():
-        parts += [f"== {service if KEY.fullmatch(service) else quoted(service)}"]
-        parts += [quoted(line, LINE) for line in lines] if isinstance(lines, list) else []
+        parts += [f"== {service if KEY.fullmatch(service) else quote(service)}"]
+        parts += [quote(line, LINE) for line in lines] if isinstance(lines, list) else []
     return "".join(f"{part}\n" for part in parts)

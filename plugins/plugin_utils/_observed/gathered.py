@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     LINE,
     LONGEST,
     plain_data,
-    quoted,
+    quote,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     Filters,
@@ -80,7 +80,7 @@ def observation(
     """Read the registered results of one computer; the message of the first one that failed is its problem. `names`: the planned ones."""
     results = [registered(variables, name) for name in (*earlier, multicast, probe)]
     bad = [entry for entry in results if entry.get("unreachable") or entry.get("failed")]
-    problem = quoted(bad[0].get("msg", ""), LINE) if bad else ""
+    problem = quote(bad[0].get("msg", ""), LINE) if bad else ""
     unreachable = any(entry.get("unreachable") for entry in bad)
     try:
         return Observation(
@@ -96,7 +96,7 @@ def observation(
         )
     except Mismatch as found:  # what one computer was told by strangers must not cost the others their report
         return Observation(
-            unreachable=unreachable, problem=problem or f"its results cannot be read: {quoted(found, LINE)}"
+            unreachable=unreachable, problem=problem or f"its results cannot be read: {quote(found, LINE)}"
         )
 
 
@@ -133,7 +133,7 @@ def _key(name: str, names: Collection[str]) -> str:
 @lru_cache(1 << 16)  # a fleet says the same again and again
 def _text(text: str, key: str) -> str:
     form = FORMS.get(key)
-    return text if form and len(text) <= LONGEST and form.fullmatch(text) else quoted(text, MOST)
+    return text if form and len(text) <= LONGEST and form.fullmatch(text) else quote(text, MOST)
 
 
 def registered(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.units import CONFIGURATION, LIBRARY
 
 # Lists of folders: ours come first, what a person has stays.
@@ -125,13 +125,13 @@ def notes(info: Mapping[str, Any], environment: Environment) -> list[str]:
         return []
     if not sshd["includes_drop_ins"]:
         return [
-            f"Commands by ssh do not get the environment of ROS on {quoted(info['hostname'])}: its sshd reads no drop-ins "
+            f"Commands by ssh do not get the environment of ROS on {quote(info['hostname'])}: its sshd reads no drop-ins "
             f"(no Include of {SSHD.rpartition('/')[0]}/*.conf outside a Match in /etc/ssh/sshd_config)."
         ]
     against = _global_setenv(sshd)
     found = [
-        f"Commands by ssh do not get the environment of ROS on {quoted(info['hostname'])}: "
-        f"{quoted(other['file'])} line {other['line']} has a SetEnv already, and sshd uses only the first; "
+        f"Commands by ssh do not get the environment of ROS on {quote(info['hostname'])}: "
+        f"{quote(other['file'])} line {other['line']} has a SetEnv already, and sshd uses only the first; "
         "move its variables elsewhere, or add ours to it."
         for other in against
     ]
@@ -139,12 +139,12 @@ def notes(info: Mapping[str, Any], environment: Environment) -> list[str]:
         return found
     if not sshd.get("match_setenv", True):
         found.append(
-            f"Commands by ssh do not get the variables of the set-up file of ROS on {quoted(info['hostname'])}: its OpenSSH knows no SetEnv "
+            f"Commands by ssh do not get the variables of the set-up file of ROS on {quote(info['hostname'])}: its OpenSSH knows no SetEnv "
             "below a Match; login shells get them (bash -lc COMMAND)."
         )
     else:
         found += [
-            f"Commands by ssh do not get the variables of the set-up file of ROS on {quoted(info['hostname'])}: {quoted(other['file'])} line "
+            f"Commands by ssh do not get the variables of the set-up file of ROS on {quote(info['hostname'])}: {quote(other['file'])} line "
             f"{other['line']} has a SetEnv below a Match, and sshd uses only the first of those; move its variables elsewhere."
             for other in _match_setenv(sshd)
         ]
@@ -186,8 +186,8 @@ def differences(
 
 def _difference(what: str, path: str, name: str, found: str | None, expected: str | None) -> str:
     return (
-        f"{name} is {'not set' if found is None else quoted(found)} in {CALLED[what]}, expected "
-        f"{'it not to be set' if expected is None else quoted(expected)}: something is read after {path}."
+        f"{name} is {'not set' if found is None else quote(found)} in {CALLED[what]}, expected "
+        f"{'it not to be set' if expected is None else quote(expected)}: something is read after {path}."
     )
 
 
@@ -255,8 +255,10 @@ def _prepended(lists: Mapping[str, Sequence[str]]) -> list[str]:
     lines = []
     for name, entries in lists.items():
         for entry in reversed(entries):  # the first one is put in front last
-            quoted = shlex.quote(entry)
-            lines.append(f'case ":${{{name}-}}:" in *:{quoted}:*) ;; *) {name}={quoted}"${{{name}:+:${name}}}" ;; esac')
+            entry_text = shlex.quote(entry)
+            lines.append(
+                f'case ":${{{name}-}}:" in *:{entry_text}:*) ;; *) {name}={entry_text}"${{{name}:+:${name}}}" ;; esac'
+            )
         lines.append(f"export {name}")
     return lines
 

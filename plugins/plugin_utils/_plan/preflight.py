@@ -14,7 +14,7 @@ from ipaddress import IPv4Address
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import (
     environment,
     providers,
@@ -116,8 +116,8 @@ def unseen(computer: str, failed: Mapping[str, Any], version: str) -> str:
     said = str(failed.get("module_stderr") or failed.get("msg") or "no reason is known")
     last = (said.strip().splitlines() or [""])[-1].strip()
     if last.startswith(f"{computer}: "):  # the answer was none of the module, which our own action has said
-        return f"{computer}: {quoted(last.partition(': ')[2], LINE)}"
-    why = quoted(last, LINE)
+        return f"{computer}: {quote(last.partition(': ')[2], LINE)}"
+    why = quote(last, LINE)
     return (
         f"{computer}: the machine could not be looked at ({why}); expected a user who may become root (--ask-become-pass where "
         f"sudo takes a password), and Python 3.6 or later that ansible-core {version} can manage: compare the table in "
@@ -172,7 +172,7 @@ def _interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -
                 return interface["name"], _interface_problems(plan, wanted, interface, entry["prefix"])
         if not interface["loopback"]:
             found += [
-                f"{quoted(entry['address'])} on {quoted(interface['name'])}"
+                f"{quote(entry['address'])} on {quote(interface['name'])}"
                 for entry in interface["addresses"]
                 if ":" not in entry["address"]
             ]
@@ -183,7 +183,7 @@ def _interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -
 
 
 def _interface_problems(plan: ComputerPlan, wanted: Interface, interface: Mapping[str, Any], prefix: int) -> list[str]:
-    host, variable, name = plan.computer, _variable(plan, wanted), quoted(interface["name"])
+    host, variable, name = plan.computer, _variable(plan, wanted), quote(interface["name"])
     up = advice.command(" (ip link set {} up)", ("device", interface["name"]))
     multicast = advice.command(" (ip link set {} multicast on)", ("device", interface["name"]))
     if not interface["up"]:
@@ -224,7 +224,7 @@ def _ways(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
         by, gateways = way["gateway"], [str(gateway) for gateway in route.gateways]
         if by in gateways:
             continue
-        seen = quoted(way["error"]) or (f"one by {quoted(by)}" if by else "a way without a gateway")
+        seen = quote(way["error"]) or (f"one by {quote(by)}" if by else "a way without a gateway")
         problems.append(
             f"{plan.computer}: multimaster_routes is 'existing', but towards {route.destination} there is no route by "
             f"{' or '.join(gateways)} (found: {seen}); expected one, since without a route back nothing is answered: add it, "
@@ -239,7 +239,7 @@ def _multicast_routing(plan: ComputerPlan, info: Mapping[str, Any], interfaces: 
     inner, common = (interfaces[address] for address in plan.multicast_routing.addresses)
     if inner and inner == common:
         return [
-            f"{plan.computer}: multimaster_multicast_routing is 'smcroute', but both its addresses are on {quoted(inner)}; expected an interface "
+            f"{plan.computer}: multimaster_multicast_routing is 'smcroute', but both its addresses are on {quote(inner)}; expected an interface "
             "for each network, since multicast is passed on between interfaces: give the common network its own, or set "
             "multimaster_multicast_routing to 'none'."
         ]
@@ -251,7 +251,7 @@ def _multicast_routing(plan: ComputerPlan, info: Mapping[str, Any], interfaces: 
         ]
     if routing["others"]:
         return [
-            f"{plan.computer}: {', '.join(map(quoted, routing['others']))} passes multicast on already, and the kernel takes one program for that; "
+            f"{plan.computer}: {', '.join(map(quote, routing['others']))} passes multicast on already, and the kernel takes one program for that; "
             "expected none beside the collection's: stop it for good (systemctl disable --now smcroute.service smcroute-helper.service, "
             "where it is Debian's smcroute), or set multimaster_multicast_routing to 'none'."
         ]
@@ -294,7 +294,7 @@ def _services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, .
     for name, without in WITH_PYTHON.items() if python < NODES_PYTHON else ():
         if name in plan.services and name not in warnings:
             warnings[name] = (
-                f"{plan.computer}: its Python is {quoted(info['python'])}; expected 3.8 or later for multimaster-{name}.service, which is "
+                f"{plan.computer}: its Python is {quote(info['python'])}; expected 3.8 or later for multimaster-{name}.service, which is "
                 f"left out: {without}; use such a system."
             )
     return tuple(name for name in plan.services if name not in warnings), list(warnings.values())
@@ -303,17 +303,17 @@ def _services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, .
 def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     host, ros = plan.computer, info["ros"]
     if ros["problem"]:
-        return [f"{host}: {quoted(ros['problem'], LINE)}"]
+        return [f"{host}: {quote(ros['problem'], LINE)}"]
     chosen = ros["chosen"]
     if not chosen:
         return [
             f"{host}: multimaster_ros_setup is '{plan.ros_setup}', but no ROS was found on the machine; expected ROS 1 below "
             "/opt/ros, as Debian's packages, or in a workspace: install it, or name its set-up file in multimaster_ros_setup."
         ]
-    where = quoted(chosen["setup"]) or "Debian's packages"
+    where = quote(chosen["setup"]) or "Debian's packages"
     if chosen["missing"]:
         return [
-            f"{host}: the ROS of {where} lacks the Python modules {', '.join(map(quoted, chosen['missing']))}; expected them for the "
+            f"{host}: the ROS of {where} lacks the Python modules {', '.join(map(quote, chosen['missing']))}; expected them for the "
             f"nodes: install them{_packages(chosen)}."
         ]
     if plan.is_master and plan.roscore == "managed" and not chosen["commands"].get("roscore"):
@@ -329,7 +329,7 @@ def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     version = tuple(int(part) for part in chosen["python_version"].split(".")[:2])
     if version < NODES_PYTHON and plan.provider == "bundled":
         return [
-            f"{host}: the ROS of {where} has Python {quoted(chosen['python_version'])}; expected 3.8 or later for the bundled nodes (Ubuntu 20.04, Debian 11 "
+            f"{host}: the ROS of {where} has Python {quote(chosen['python_version'])}; expected 3.8 or later for the bundled nodes (Ubuntu 20.04, Debian 11 "
             "or later): use such a system, or set multimaster_provider to 'fkie_apt' or 'fkie_existing'."
         ]
     return []
@@ -387,8 +387,8 @@ def _holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
             continue
         for holder in info["ports"]:
             if (holder["protocol"], holder["port"]) == (port.protocol, port.port) and holder["unit"] not in OWN_UNITS:
-                unit = f", {quoted(holder['unit'])}" if holder["unit"] else ""
-                who = f"{quoted(holder['command']) or 'a process'} (pid {holder['pid']}, user {quoted(holder['user'])}{unit})"
+                unit = f", {quote(holder['unit'])}" if holder["unit"] else ""
+                who = f"{quote(holder['command']) or 'a process'} (pid {holder['pid']}, user {quote(holder['user'])}{unit})"
                 found.append(Holder(port, use, who))
     return list(dict.fromkeys(found))
 
@@ -407,14 +407,14 @@ def _own_name(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     if info["hostname"].split(".")[0].lower() == plan.computer.split(".")[0].lower():
         return []
     return [
-        f"{plan.computer}: the machine calls itself {quoted(info['hostname'])}; expected its name in the inventory: nodes that are "
+        f"{plan.computer}: the machine calls itself {quote(info['hostname'])}; expected its name in the inventory: nodes that are "
         "started without the environment of the collection advertise that other name; rename one of the two."
     ]
 
 
 def _exports(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     return [
-        f"{plan.computer}: {quoted(export['file'])}, line {export['line']} sets {quoted(export['variable'])} ({quoted(export['text'])}); expected that "
+        f"{plan.computer}: {quote(export['file'])}, line {export['line']} sets {quote(export['variable'])} ({quote(export['text'])}); expected that "
         "only the collection sets it: shells that read this file differ from the services; remove the line."
         for export in info["exports"]
         if plan.environment.get(export["variable"], None) != export["value"].rstrip("/")
@@ -435,7 +435,7 @@ def _sshd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
         if other["match"]:
             continue  # below a Match it adds to ours
         warnings.append(
-            f"{plan.computer}: {quoted(other['file'])}, line {other['line']} has its own SetEnv ({quoted(other['text'])}), and sshd takes only one; "
+            f"{plan.computer}: {quote(other['file'])}, line {other['line']} has its own SetEnv ({quote(other['text'])}), and sshd takes only one; "
             "expected none: commands by ssh get no ROS environment from the collection; move it into the users' ~/.ssh/environment, "
             "or use login shells."
         )

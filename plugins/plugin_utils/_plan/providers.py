@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Node
 
@@ -106,7 +106,7 @@ def _packaged(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, 
         ros = (
             "Debian's own packages"
             if chosen["kind"] == "debian"
-            else f"{quoted(chosen['setup'])} ({quoted(distribution) or 'of no name'})"
+            else f"{quote(chosen['setup'])} ({quote(distribution) or 'of no name'})"
         )
         return Found(
             {},
@@ -140,10 +140,10 @@ def _existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Found:
     known = {node["package"]: node for node in chosen["nodes"]}
     releases = [(known[release.discovery], known[release.sync]) for release in (NEW, OLD)]
     nodes = max(releases, key=lambda nodes: sum(bool(node["path"]) for node in nodes))  # the new one of equals
-    where = quoted(chosen["setup"]) or "Debian's packages"
+    where = quote(chosen["setup"]) or "Debian's packages"
     wrong = [
         f"{node['package']}/{node['executable']} "
-        + (f"does not run ({quoted(node['problem'])})" if node["problem"] else "is not there")
+        + (f"does not run ({quote(node['problem'])})" if node["problem"] else "is not there")
         for node in nodes
         if node["problem"] or not node["path"]
     ]

@@ -8,18 +8,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 
 
 def warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
     """Return a sentence for what root, other users or everybody do not get; `chosen` is the ROS of the machine."""
     found = []
-    setup, person, doubt = quoted(chosen["setup"]), quoted(chosen.get("person", "*")), quoted(chosen.get("doubt", ""))
+    setup, person, doubt = quote(chosen["setup"]), quote(chosen.get("person", "*")), quote(chosen.get("doubt", ""))
     given = chosen.get("environment", {})
     for_root = chosen.get("for_root", given)
     if doubt:
         below = chosen.get("below", "")
-        rest = f"those of {quoted(below)}" if below else "the collection's own only, such as ROS_MASTER_URI"
+        rest = f"those of {quote(below)}" if below else "the collection's own only, such as ROS_MASTER_URI"
         others = (
             f"the services and the user {person} get them; root and other users get {rest}"
             if person
@@ -31,17 +31,17 @@ def warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
         )
     elif set(given) - set(for_root):
         found.append(
-            f"{host}: the set-up file {setup} sets {', '.join(map(quoted, sorted(set(given) - set(for_root))))}, which root does not get; expected "
+            f"{host}: the set-up file {setup} sets {', '.join(map(quote, sorted(set(given) - set(for_root))))}, which root does not get; expected "
             "variables of ROS, with paths that root alone can change: set others in root's own profile, if root needs them."
         )
     if chosen.get("hooks_doubt"):
         found.append(
-            f"{host}: no hook of catkin is written {quoted(chosen['hooks_doubt'])}; expected a folder that root alone can change: a shell that "
+            f"{host}: no hook of catkin is written {quote(chosen['hooks_doubt'])}; expected a folder that root alone can change: a shell that "
             "reads no profile (zsh, cron) and sources this set-up file has no ROS_MASTER_URI of the fleet: set it there."
         )
     if chosen.get("left_out"):
         found.append(
-            f"{host}: the set-up file {setup} sets {', '.join(map(quoted, chosen['left_out']))}, which nobody gets; expected variables of ROS, and "
+            f"{host}: the set-up file {setup} sets {', '.join(map(quote, chosen['left_out']))}, which nobody gets; expected variables of ROS, and "
             'absolute folders without ; $ " and \\ in lists: set what makes programs run other code than their own where it is needed, and there alone.'
         )
     return found

@@ -13,7 +13,7 @@ from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import planned
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
@@ -119,7 +119,7 @@ def _link(fleet: FleetPlan, host: str, device: str, addresses: Iterable[IPv4Addr
     """Name the link of an interface: that of the planned network which has its address, else one of its own."""
     networks = [fleet.common_network, *(entry.network for entry in fleet.networks)]
     near = [network for address in addresses for network in networks if address in network]
-    return planned.link_of(fleet, near[0]) if near else f"{quoted(device)} of {host}"
+    return planned.link_of(fleet, near[0]) if near else f"{quote(device)} of {host}"
 
 
 def _route(entry: Info) -> Route:

@@ -26,7 +26,7 @@ from rosfleet_multimaster.protocol.graph import Graph, build, document
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.plain_text import is_plain
 from rosfleet_multimaster.protocol.xml_rpc import STATE as STATE_BYTES
-from rosfleet_multimaster.protocol.xml_rpc import TooLarge, loads, unpacked
+from rosfleet_multimaster.protocol.xml_rpc import DocumentTooLarge, loads, unpack
 
 # Queues
 
@@ -331,7 +331,7 @@ def fleet_server(**changed):
     def outside(address):
         return address.replace("127.", "10.", 1)
 
-    who = callers(Members.of({**FLEET, **changed}), "http://own:11311/", lambda: {"10.0.0.1"})
+    who = callers(Members.from_parameters({**FLEET, **changed}), "http://own:11311/", lambda: {"10.0.0.1"})
     made = Server(
         rpc_server.Callers(
             lambda caller, here: who.objection(outside(caller), outside(here)),
@@ -383,13 +383,13 @@ def test_who_does_not_belong_to_the_fleet_has_no_connection_and_who_comes_by_ano
 
 
 def test_this_computer_itself_may_always_call():
-    who = callers(Members.of(FLEET), "http://own:11311/", lambda: {"172.17.0.1"})
+    who = callers(Members.from_parameters(FLEET), "http://own:11311/", lambda: {"172.17.0.1"})
     assert who.objection("127.0.0.1", "127.0.0.1") == who.objection("172.17.0.1", "172.17.0.1") == ""
     assert who.is_member("172.17.0.1")
 
 
 def test_without_a_plan_everybody_may_call_and_nothing_is_kept_free():
-    who = callers(Members.of({}), "http://own:11311/", set)
+    who = callers(Members.from_parameters({}), "http://own:11311/", set)
     assert not who.reserved
     assert who.objection("10.9.9.9", "10.0.0.1") == ""
 
@@ -534,7 +534,7 @@ def test_what_an_answer_says_of_itself_is_plain(uri):
 
 
 def test_an_answer_that_is_too_long_is_not_read_to_its_end():
-    with answering(ok(b""), *[b"x" * 65536] * 5000) as uri, pytest.raises(TooLarge, match="more than is taken"):
+    with answering(ok(b""), *[b"x" * 65536] * 5000) as uri, pytest.raises(DocumentTooLarge, match="more than is taken"):
         Rpc(uri, 5.0, most=1_000_000).call("masterInfo")
 
 
@@ -560,7 +560,7 @@ def test_an_address_that_is_none_is_refused_in_few_words(uri):
 )
 def test_what_cannot_be_unpacked_is_one_kind_of_failure(body):
     with contextlib.suppress(OSError, ValueError):
-        assert b"".join(unpacked(body, 100)) == b""
+        assert b"".join(unpack(body, 100)) == b""
 
 
 def test_the_numbers_of_strangers_are_short():

@@ -22,7 +22,16 @@ from rosfleet_multimaster.edge import own_roscore
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.protocol.filters import NAMES, Filters, InvalidPattern, Rules
-from rosfleet_multimaster.protocol.graph import Policy, State, build, document, graph_of, own_types, stamp_text, stamped
+from rosfleet_multimaster.protocol.graph import (
+    Policy,
+    State,
+    add_stamps,
+    build,
+    document,
+    graph_of,
+    local_types,
+    stamp_text,
+)
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, decode, encode
 from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.protocol.parameters import DISCOVERY, ParameterError, Settings, overlay
@@ -31,7 +40,7 @@ from virtual_time import Robot, World
 NODES = pathlib.Path(__file__).parents[3] / "roles/nodes/files/python"
 HERE, THERE = "192.168.1.229", "192.168.1.239"
 URI = "http://robot1:11311/"
-OWN = Master("robot1", URI, 1000.0, 1000.0, True, "/master_discovery", f"http://{HERE}:11611")
+OWN = Master("robot1", URI, f"http://{HERE}:11611", "/master_discovery", 1000.0, 1000.0, True)
 PEER, KEY = (THERE, 11511), (THERE, 11511, 11611)
 CONTACT = Contact(2000.0, "http://robot2:11311/", "robot2", "/master_discovery")
 
@@ -90,12 +99,12 @@ def state(system=None, types=None, uris=None, origins=None):
     )
 
 
-STATE = stamped(state(), None, 1700000000.123456)
+STATE = add_stamps(state(), None, 1700000000.123456)
 
 
 def told(caller, **parameters):
     values, _warnings = overlay(DISCOVERY, parameters)
-    return document(*Policy.of(values).view(STATE, caller))
+    return document(*Policy.from_parameters(values).view(STATE, caller))
 
 
 # 16.A
@@ -146,9 +155,14 @@ def test_16_a2_no_packet_before_the_first_state():
 
 @pytest.mark.parametrize("wall", [0.0, -5.0, 0.3, 1700000000.0, 2.0**31, 4e9])
 def test_16_a2_the_announced_stamp_is_never_zero(wall):
-    made = stamped(state(), None, wall)
+    made = add_stamps(state(), None, wall)
     assert float(stamp_text(made.stamp)) >= 1.0
-    assert decode(encode(Heartbeat(Kind.STATE, 1, 1.0, Stamp.at(made.stamp), Stamp.at(made.stamp)))).kind is Kind.STATE
+    assert (
+        decode(
+            encode(Heartbeat(Kind.STATE, 1, 1.0, Stamp.from_seconds(made.stamp), Stamp.from_seconds(made.stamp)))
+        ).kind
+        is Kind.STATE
+    )
 
 
 @pytest.mark.parametrize(("multicast", "to"), [(True, [None, THERE]), (False, [THERE])])
@@ -188,7 +202,7 @@ def test_16_a5_the_own_master_is_listed_and_announced():
 
 def test_16_a6_stamps_are_the_same_double_in_heartbeat_contacts_and_info():
     made = core()
-    made.own_state(Master("robot1", URI, STATE.stamp, STATE.local_stamp, True, "/d", "http://x:1"), 0.0)
+    made.own_state(Master("robot1", URI, "http://x:1", "/d", STATE.stamp, STATE.local_stamp, True), 0.0)
     record = decode(take(made, Send)[0].datagram)
     info = document(STATE)
     assert record.stamp.seconds == float(info[0]) == float(stamp_text(STATE.stamp)) == STATE.stamp
@@ -198,7 +212,7 @@ def test_16_a6_stamps_are_the_same_double_in_heartbeat_contacts_and_info():
 def test_16_a6_imports_do_not_move_the_local_stamp():
     less = [[row for row in part if row[0] != "/theirs"] for part in SYSTEM[:2]] + [[SYSTEM[2][0]]]
     less[1] = SYSTEM[1]
-    after = stamped(state(less), STATE, 1800000000.0)
+    after = add_stamps(state(less), STATE, 1800000000.0)
     assert (after.stamp, after.local_stamp) == (1800000000.0, STATE.local_stamp)
 
 
@@ -272,7 +286,7 @@ def test_16_a9_a_costly_filter_is_refused():
 
 def test_15_1_a_change_is_repeated():
     made = running()
-    made.own_state(Master(**{**OWN.__dict__, "stamp": 1001.0}), 20.0)
+    made.own_state(OWN._replace(stamp=1001.0), 20.0)
     for now in (20.0, 20.2, 20.5, 21.0, 22.0):
         made.tick(now)
     assert sent(made) == [(Kind.STATE, None)] * 3
@@ -327,13 +341,13 @@ def test_15_9_a_leave_from_one_address_leaves_a_master_that_lives_at_another():
 
 @pytest.mark.parametrize("step", [-10.0, 3600.0, 0.0])
 def test_15_10_a_clock_that_steps_ends_nothing_and_every_change_is_another_stamp(step):
-    first = stamped(state(), None, 1700000000.5)
-    second = stamped(state([[], SYSTEM[1], SYSTEM[2]]), first, 1700000000.5 + step)
-    third = stamped(state(), second, 1700000000.5 + step)
+    first = add_stamps(state(), None, 1700000000.5)
+    second = add_stamps(state([[], SYSTEM[1], SYSTEM[2]]), first, 1700000000.5 + step)
+    third = add_stamps(state(), second, 1700000000.5 + step)
     assert first.local_stamp != second.local_stamp != third.local_stamp
     made = running()
     for found in (first, second, third):
-        made.own_state(Master("robot1", URI, found.stamp, found.local_stamp, True, "/d", "http://x:1"), 20.0)
+        made.own_state(Master("robot1", URI, "http://x:1", "/d", found.stamp, found.local_stamp, True), 20.0)
         record = decode(take(made, Send)[0].datagram)
         assert record.stamp.seconds == float(document(found)[0]) == float(stamp_text(found.stamp))
         assert record.local_stamp.seconds == float(document(found)[1])
@@ -414,7 +428,7 @@ def test_15_17_those_who_hear_of_it_forget_it_and_find_it_again():
 def test_13_no_clock_is_set_and_no_package_is_imported_for_others():
     source = (NODES / "rosfleet_multimaster/discovery/source.py").read_text(encoding="utf-8")
     assert "setTime" not in source
-    assert own_types(STATE) == {"std_msgs/String", "own_msgs/Key"}, "evil_msgs/Import is only named by another master"
+    assert local_types(STATE) == {"std_msgs/String", "own_msgs/Key"}, "evil_msgs/Import is only named by another master"
 
 
 # What is told to whom
@@ -441,9 +455,9 @@ def test_exports_are_by_address_and_only_of_own_nodes():
 
 def test_exports_hold_for_the_types_too():
     values, _warnings = overlay(DISCOVERY, {"exports": [{"to": [THERE], "topics": ["/chatter"]}]})
-    policy = Policy.of(values)
-    assert own_types(*policy.view(STATE, THERE)) == {"std_msgs/String"}
-    assert own_types(*policy.view(STATE, "10.0.0.9")) == set()
+    policy = Policy.from_parameters(values)
+    assert local_types(*policy.view(STATE, THERE)) == {"std_msgs/String"}
+    assert local_types(*policy.view(STATE, "10.0.0.9")) == set()
 
 
 @pytest.mark.parametrize(
@@ -487,7 +501,7 @@ def test_wrong_exports_are_a_sentence(exports, words):
 
 def test_a_filter_of_the_importing_side_comes_on_top():
     values, _warnings = overlay(DISCOVERY, {"exports": [{"to": ["*"], "topics": ["*"], "services": ["*"]}]})
-    view, rules = Policy.of(values).view(STATE, THERE)
+    view, rules = Policy.from_parameters(values).view(STATE, THERE)
     wanted = Filters({"sync_topics": ["/secret"]}).rules("robot1")
     assert names(document(view, [*rules, Rules.from_wire(wanted.to_wire(False))])) == ["/secret"]
     assert len(wanted.to_wire(False)) == 1 + len(NAMES) and isinstance(view, State)

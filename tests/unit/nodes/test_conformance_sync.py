@@ -25,7 +25,7 @@ from rosfleet_multimaster.protocol import parameters
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import Node, State
 from rosfleet_multimaster.protocol.imports import IMPORTS
-from rosfleet_multimaster.protocol.messages import Announced
+from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.sync.core.sync import MISSING, Sync
 
 FOLDER = pathlib.Path(rosfleet_multimaster.__file__).parent
@@ -130,7 +130,7 @@ class Other:
         return [stamp, stamp, self.uri, "robot2", *tables, [], [[t, k] for t, k in self.types.items()], rows, []]
 
     def announced(self, online=True):
-        return Announced("robot2", self.uri, self.monitor_uri, DISCOVERY, self.stamp, self.stamp, online)
+        return Master("robot2", self.uri, self.monitor_uri, DISCOVERY, self.stamp, self.stamp, online)
 
 
 class SyncNode:
@@ -207,7 +207,7 @@ class Lab:
     def own(self, method, *arguments):
         """Let an own node do something; the discovery of this robot says that something has changed."""
         self.roscore.call(method, *arguments)
-        self.changed(Announced("robot1", self.roscore.uri, "", "", time.monotonic(), time.monotonic(), True))
+        self.changed(Master("robot1", self.roscore.uri, "", "", time.monotonic(), time.monotonic(), True))
 
     def changed(self, master):
         self.nodes[0].callback("changed", master)
@@ -419,7 +419,7 @@ def sync(**values):
 
 def fetched(core, publishers):
     nodes = {"/talker": Node("http://robot2:40000/", R2, "local")}
-    core.announced(Announced("robot2", R2, "http://robot2:11611", DISCOVERY, 1.0, 1.0, True), 0.0)
+    core.announced(Master("robot2", R2, "http://robot2:11611", DISCOVERY, 1.0, 1.0, True), 0.0)
     (fetch,) = core.due(1.0)
     state = State(R2, "robot2", 1.0, 1.0, publishers, types=dict.fromkeys(publishers, "a/B"), nodes=nodes)
     assert core.fetched(fetch, state, "", 1.0)
@@ -428,7 +428,7 @@ def fetched(core, publishers):
 
 def test_15_9_masters_of_one_name_do_not_take_each_other_away():
     core = fetched(sync(), {"/chatter": ("/talker",)})
-    core.announced(Announced("robot2", "http://robot2b:11311/", "http://robot2b:11611", DISCOVERY, 1.0, 1.0, True), 2.0)
+    core.announced(Master("robot2", "http://robot2b:11311/", "http://robot2b:11611", DISCOVERY, 1.0, 1.0, True), 2.0)
     core.removed("http://robot2b:11311/")
     assert core.wanted(3.0)
     core.listed([], 3.0)  # nor does a list that is empty for a moment

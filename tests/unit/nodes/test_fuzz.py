@@ -16,7 +16,7 @@ from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.discovery.core.strangers import MAX_ASKED, MAX_STRANGERS
 from rosfleet_multimaster.protocol.filters import Filters, InvalidPattern, Pattern, Rules
-from rosfleet_multimaster.protocol.graph import Graph, Malformed, State, build, document, parse, stamped
+from rosfleet_multimaster.protocol.graph import Graph, InvalidDocument, State, add_stamps, build, document, parse
 from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
 from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.protocol.parameters import Settings
@@ -27,7 +27,7 @@ slow = settings(
 )
 
 OWN_ADDRESS, PEER_ADDRESS, PORT, RPC = "192.168.1.229", "192.168.1.239", 11511, 11611
-OWN = Master("own", "http://own:11311/", 1000.0, 1000.0, True, "/master_discovery", f"http://{OWN_ADDRESS}:{RPC}")
+OWN = Master("own", "http://own:11311/", f"http://{OWN_ADDRESS}:{RPC}", "/master_discovery", 1000.0, 1000.0, True)
 PEER = Contact(2000.0, "http://peer:11311/", "peer", "/master_discovery")
 BEAT = encode(Heartbeat(Kind.STATE, RPC, 1.0, Stamp(2000), Stamp(2000)))
 
@@ -180,7 +180,7 @@ def test_a_leave_is_not_believed_because_one_check_of_it_came_to_nothing(problem
 
 @given(st.floats(-1e10, 1e12))
 def test_any_clock_can_be_announced(clock):
-    beat = Heartbeat(Kind.STATE, RPC, 1.0, Stamp.at(clock), Stamp.at(clock))
+    beat = Heartbeat(Kind.STATE, RPC, 1.0, Stamp.from_seconds(clock), Stamp.from_seconds(clock))
     assert decode(encode(beat)).kind in (Kind.STATE, Kind.REQUEST)
 
 
@@ -263,7 +263,7 @@ def test_a_strangers_pattern_is_cheap_or_refused(text):
 @given(st.lists(texts, max_size=5))
 def test_any_list_of_patterns_is_usable_or_refused_with_a_sentence(items):
     try:
-        pattern = Pattern.of(items, "ignore_topics")
+        pattern = Pattern.from_items(items, "ignore_topics")
     except InvalidPattern as problem:
         assert "ignore_topics" in str(problem)
     else:
@@ -307,7 +307,7 @@ def test_a_filter_that_is_too_big_or_too_deep_is_refused_in_few_words(element):
         with pytest.raises(InvalidPattern) as refused:
             Rules.from_wire(value)
         assert len(str(refused.value)) < 1000
-        with pytest.raises(Malformed) as refused:
+        with pytest.raises(InvalidDocument) as refused:
             parse(value)
         assert len(str(refused.value)) < 1000
 
@@ -345,7 +345,7 @@ hostile = st.tuples(
 def test_any_document_is_a_state_or_malformed(value):
     try:
         state = parse(value)
-    except Malformed as problem:
+    except InvalidDocument as problem:
         assert 0 < len(str(problem)) < 1000
     else:
         assert isinstance(state, State) and math.isfinite(state.stamp) and math.isfinite(state.local_stamp)
@@ -356,7 +356,7 @@ def test_a_gigantic_document_costs_little_or_is_refused(where):
     rows = {7: ["/t", "a/B"], 8: ["/n", "http://a:1/", "x", 1, "local"], 9: ["/s", "rosrpc://a:1", "x", "", "local"]}
     value = ["1", "1", "http://a:1/", "a", [], [], [], [], [], []]
     value[where] = [[f"/n{number}", *rows.get(where, ["", ["/n"] * 10])[1:]] for number in range(100_000)]
-    with within(3.0), contextlib.suppress(Malformed):
+    with within(3.0), contextlib.suppress(InvalidDocument):
         parse(value)
 
 
@@ -365,7 +365,7 @@ def test_a_gigantic_document_costs_little_or_is_refused(where):
 def test_whatever_a_master_says_the_own_nodes_stay_and_no_nonsense_is_called(value, remote_nodes):
     try:
         state = parse(value)
-    except Malformed:
+    except InvalidDocument:
         return
     items = select(state, Rules(), OURS, remote_nodes)
     claims = {("/talker", "http://peer:50001/"): THEIRS, ("/gone", "http://peer:50009/"): THEIRS}
@@ -379,7 +379,7 @@ def test_whatever_a_master_says_the_own_nodes_stay_and_no_nonsense_is_called(val
     )
     todo = plan([Wanted(item, THEIRS, "peer") for item in items], view, claims)
     for item in todo.unregister:
-        assert item.of in claims and item.node not in OWN_NODES
+        assert item.node_key in claims and item.node not in OWN_NODES
     for item in todo.register:
         assert item in items and item.node not in OWN_NODES, "a second node of this name would shut the own one down"
         assert (item.kind, item.name) != ("service", "/camera/set")
@@ -399,7 +399,7 @@ def test_a_true_state_comes_back_over_the_wire(publishers, subscribers, services
     graph = Graph(publishers, subscribers, services, kinds)
     node_uris = {name: f"http://own:{number + 1024}/" for number, name in enumerate(sorted(graph.nodes()))}
     service_uris = {name: f"rosrpc://own:{number + 1024}" for number, name in enumerate(services)}
-    state = stamped(build(OURS, "own", graph, node_uris, service_uris, {}), None, wall)
+    state = add_stamps(build(OURS, "own", graph, node_uris, service_uris, {}), None, wall)
     sent = xmlrpc.client.dumps((document(state),), methodresponse=True, allow_none=True)
     back = parse(xmlrpc.client.loads(sent)[0][0])
     assert back == state and back.stamp == wall

@@ -13,11 +13,11 @@ from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import State
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, encode
 from rosfleet_multimaster.protocol.members import Members, Networks
-from rosfleet_multimaster.protocol.messages import Announced, Master
+from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.sync.core.sync import Sync
 
-OWN = Master("own", "http://own:11311/", 1.0, 1.0, True, "/master_discovery", "http://192.168.1.202:11611")
+OWN = Master("own", "http://own:11311/", "http://192.168.1.202:11611", "/master_discovery", 1.0, 1.0, True)
 ADDRESS, ROGUE = "192.168.1.201", "192.168.1.66"
 KNOWN = Contact(5.0, URI, "tibi-visio", "/master_discovery")
 ADDRESSES = [ADDRESS, ROGUE, "192.168.1.67", "192.168.1.202", "127.0.0.1", "8.8.8.8", "192.168.11.102", "192.168.1.1"]
@@ -29,7 +29,9 @@ def beat(kind=Kind.STATE, rate=1.0, stamp=5, port=11611):
 
 
 def running(members):
-    core = Discovery(Settings(heartbeat_hz=1.0), ["127.0.0.1", "192.168.1.202"], 11611, Members.of(members))
+    core = Discovery(
+        Settings(heartbeat_hz=1.0), ["127.0.0.1", "192.168.1.202"], 11611, Members.from_parameters(members)
+    )
     core.in_networks(Networks(["192.168.1.202/24"]))
     core.own_state(OWN, 0.0)
     return core
@@ -175,12 +177,12 @@ def test_an_address_that_somebody_invents_is_asked_twice(members, closed):
 
 
 def announced(stamp, name="tibi-visio", uri=URI, address=ADDRESS):
-    return Announced(name, uri, f"http://{address}:11611", "/master_discovery", stamp, stamp, True)
+    return Master(name, uri, f"http://{address}:11611", "/master_discovery", stamp, stamp, True)
 
 
 def test_spoofed_stamps_cost_one_fetch_a_second():
     """226 datagrams in 9 s, each with another stamp; the state never changes."""
-    sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.of(MEMBERS))
+    sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.from_parameters(MEMBERS))
     fetches = 0
     for step in range(900):
         now = step / 100
@@ -198,7 +200,7 @@ def test_spoofed_stamps_of_a_master_that_is_followed_cost_one_fetch_in_ten_secon
 
     Its own next heartbeat says that there is nothing to fetch. `own`: each of so many steps it sends one.
     """
-    sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.of(MEMBERS))
+    sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.from_parameters(MEMBERS))
     fetched = []
     for step in range(4100):
         now = step / 100
@@ -212,7 +214,7 @@ def test_spoofed_stamps_of_a_master_that_is_followed_cost_one_fetch_in_ten_secon
 
 
 def test_whatever_discovery_lists_a_master_is_taken_at_its_planned_address_alone():
-    sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.of(MEMBERS))
+    sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.from_parameters(MEMBERS))
     sync.listed([announced(5.0, address=ROGUE), announced(5.0, "rogue", "http://rogue:11311/", ROGUE)], 0.0)
     assert not sync.remotes
     sync.listed([announced(5.0)], 0.0)

@@ -19,11 +19,11 @@ from rosfleet_multimaster.discovery.rpc_server import Ready, RpcServer
 from rosfleet_multimaster.discovery.served import OwnMaster, Served
 from rosfleet_multimaster.discovery.told import Told
 from rosfleet_multimaster.edge.rpc_client import Rpc
-from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED, applied
+from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED, apply_difference
 from rosfleet_multimaster.protocol.filters import Filters
-from rosfleet_multimaster.protocol.graph import Malformed, Node, Policy, State, document
+from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, State, document
 from rosfleet_multimaster.protocol.members import Members
-from rosfleet_multimaster.protocol.messages import Announced
+from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.protocol.xml_rpc import STATE
 from rosfleet_multimaster.sync import fetcher, followed
 from rosfleet_multimaster.sync.core.pace import BURST, EARLY, RATE, WHOLE
@@ -213,17 +213,17 @@ documents = st.tuples(*[st.just("2.0")] * 2, st.sampled_from([URI, OWN]), texts,
 def test_any_difference_is_a_state_of_the_same_master_or_malformed(told_rows, gone):
     try:
         state = Answer(["e", 1, False, told_rows, gone, ""]).state(TRUE)
-    except Malformed:
+    except InvalidDocument:
         return
     assert state.uri == URI
     core = Sync(Filters({}), OWN, "/master_sync", False, False, None)
-    core.announced(Announced("robot2", URI, "http://robot2:11611/", "/d", 1.0, 1.0, True), 0.0)
+    core.announced(Master("robot2", URI, "http://robot2:11611/", "/d", 1.0, 1.0, True), 0.0)
     (fetch,) = core.due(1.0)
     core.fetched(fetch, TRUE, "", 1.0)
     core.followed(URI, state, {})
     for item in core.wanted(2.0):
         assert item.registration.node in state.nodes and state.nodes[item.registration.node].origin != OWN
-    assert applied(state, rows(), NOTHING) == state or state.stamp != 2.0 or state.name != "robot2"
+    assert apply_difference(state, rows(), NOTHING) == state or state.stamp != 2.0 or state.name != "robot2"
 
 
 # One that asks

@@ -22,7 +22,7 @@ from rosfleet_multimaster.protocol.messages import Master
 
 URI = "http://robot1:11311/"
 CONTACT = Contact(2000.0, URI, "robot1", "/master_discovery")
-OTHER = Master("robot2", "http://robot2:11311/", 1.0, 1.0, True, "/d", "http://192.168.1.2:11611")
+OTHER = Master("robot2", "http://robot2:11311/", "http://192.168.1.2:11611", "/d", 1.0, 1.0, True)
 STATE = State(URI, "robot1", 1000.0, 1000.0)
 
 

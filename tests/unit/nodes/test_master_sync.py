@@ -12,7 +12,7 @@ import rosfleet_multimaster.edge
 from rosfleet_multimaster.edge.loop import Ended, Loop
 from rosfleet_multimaster.edge.own_roscore import Start
 from rosfleet_multimaster.protocol import parameters
-from rosfleet_multimaster.protocol.messages import Announced
+from rosfleet_multimaster.protocol.messages import Master
 
 URI = "http://robot2:11311/"
 
@@ -35,7 +35,7 @@ def _program(monkeypatch):
 
 
 def announced(online):
-    return Announced("robot2", URI, "http://robot2:11611/", "/master_discovery", 1.0, 1.0, online)
+    return Master("robot2", URI, "http://robot2:11611/", "/master_discovery", 1.0, 1.0, online)
 
 
 @pytest.mark.parametrize("ending", [False, True])

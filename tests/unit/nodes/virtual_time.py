@@ -32,7 +32,7 @@ class Robot:
 
     def master(self):
         monitor = f"http://{self.address}:{RPC}"
-        return Master(self.name, self.uri, self.stamp, self.stamp, True, "/master_discovery", monitor)
+        return Master(self.name, self.uri, monitor, "/master_discovery", self.stamp, self.stamp, True)
 
     def contact(self):
         return Contact(self.stamp, self.uri, self.name, "/master_discovery")

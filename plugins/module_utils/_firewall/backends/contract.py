@@ -24,7 +24,7 @@ import shutil
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Wanted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
@@ -112,9 +112,9 @@ def do(argv: typing.Sequence[str]) -> str:
     answer = ask(argv)
     output = answer.output.decode("utf-8", "replace")
     if answer.status != 0:
-        said = quoted((answer.error + " " + output).strip(), LINE) or f"status {answer.status}"
+        said = quote((answer.error + " " + output).strip(), LINE) or f"status {answer.status}"
         raise Problem(
-            f"{quoted(' '.join(argv))} failed ({said}), expected it to change the packet filter: see what it says."
+            f"{quote(' '.join(argv))} failed ({said}), expected it to change the packet filter: see what it says."
         )
     return output
 

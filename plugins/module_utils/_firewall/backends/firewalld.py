@@ -14,7 +14,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import FIRST, LAST, Wanted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 
 FOLDER = "/etc/firewalld/policies"
 INPUT, FORWARD = "rosfleet-input", "rosfleet-forward"  # firewalld takes 17 letters at most
@@ -117,7 +117,7 @@ class BackEnd(contract.BackEnd):
             if now != kept:
                 line = next(iter(sorted(set(now.splitlines()) ^ set(kept.splitlines()))), "").strip()
                 return (
-                    f"firewalld differs at run time from its files ({quoted(line)}), which a reload would undo; expected the same: keep "
+                    f"firewalld differs at run time from its files ({quote(line)}), which a reload would undo; expected the same: keep "
                     "the change (firewall-cmd --runtime-to-permanent) or drop it (firewall-cmd --reload)."
                 )
         return ""

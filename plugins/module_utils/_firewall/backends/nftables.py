@@ -17,7 +17,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import FIRST, LAST, Wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 TABLE = "rosfleet_multimaster"
@@ -132,12 +132,12 @@ def _why_not(said: str) -> str:
     """The sentence for a computer on which the rules could not be tried."""
     if said.startswith("unshare"):
         return (
-            f"The rules of the packet filter could not be tried in a network namespace of their own ({quoted(said, LINE)}), expected root with the "
+            f"The rules of the packet filter could not be tried in a network namespace of their own ({quote(said, LINE)}), expected root with the "
             "right to make one, as on a computer or in a container with CAP_SYS_ADMIN: give it that right, or set "
             "multimaster_firewall to none."
         )
     return (
-        f"This computer does not take the packet filter (nft says: {quoted(said, LINE)}), expected a kernel with nftables (nf_tables, nft_ct, "
+        f"This computer does not take the packet filter (nft says: {quote(said, LINE)}), expected a kernel with nftables (nf_tables, nft_ct, "
         "nft_fib_inet): use such a kernel, or set multimaster_firewall to none."
     )
 

@@ -15,7 +15,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import FIRST, LAST, Wanted
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
@@ -66,7 +66,7 @@ def _rule(text: str) -> Rule:
     words = text.split()
     if len(words) != 7 or words[4] != "any" or words[6] != "in":
         raise Problem(
-            f"ufw has a rule with the comment {contract.MARK} that this module has not written ({quoted(text)}); expected its own ones "
+            f"ufw has a rule with the comment {contract.MARK} that this module has not written ({quote(text)}); expected its own ones "
             "only: give it another comment, or remove it."
         )
     return Rule(words[0], words[1], words[2], words[3], words[5])

@@ -24,7 +24,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 
@@ -128,7 +128,7 @@ class BackEnd:
             return text
         why = "neither our first line nor our record" if regular else "no regular file, as this module writes one"
         raise Problem(
-            f"routes: {quoted(place)} is there and not ours ({why}), expected no file or one that this module wrote: move it away, or "
+            f"routes: {quote(place)} is there and not ours ({why}), expected no file or one that this module wrote: move it away, or "
             "set backend to none for the routes that belong there."
         )
 

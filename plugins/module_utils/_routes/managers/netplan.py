@@ -15,7 +15,7 @@ import tempfile
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
@@ -117,7 +117,7 @@ class BackEnd(contract.BackEnd):
         ]
         if others:
             raise Problem(
-                f"{where} its definition {quoted(definition.name)} is that of {', '.join(map(quoted, others))} too, which would get the same routes: "
+                f"{where} its definition {quote(definition.name)} is that of {', '.join(map(quote, others))} too, which would get the same routes: "
                 f"give {interface} a definition of its own."
             )
         return FILE
@@ -158,7 +158,7 @@ class BackEnd(contract.BackEnd):
             answer = commands.run(["netplan", "generate", "--root-dir", copy], limit=_LIMIT)
             if answer.status != 0:
                 raise Problem(
-                    f"routes: netplan refuses {FILE} as it would be ({quoted(_said(answer).replace(copy, ''), LINE)}): correct the routes, or "
+                    f"routes: netplan refuses {FILE} as it would be ({quote(_said(answer).replace(copy, ''), LINE)}): correct the routes, or "
                     "set backend to none for those that its renderer cannot make."
                 )
         finally:
@@ -177,7 +177,7 @@ class BackEnd(contract.BackEnd):
             return
         answer = commands.run(["netplan", "generate"], limit=_LIMIT)
         if answer.status != 0:
-            raise Problem(f"routes: 'netplan generate' failed ({quoted(_said(answer), LINE)}), expected it to work.")
+            raise Problem(f"routes: 'netplan generate' failed ({quote(_said(answer), LINE)}), expected it to work.")
         files = [definition.file for definition in self._definitions().values()]
         if any(file.startswith(networkmanager.NETPLANS) for file in files):
             # A definition of a wifi has one profile per access point.
@@ -185,7 +185,7 @@ class BackEnd(contract.BackEnd):
             answer = networkmanager.nmcli("connection", "load", *profiles)
             if answer.status != 0:
                 raise Problem(
-                    f"routes: NetworkManager cannot load what netplan has generated ({quoted(_said(answer), LINE)}), expected it running."
+                    f"routes: NetworkManager cannot load what netplan has generated ({quote(_said(answer), LINE)}), expected it running."
                 )
         if any(file.startswith(_GENERATED) for file in files):
             networkd.BackEnd(self.machine, self.root, {}).activate(places)

@@ -6,7 +6,7 @@
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
@@ -55,14 +55,14 @@ class BackEnd(contract.BackEnd):
             )
         if os.path.basename(file).startswith(_NETPLAN):
             raise Problem(
-                f"{where} {quoted(file)} is written by netplan, which may give it another name: choose the backend netplan."
+                f"{where} {quote(file)} is written by netplan, which may give it another name: choose the backend netplan."
             )
         others = sorted(
             name for name in self.machine.interfaces if name != interface and self.network_file(name) == file
         )
         if others:
             raise Problem(
-                f"routes: {interface} is configured by {quoted(file)}, and so is {', '.join(map(quoted, others))}, which would get the same routes: "
+                f"routes: {interface} is configured by {quote(file)}, and so is {', '.join(map(quote, others))}, which would get the same routes: "
                 f"give {interface} a .network file of its own."
             )
         return f"{FOLDER}/{os.path.basename(file)}.d/{DROP_IN}"
@@ -86,8 +86,8 @@ class BackEnd(contract.BackEnd):
         answer = commands.run(["systemctl", "restart", _UNIT], limit=_LIMIT)
         if answer.status != 0:
             raise Problem(
-                f"routes: systemd-networkd could not be restarted with {', '.join(map(quoted, places))} "
-                f"({quoted(answer.error, LINE) or 'without a word'}), expected it running: see journalctl -u {_UNIT}."
+                f"routes: systemd-networkd could not be restarted with {', '.join(map(quote, places))} "
+                f"({quote(answer.error, LINE) or 'without a word'}), expected it running: see journalctl -u {_UNIT}."
             )
 
 

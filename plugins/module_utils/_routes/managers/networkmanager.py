@@ -11,7 +11,7 @@ import ipaddress
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quoted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Route
@@ -108,11 +108,11 @@ class BackEnd(contract.BackEnd):
             )
         if active.netplan:
             raise Problem(
-                f"{where} its profile {quoted(active.file)} is written by netplan: choose the backend netplan."
+                f"{where} its profile {quote(active.file)} is written by netplan: choose the backend netplan."
             )
         if active.file.startswith("/run/"):
             raise Problem(
-                f"{where} its profile {quoted(active.file)} is only in memory and gone after a reboot, expected one in "
+                f"{where} its profile {quote(active.file)} is only in memory and gone after a reboot, expected one in "
                 f"/etc/NetworkManager/system-connections: save it (nmcli connection modify {active.uuid} "
                 "connection.autoconnect yes)."
             )
@@ -121,7 +121,7 @@ class BackEnd(contract.BackEnd):
         )
         if others:
             raise Problem(
-                f"{where} its profile {active.uuid} is active on {', '.join(map(quoted, others))} too, which would get the same routes: "
+                f"{where} its profile {active.uuid} is active on {', '.join(map(quote, others))} too, which would get the same routes: "
                 f"give {interface} a profile of its own."
             )
         return PREFIX + active.uuid
@@ -192,7 +192,7 @@ class BackEnd(contract.BackEnd):
             answer = nmcli("connection", "modify", "uuid", _uuid(place), *words)
             if answer.status != 0:
                 raise Problem(
-                    f"routes: NetworkManager refuses the change of the profile {_uuid(place)} ({quoted(_said(answer), LINE)})."
+                    f"routes: NetworkManager refuses the change of the profile {_uuid(place)} ({quote(_said(answer), LINE)})."
                 )
 
     def activate(self, places: typing.List[str]) -> None:
@@ -233,7 +233,7 @@ def _ask(place: str) -> typing.Optional[Profile]:
         return None
     if answer.status != 0:
         raise Problem(
-            f"routes: the profile {_uuid(place)} of NetworkManager cannot be read ({quoted(_said(answer), LINE)}), expected NetworkManager "
+            f"routes: the profile {_uuid(place)} of NetworkManager cannot be read ({quote(_said(answer), LINE)}), expected NetworkManager "
             "running: start it."
         )
     values = dict(_fields(answer, 2))
@@ -255,7 +255,7 @@ def lines_of(version: int, value: str, uuid: str) -> typing.List[str]:
         return [_normal(version, route.split()) for route in value.split(",") if route.strip()]
     except (ValueError, IndexError) as problem:
         raise Problem(
-            f"routes: the profile {uuid} has ipv{version}.routes {quoted(value)}, which is not in the form of nmcli since 1.8 "
+            f"routes: the profile {uuid} has ipv{version}.routes {quote(value)}, which is not in the form of nmcli since 1.8 "
             f"({problem}): set backend to none for its routes."
         ) from problem
 

@@ -34,7 +34,9 @@ class Master:
         told.news(self.own.state, None)
         self.told = told
         here = {address}
-        served = Served(self.own, Policy.of({}), {}, lambda: here, lambda: None, lambda _type: None, lambda: (), told)
+        served = Served(
+            self.own, Policy.from_parameters({}), {}, lambda: here, lambda: None, lambda _type: None, lambda: (), told
+        )
         who = callers(Members(), uri, lambda: here)
         self.server = serve(address, RPC_PORT, served.methods(), lambda _host, _why: None, who)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -64,7 +66,7 @@ class Master:
         self.beat()
 
     def beat(self):
-        stamp = Stamp.at(self.own.state.stamp)
+        stamp = Stamp.from_seconds(self.own.state.stamp)
         self.socket.sendto(encode(Heartbeat(Kind.STATE, RPC_PORT, 1.0, stamp, stamp)), (GROUP, PORT))
 
 

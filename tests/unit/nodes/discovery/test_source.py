@@ -18,9 +18,9 @@ from rosfleet_multimaster.edge.loop import Ended
 from rosfleet_multimaster.edge.own_roscore import Identity
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.edge.roscore import Roscore as Master
-from rosfleet_multimaster.protocol.bounded_json import packed
 from rosfleet_multimaster.protocol.differences import Stamps
 from rosfleet_multimaster.protocol.graph import State
+from rosfleet_multimaster.protocol.json_text import pack_rows
 from rosfleet_multimaster.protocol.mirror import CHANGES, Mirror
 
 URI = "http://own:11311/"
@@ -62,7 +62,7 @@ class Roscore:
         return answer
 
     def tell(self, epoch, revision, whole, records):
-        self.answers.put([1, "changes", [epoch, revision, whole, packed(records)]])
+        self.answers.put([1, "changes", [epoch, revision, whole, pack_rows(records)]])
 
 
 @pytest.fixture(name="roscore")

@@ -30,7 +30,7 @@ def test_the_offset_is_measured_and_nonsense_is_none(answer, offset):
     server = RpcServer("127.0.0.1", 0, {"getCurrentTime": answer} if answer else {}, lambda _host, _why: None)
     try:
         monitor = f"http://127.0.0.1:{server.server_address[1]}"
-        master = Master("robot2", "http://robot2:11311/", 1.0, 1.0, True, "/d", monitor)
+        master = Master("robot2", "http://robot2:11311/", monitor, "/d", 1.0, 1.0, True)
         health = Health("http://own:11311/", Members())
         assert health.question([master], 0.0) == master
         if answer is None:

@@ -16,7 +16,7 @@ from rosfleet_multimaster.protocol.xml_rpc import STATE
 
 URI = "http://own:11311/"
 EVERYTHING = Rules()
-WITHOUT_ONE = Rules(ignore_topics=Pattern.of(["/one"], "ignore_topics"))
+WITHOUT_ONE = Rules(ignore_topics=Pattern.from_items(["/one"], "ignore_topics"))
 
 
 def state(*topics, stamp=1.0):
@@ -70,7 +70,7 @@ def test_other_rules_and_another_state_are_another_document():
 def test_many_filters_take_no_more_room_than_a_few():
     asked = Asked()
     for number in range(3 * module.MOST_READY):
-        asked.ask(rules=Rules(ignore_topics=Pattern.of([f"/{number}"], "ignore_topics")))
+        asked.ask(rules=Rules(ignore_topics=Pattern.from_items([f"/{number}"], "ignore_topics")))
     assert len(asked.told._wholes) == module.MOST_READY and asked.made == 3 * module.MOST_READY
 
 

@@ -41,7 +41,7 @@ def shown(**values):
         Loop(),
         program.Limited(),
         lambda: [Diagnosis("multimaster: x", "OK", [])],
-        lambda: metrics.one(round_seconds=0.25),
+        lambda: metrics.scalar_samples(round_seconds=0.25),
     )
 
 

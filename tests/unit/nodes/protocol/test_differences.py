@@ -6,9 +6,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosfleet_multimaster.protocol import differences
-from rosfleet_multimaster.protocol.differences import History, applied, changes, digest, told
+from rosfleet_multimaster.protocol.differences import History, apply_difference, changes, difference_in_view, digest
 from rosfleet_multimaster.protocol.filters import Pattern, Rules
-from rosfleet_multimaster.protocol.graph import Graph, Malformed, Policy, State, build, document, parse, stamped
+from rosfleet_multimaster.protocol.graph import (
+    Graph,
+    InvalidDocument,
+    Policy,
+    State,
+    add_stamps,
+    build,
+    document,
+    parse,
+)
 
 URI, OTHER = "http://own:11311/", "http://other:11311/"
 NODES = ["/a/one", "/a/two", "/b/one", "/far"]
@@ -49,17 +58,17 @@ policies = st.fixed_dictionaries(
             max_size=2,
         ),
     }
-).map(Policy.of)
+).map(Policy.from_parameters)
 wanted = st.fixed_dictionaries(
     dict.fromkeys(("ignore_nodes", "sync_topics", "sync_services", "ignore_publishers", "ignore_type"), patterns)
-).map(lambda found: Rules(**{name: Pattern.of(items) for name, items in found.items()}))
+).map(lambda found: Rules(**{name: Pattern.from_items(items) for name, items in found.items()}))
 
 
 def state_of(roscore, before):
     publishers, subscribers, services, types, uris, service_uris, foreign = roscore
     origins = {(node, uris[node]): OTHER for node in foreign}
     made = build(URI, "own", Graph(publishers, subscribers, services, types), uris, service_uris, origins)
-    return stamped(made, before, 1000.0 if before is None else before.stamp + 1.0)
+    return add_stamps(made, before, 1000.0 if before is None else before.stamp + 1.0)
 
 
 def viewer(policy, rules):
@@ -83,14 +92,14 @@ def test_what_differences_tell_is_what_the_whole_tells(roscores, policy, rules, 
         history.add(changes(before, state))
         if not ask:
             continue
-        found = told(state, history.since(revision), view)
+        found = difference_in_view(state, history.undo_since(revision), view)
         whole = parse(view(state))
         if found is not None:
             shown = repr(found)
             hidden = [name for name in {*TOPICS, *SERVICES, *NODES} if name not in repr(whole) + repr(held)]
             assert not [name for name in hidden if f"'{name}'" in shown]
-            assert applied(held, found.document, found.gone) == whole
-            assert digest(applied(held, found.document, found.gone)) == digest(whole)
+            assert apply_difference(held, found.document, found.gone) == whole
+            assert digest(apply_difference(held, found.document, found.gone)) == digest(whole)
         held, revision = whole, history.revision
 
 
@@ -114,7 +123,7 @@ def whole(state):
 def test_one_new_topic_is_one_row():
     before = first()
     after = State(**{**before.__dict__, "publishers": {**before.publishers, "/b/pose": ("/b/one",)}})
-    found = told(after, changes(before, after), whole)
+    found = difference_in_view(after, changes(before, after), whole)
     assert found.document[4:] == [
         [["/b/pose", ["/b/one"]]],
         [],
@@ -124,7 +133,7 @@ def test_one_new_topic_is_one_row():
         [],
     ]
     assert found.gone == [[], [], []]
-    left = applied(before, found.document, found.gone)
+    left = apply_difference(before, found.document, found.gone)
     assert left == after and left.types is before.types and left.nodes is before.nodes, "what did not change is shared"
 
 
@@ -133,21 +142,23 @@ def test_a_node_that_moved_is_told_to_who_sees_it_and_to_nobody_else():
     moved = before.nodes["/b/one"]._replace(uri="http://own:2/")
     after = State(**{**before.__dict__, "nodes": {**before.nodes, "/b/one": moved}})
     undo = changes(before, after)
-    assert told(after, undo, whole).document[8] == [["/b/one", "http://own:2/", URI, None, "local"]]
-    hidden = viewer(Policy.of({"hide_nodes": ["/b/*"]}), Rules())
-    assert not told(after, undo, hidden)
+    assert difference_in_view(after, undo, whole).document[8] == [["/b/one", "http://own:2/", URI, None, "local"]]
+    hidden = viewer(Policy.from_parameters({"hide_nodes": ["/b/*"]}), Rules())
+    assert not difference_in_view(after, undo, hidden)
 
 
 def test_a_change_that_is_hidden_is_no_difference():
     before = first()
     after = State(**{**before.__dict__, "publishers": {**before.publishers, "/secret": ("/a/one",)}})
-    assert not told(after, changes(before, after), viewer(Policy.of({"hide_topics": ["/secret"]}), Rules()))
+    assert not difference_in_view(
+        after, changes(before, after), viewer(Policy.from_parameters({"hide_topics": ["/secret"]}), Rules())
+    )
 
 
 def test_a_type_that_goes_while_its_topic_stays_takes_the_whole():
     before = first()
     after = State(**{**before.__dict__, "types": {"/tf": "std_msgs/Int32"}})
-    assert told(after, changes(before, after), whole) is None
+    assert difference_in_view(after, changes(before, after), whole) is None
 
 
 def test_a_history_reaches_back_as_far_as_there_is_room(monkeypatch):
@@ -157,11 +168,11 @@ def test_a_history_reaches_back_as_far_as_there_is_room(monkeypatch):
     start = history.revision
     for number in range(5):
         history.add({"types": {"/tf": f"old {number}"}})
-    assert history.since(start) is None and history.since(history.revision + 1) is None
-    assert history.since(history.revision) == {}
-    assert history.since(history.revision - 3) == {"types": {"/tf": "old 2"}}, "the oldest one counts"
+    assert history.undo_since(start) is None and history.undo_since(history.revision + 1) is None
+    assert history.undo_since(history.revision) == {}
+    assert history.undo_since(history.revision - 3) == {"types": {"/tf": "old 2"}}, "the oldest one counts"
     history.add({"types": {f"/{number}": None for number in range(5)}})
-    assert history.since(history.revision - 1) is None and history.since(history.revision) == {}
+    assert history.undo_since(history.revision - 1) is None and history.undo_since(history.revision) == {}
 
 
 @pytest.mark.parametrize(
@@ -176,11 +187,11 @@ def test_a_history_reaches_back_as_far_as_there_is_room(monkeypatch):
     ],
 )
 def test_what_is_no_difference_is_refused(told_document, gone):
-    with pytest.raises(Malformed):
-        applied(first(), told_document, gone)
+    with pytest.raises(InvalidDocument):
+        apply_difference(first(), told_document, gone)
 
 
 def test_an_odd_type_takes_the_place_of_the_one_before():
     state, odd = first(), whole(State(URI, "own"))
     odd[7] = [["/tf", "no type\n"]]
-    assert "/tf" not in applied(state, odd, [[], [], []]).types
+    assert "/tf" not in apply_difference(state, odd, [[], [], []]).types

@@ -31,7 +31,7 @@ def rules(**values):
     ],
 )
 def test_patterns(pattern, name, matches):
-    assert Pattern.of([pattern]).matches(name) is matches
+    assert Pattern.from_items([pattern]).matches(name) is matches
 
 
 @given(st.text(max_size=5))
@@ -41,12 +41,12 @@ def test_nothing_matches_nothing(name):
 
 @given(st.lists(names, max_size=5), names)
 def test_a_list_of_names_matches_exactly_these_names(items, name):
-    assert Pattern.of(items).matches(name) == (name in items)
+    assert Pattern.from_items(items).matches(name) == (name in items)
 
 
 @given(st.text(max_size=30))
 def test_any_text_is_a_pattern_or_refused(text):
-    for make in (lambda: Pattern.of([text]), lambda: Pattern.from_wire(text)):
+    for make in (lambda: Pattern.from_items([text]), lambda: Pattern.from_wire(text)):
         try:
             make().matches("/chatter")
         except InvalidPattern as problem:
@@ -107,9 +107,9 @@ def test_what_another_master_calls_its_discovery_is_no_pattern(name):
 
 def test_the_costs_of_alternatives_add_up():
     names = [f"/topic{number}" for number in range(500)]
-    assert Pattern.from_wire(Pattern.of([*names, *(f"{name}*" for name in names), "/a*b*c", "/a*b*d"]).text)
+    assert Pattern.from_wire(Pattern.from_items([*names, *(f"{name}*" for name in names), "/a*b*c", "/a*b*d"]).text)
     with pytest.raises(InvalidPattern, match="costly"):
-        Pattern.from_wire(Pattern.of([f"/{name}*/*" for name in names]).text)
+        Pattern.from_wire(Pattern.from_items([f"/{name}*/*" for name in names]).text)
 
 
 def test_the_worst_pattern_that_is_accepted_ends():
@@ -285,7 +285,7 @@ def test_a_pattern_that_others_would_refuse_is_applied_here_alone():
     """Else a robot with such a filter would get nothing at all from the other one."""
     costly = "/(front|rear)_(left|right)/camera_[0-9]+/.*"
     with pytest.raises(InvalidPattern):
-        Pattern.from_wire(Pattern.of([costly]).text)
+        Pattern.from_wire(Pattern.from_items([costly]).text)
     rules = Filters({"ignore_topics": [costly], "ignore_nodes": ["/loud"]}).rules("robot2")
     there = Rules.from_wire(rules.to_wire(False))
     assert there.topic("/node", "/front_left/camera_1/image", "x/Y", True)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rosfleet_multimaster.protocol.filters import Filters, Rules
-from rosfleet_multimaster.protocol.graph import Malformed, build, document, graph_of, parse, stamped
+from rosfleet_multimaster.protocol.graph import InvalidDocument, add_stamps, build, document, graph_of, parse
 
 URI = "http://kobuki1computer:11311/"
 OTHER = "http://kobuki2computer:11311/"
@@ -29,7 +29,7 @@ def state(system=None, types=None, nodes=None, origins=None):
 
 
 def test_the_document_has_the_shape_of_the_interface():
-    value = document(stamped(state(), None, 1700000000.25))
+    value = document(add_stamps(state(), None, 1700000000.25))
     assert value[:4] == ["1700000000.250000000", "1700000000.250000000", URI, "kobuki1computer"]
     assert value[4] == [["/chatter", ["/far", "/talker"]], ["/rosout", ["/talker"]]]
     assert value[5] == [["/chatter", ["/listener"]], ["/unknown", ["/listener"]]]
@@ -59,7 +59,7 @@ def test_a_node_that_came_back_with_another_uri_is_not_the_imported_one():
 
 
 def test_the_document_comes_back():
-    sent = stamped(state(), None, 1700000000.123456)
+    sent = add_stamps(state(), None, 1700000000.123456)
     assert parse(document(sent)) == sent
 
 
@@ -67,12 +67,12 @@ def test_the_document_comes_back():
     "name", ["/chatter \x1b[2J", "/two words", "/caf\u00e9", "/x\u202e", "chatter", "/" + "x" * 255]
 )
 def test_a_name_of_other_characters_than_visible_ones_is_left_out(name):
-    value = document(stamped(state(), None, 1700000000.25))
+    value = document(add_stamps(state(), None, 1700000000.25))
     for at, entry in ((4, [name, ["/talker"]]), (5, [name, ["/listener"]]), (7, [name, "x/Y"])):
         value[at] = [*value[at], entry]
     value[8] = [*value[8], [name, "http://kobuki1computer:40009/", URI, None, "local"]]
     value[9] = [*value[9], [name, "rosrpc://kobuki1computer:5009", URI, "", "local"]]
-    assert parse(value) == stamped(state(), None, 1700000000.25)
+    assert parse(value) == add_stamps(state(), None, 1700000000.25)
 
 
 def test_filters_leave_out_and_nodes_follow():
@@ -86,22 +86,22 @@ def test_filters_leave_out_and_nodes_follow():
 
 
 def test_stamps_move_with_what_changes():
-    first = stamped(state(), None, 100.0)
-    assert stamped(state(), first, 200.0) is first
+    first = add_stamps(state(), None, 100.0)
+    assert add_stamps(state(), first, 200.0) is first
     less = copy.deepcopy(SYSTEM)
     less[0][0][1] = ["/talker"]
-    imported = stamped(state(less), first, 200.0)
+    imported = add_stamps(state(less), first, 200.0)
     assert (imported.stamp, imported.local_stamp) == (200.0, 100.0)
     less[0][0][1] = ["/far"]
-    own = stamped(state(less), imported, 300.0)
+    own = add_stamps(state(less), imported, 300.0)
     assert (own.stamp, own.local_stamp) == (300.0, 300.0)
-    typed = stamped(state(less, [["/chatter", "std_msgs/Bool"]]), own, 400.0)
+    typed = add_stamps(state(less, [["/chatter", "std_msgs/Bool"]]), own, 400.0)
     assert typed.stamp == 400.0
 
 
 def test_a_clock_that_steps_back_to_the_old_stamp_still_changes_it():
-    first = stamped(state(), None, 100.0)
-    second = stamped(state([[], [], []]), first, 100.0)
+    first = add_stamps(state(), None, 100.0)
+    second = add_stamps(state([[], [], []]), first, 100.0)
     assert second.stamp != first.stamp
 
 
@@ -115,7 +115,7 @@ def test_a_clock_that_steps_back_to_the_old_stamp_still_changes_it():
 def test_any_value_is_a_state_or_malformed(value):
     try:
         parse(value)
-    except Malformed as problem:
+    except InvalidDocument as problem:
         assert str(problem)
 
 
@@ -131,7 +131,7 @@ def test_a_document_with_one_wrong_element_is_a_state_or_malformed(position, val
     whole[position] = value
     try:
         parse(whole)
-    except Malformed:
+    except InvalidDocument:
         pass
 
 

@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, Kind, Malformed, Stamp, decode, encode
+from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, InvalidHeartbeat, Kind, Stamp, decode, encode
 
 STATE = "52020000 11111111 22222222 33330000 44444444 55555555"
 REQUEST = "52030000 00000000 00000000 5b2d0000 00000000 00000000"
@@ -51,7 +51,7 @@ def test_a_state_comes_back_as_it_was_sent(record):
 def test_any_datagram_is_a_record_or_malformed(data):
     try:
         record = decode(data)
-    except Malformed as problem:
+    except InvalidHeartbeat as problem:
         assert str(problem)
     else:
         assert len(data) == SIZE
@@ -74,7 +74,7 @@ def test_any_datagram_is_a_record_or_malformed(data):
     ],
 )
 def test_what_is_no_record_is_named(data, why):
-    with pytest.raises(Malformed, match=why):
+    with pytest.raises(InvalidHeartbeat, match=why):
         decode(data)
 
 
@@ -85,7 +85,7 @@ def test_version_3_with_a_stamp_is_a_heartbeat_and_version_2_without_one_is_no_r
 
 @given(st.floats(1.0e9, 2.0e9, allow_nan=False))
 def test_a_stamp_is_the_same_double_in_heartbeat_message_and_document(seconds):
-    stamp = Stamp.at(seconds)
+    stamp = Stamp.from_seconds(seconds)
     assert stamp.seconds == float(f"{seconds:.9f}") == seconds
     assert decode(encode(Heartbeat(Kind.STATE, 1, 0.0, stamp, stamp))).stamp.seconds == seconds
 

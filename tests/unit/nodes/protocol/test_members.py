@@ -9,7 +9,7 @@ from rosfleet_multimaster.protocol.members import Members, Networks
 
 
 def members(strangers="ignore", allow=()):
-    return Members.of({"members": [TIBI, ROUTER], "strangers": strangers, "allow": list(allow)})
+    return Members.from_parameters({"members": [TIBI, ROUTER], "strangers": strangers, "allow": list(allow)})
 
 
 @pytest.mark.parametrize("strangers", ["ignore", "allow"])
@@ -78,4 +78,4 @@ def test_the_members_of_the_plan_are_taken():
     values, warnings = parameters.overlay(
         parameters.SYNC, {"members": [TIBI, ROUTER], "strangers": "ignore", "allow": []}
     )
-    assert not warnings and Members.of(values).master(URI).robot == "tibi"
+    assert not warnings and Members.from_parameters(values).master(URI).robot == "tibi"

@@ -35,8 +35,8 @@ def everything():
     held = {Registration("publisher", "/a", "/n", "http://n:1/"): "http://tibi-visio:11311/"}
     plain = [name[12:] for name, family in metrics.FAMILIES.items() if not family.labels]
     return {
-        **metrics.one(**dict.fromkeys(plain, 3)),
-        **metrics.of_node("/master_sync", 1763826000.25, 0, 12345),
+        **metrics.scalar_samples(**dict.fromkeys(plain, 3)),
+        **metrics.node_samples("/master_sync", 1763826000.25, 0, 12345),
         "multimaster_malformed_total": {("datagram",): 3, ("request",): 0},
         "multimaster_registration_changes_total": {(what,): 5 for what in metrics.CHANGES},
         **links.of_links(LINKS),

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosfleet_multimaster.protocol.differences import Stamps
-from rosfleet_multimaster.protocol.graph import Graph, Malformed, build, stamped
+from rosfleet_multimaster.protocol.graph import Graph, InvalidDocument, add_stamps, build
 from rosfleet_multimaster.protocol.mirror import Mirror
 
 URI, OTHER = "http://own:11311/", "http://other:11311/"
@@ -65,8 +65,8 @@ def test_what_is_told_is_what_would_be_read(steps):
         origins.update(told)
         expected = read(roscore, types, origins)
         assert mirror.state() == expected
-        last, before = stamped(expected, last, 100.0 + at), roscore
-        assert stamps.of(mirror.state(), 100.0 + at) == last
+        last, before = add_stamps(expected, last, 100.0 + at), roscore
+        assert stamps.stamp(mirror.state(), 100.0 + at) == last
 
 
 def test_what_did_not_change_is_the_same_object():
@@ -84,5 +84,5 @@ def test_what_is_not_known_is_left_out_and_what_is_malformed_refused():
     mirror.take(False, [["parameter", "/do_not_sync"]])
     assert mirror.parameters == {}
     for malformed in (None, [["publisher", "/one", "/a"]], [["type", 1, "*"]]):
-        with pytest.raises(Malformed):
+        with pytest.raises(InvalidDocument):
             mirror.take(False, malformed)

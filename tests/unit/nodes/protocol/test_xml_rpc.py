@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rosfleet_multimaster.protocol import xml_rpc
-from rosfleet_multimaster.protocol.xml_rpc import ANSWER, STATE, TooLarge, loads, unpacked
+from rosfleet_multimaster.protocol.xml_rpc import ANSWER, STATE, DocumentTooLarge, loads, unpack
 
 TEXT = st.text(st.characters(blacklist_categories=("Cs",), min_codepoint=32, blacklist_characters="\ufffe\uffff"))
 VALUES = st.recursive(
@@ -43,9 +43,9 @@ def test_what_libraries_write_is_never_too_dear(values):
 
 
 def test_unpacking_is_bounded():
-    assert b"".join(unpacked(gzip.compress(b"abc"), 3)) == b"abc"
+    assert b"".join(unpack(gzip.compress(b"abc"), 3)) == b"abc"
     with pytest.raises(ValueError, match="more than 2 bytes"):
-        list(unpacked(gzip.compress(b"abc"), 2))
+        list(unpack(gzip.compress(b"abc"), 2))
 
 
 HOSTILE = {
@@ -74,7 +74,7 @@ def test_a_hostile_document_is_refused_before_it_costs_much(kind, packed):
     body = gzip.compress(body, 1) if packed else body
     tracemalloc.start()
     try:
-        with pytest.raises(TooLarge if why == "memory" else ValueError, match=why):
+        with pytest.raises(DocumentTooLarge if why == "memory" else ValueError, match=why):
             loads(body, STATE, packed)
         peak = tracemalloc.get_traced_memory()[1]
     finally:

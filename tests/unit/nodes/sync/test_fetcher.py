@@ -8,7 +8,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 from rosfleet_multimaster.protocol.differences import PACKED
-from rosfleet_multimaster.protocol.xml_rpc import TooLarge
+from rosfleet_multimaster.protocol.xml_rpc import DocumentTooLarge
 from rosfleet_multimaster.sync.fetcher import Fetcher, _fetch
 
 FETCH = SimpleNamespace(uri="http://b:11311/", monitor_uri="http://b:11611")
@@ -19,7 +19,7 @@ FETCH = SimpleNamespace(uri="http://b:11311/", monitor_uri="http://b:11611")
     [
         (OSError("it does not answer"), '11611: "it does not answer"'),
         (
-            TooLarge("it has more than 16777216 bytes"),
+            DocumentTooLarge("it has more than 16777216 bytes"),
             '11611: "it has more than 16777216 bytes"; nothing new of it is taken, what was registered stays: leave out there what '
             "nobody needs, by multimaster_exports",
         ),

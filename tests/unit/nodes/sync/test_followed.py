@@ -14,10 +14,10 @@ from rosfleet_multimaster.discovery.rpc_server import RpcServer
 from rosfleet_multimaster.discovery.served import OwnMaster, Served
 from rosfleet_multimaster.discovery.told import Told
 from rosfleet_multimaster.edge.rpc_client import Rpc
-from rosfleet_multimaster.protocol import bounded_json
+from rosfleet_multimaster.protocol import json_text
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED
 from rosfleet_multimaster.protocol.filters import Filters, Pattern, Rules
-from rosfleet_multimaster.protocol.graph import Malformed, Node, Policy, Provider, State, document
+from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, Provider, State, document
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.sync import fetcher, followed
 from rosfleet_multimaster.sync.core.sync import Fetch
@@ -140,7 +140,7 @@ def test_each_way_is_found_and_who_told_its_way_is_not_asked_for_it_again(there,
 
 
 def test_a_large_state_travels_as_xml_and_is_followed(there, monkeypatch):
-    monkeypatch.setattr(bounded_json, "MOST", 1000)
+    monkeypatch.setattr(json_text, "MOST", 1000)
     there.has({f"/a/{number}": "/one" for number in range(100)})
     here = Here(there)
     assert len(here.found.state.publishers) == 100 and here.found.method == PACKED
@@ -220,7 +220,7 @@ def test_a_digest_that_differs_takes_the_whole(there, monkeypatch):
     ],
 )
 def test_what_is_no_answer_is_refused(value):
-    with pytest.raises(Malformed):
+    with pytest.raises(InvalidDocument):
         Answer(value)
 
 
@@ -235,7 +235,7 @@ def test_a_difference_of_another_master_ends_it(there):
     here = Here(there)
     there.own.state = replace(there.own.state, uri="http://robot3:11311/", stamp=99.0, local_stamp=99.0)
     there.told.news(there.own.state, [])
-    assert isinstance(here.over.get(timeout=5), Malformed)
+    assert isinstance(here.over.get(timeout=5), InvalidDocument)
 
 
 def test_the_document_of_a_whole_answer_is_that_of_the_old_way(there):

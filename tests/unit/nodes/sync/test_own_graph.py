@@ -6,7 +6,7 @@ import types
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.protocol.bounded_json import packed
+from rosfleet_multimaster.protocol.json_text import pack_rows
 from rosfleet_multimaster.protocol.mirror import CHANGES
 from rosfleet_multimaster.sync import own_graph as module
 from rosfleet_multimaster.sync.own_graph import OwnGraph
@@ -42,7 +42,7 @@ class Roscore:
         if isinstance(answer, Exception):
             raise answer
         if isinstance(answer, list) and len(answer) == 4 and isinstance(answer[3], list):
-            answer = [*answer[:3], packed(answer[3])]
+            answer = [*answer[:3], pack_rows(answer[3])]
         return [1, "changes", answer]
 
     def together(self, calls):

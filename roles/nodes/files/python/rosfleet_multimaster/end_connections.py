@@ -58,7 +58,7 @@ def main(parameters: str, path: str) -> None:
     with open(parameters, encoding="utf-8") as file:
         given: Any = json.load(file)
     problem = _problem()
-    ender = Ender(Permission(Members.of(given)), problem)
+    ender = Ender(Permission(Members.from_parameters(given)), problem)
     patience = min(IDLE, (watchdog() or IDLE) / 4)
     with ending.listening(path) as listener:
         notify("READY=1", f"STATUS={problem or 'connections with lost robots are ended'}")

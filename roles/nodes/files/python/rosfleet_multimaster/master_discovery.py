@@ -66,7 +66,7 @@ class MasterDiscovery:
         self.show_due: Optional[float] = None  # or will be then
         self.network_problem = ""
         self.malformed_requests = 0
-        self.members = Members.of(values)
+        self.members = Members.from_parameters(values)
         self.own = _own(start)
         self.roscore.ask(("setParam", "/mastername", self.own.name))
         resolvers = Workers(self.loop, 2)
@@ -93,7 +93,7 @@ class MasterDiscovery:
     def _served(self, values: Dict[str, Any]) -> Served:
         return Served(
             self.own,
-            Policy.of(values),
+            Policy.from_parameters(values),
             self.errors,
             lambda: self.datagrams.own_addresses,
             lambda: self.source.do_not_sync,
@@ -207,7 +207,7 @@ class MasterDiscovery:
 
     def _samples(self) -> metrics.Samples:
         return {
-            **metrics.one(
+            **metrics.scalar_samples(
                 roscore_up=not self.own.away,
                 strangers_ignored=len(self.outsiders),
                 datagrams_sent_total=self.datagrams.sent,

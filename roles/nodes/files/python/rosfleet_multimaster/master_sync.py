@@ -18,8 +18,8 @@ from .protocol import metrics, parameters
 from .protocol.diagnosis import Diagnosis
 from .protocol.filters import Filters
 from .protocol.members import Members
-from .protocol.messages import Announced, Registration
-from .protocol.plain_text import quoted
+from .protocol.messages import Master, Registration
+from .protocol.plain_text import quote
 from .sync.core import report
 from .sync.core.message_types import TypeGuard
 from .sync.core.sync import Refusal, Sync
@@ -116,7 +116,7 @@ class MasterSync:
     def _subscribe(self, topic: str) -> None:
         self.node.subscribe(topic, lambda change, master: self.loop.post(self._announced, change, master))
 
-    def _listed(self, masters: List[Announced], first: bool, asked: float) -> None:
+    def _listed(self, masters: List[Master], first: bool, asked: float) -> None:
         now, before = monotonic(), self._online()
         self.news = {uri: at for uri, at in self.news.items() if at >= asked}
         self.core.listed(masters, now, self.news.keys())
@@ -125,7 +125,7 @@ class MasterSync:
         if first or any(uri not in after or online > after[uri] for uri, online in before.items()):
             self._changed()  # who comes needs none: what he has is looked at when it is fetched
 
-    def _announced(self, change: str, master: Announced) -> None:
+    def _announced(self, change: str, master: Master) -> None:
         """A message of `~changes`."""
         self.news[master.uri] = monotonic()
         if change == "removed":
@@ -190,7 +190,7 @@ class MasterSync:
         names = {uri: remote.announced.name for uri, remote in self.core.remotes.items() if uri != self.uri}
         rounds, fetcher = self.rounds, self.fetcher
         return {
-            **metrics.one(
+            **metrics.scalar_samples(
                 changes_received_total=fetcher.changes,
                 states_received_total=fetcher.states,
                 round_seconds=rounds.took,
@@ -229,7 +229,7 @@ class MasterSync:
         text = "; ".join(shares) or "no other master"
         refused = sorted({item.name for item in self.refused if item.kind != "limit"})
         limited = sorted(item.master for item in self.refused if item.kind == "limit")
-        text += f"; refused: {', '.join(map(quoted, refused))}" if refused else ""
+        text += f"; refused: {', '.join(map(quote, refused))}" if refused else ""
         text += f"; not all of {', '.join(limited)}: too many" if limited else ""
         if text != self.status:
             self.status = text
@@ -256,7 +256,7 @@ def _core(start: own_roscore.Start) -> Sync:
     values = start.values
     keep = values["resync_on_reconnect_timeout"] if values["resync_on_reconnect"] else None
     remote, on_demand = values["sync_remote_nodes"], values["sync_topics_on_demand"]
-    return Sync(Filters(values), start.uri, start.name, remote, on_demand, keep, Members.of(values))
+    return Sync(Filters(values), start.uri, start.name, remote, on_demand, keep, Members.from_parameters(values))
 
 
 def main() -> int:

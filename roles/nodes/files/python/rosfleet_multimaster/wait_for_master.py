@@ -15,7 +15,7 @@ import xmlrpc.client
 from typing import Any, Callable
 
 from .edge.journal import plain_streams, say
-from .protocol.plain_text import quoted
+from .protocol.plain_text import quote
 
 CALLER = "/rosfleet_multimaster"
 PAUSE = 0.2  # seconds between two looks
@@ -41,7 +41,7 @@ def ask(uri: str, method: str, *arguments: Any) -> Any:
     except Exception as problem:  # the network's, HTTP's and XML's own: whatever it is, not a roscore's answer
         raise NotYet(f"the roscore at {uri} does not answer: {problem}") from None
     if code != 1:
-        raise NotYet(f"the roscore at {uri} says: {quoted(text)}")
+        raise NotYet(f"the roscore at {uri} says: {quote(text)}")
     return value
 
 

@@ -18,11 +18,11 @@ from virtual_time import Robot, World
 OWN = Master(
     "kobuki1computer",
     "http://kobuki1computer:11311/",
+    "http://192.168.1.229:11611",
+    "/master_discovery",
     1000.0,
     1000.0,
     True,
-    "/master_discovery",
-    "http://192.168.1.229:11611",
 )
 PEER = ("192.168.1.239", 11511)
 KEY = (*PEER, 11611)
@@ -124,7 +124,7 @@ def test_state_and_requests_at_the_start_to_group_and_hosts():
 
 def test_a_change_is_announced_at_once_and_twice_again():
     core = started(heartbeat_hz=0.02)
-    core.own_state(Master(**{**OWN.__dict__, "stamp": 1001.0}), 20.0)
+    core.own_state(OWN._replace(stamp=1001.0), 20.0)
     out, _events = run(core, 20.0, 22.0, 0.1)
     assert [round(now, 1) for now, kind, host in out if kind is Kind.STATE] == [20.0, 20.2, 21.0]
 
@@ -133,7 +133,7 @@ def test_a_change_is_announced_at_once_and_twice_again():
 def test_what_is_of_others_is_told_with_the_next_beat_where_that_comes_soon(rate, local, beats):
     core = started(heartbeat_hz=rate)
     run(core, 0.25, 20.25)
-    core.own_state(Master(**{**OWN.__dict__, "stamp": 1001.0, "local_stamp": local}), 20.4)
+    core.own_state(OWN._replace(stamp=1001.0, local_stamp=local), 20.4)
     out, _events = run(core, 20.4, 22.2, 0.1)
     told = [now for now, kind, _host in out if kind is Kind.STATE]
     assert len(told) == beats
@@ -172,7 +172,7 @@ def test_a_flood_of_beats_of_a_known_master_is_not_remembered():
 
 def test_the_announced_stamps_are_those_of_the_state():
     core = node()
-    core.own_state(Master(**{**OWN.__dict__, "stamp": 1700000000.123456, "local_stamp": 1700000000.0}), 0.0)
+    core.own_state(OWN._replace(stamp=1700000000.123456, local_stamp=1700000000.0), 0.0)
     record = decode(take(core, Send)[0].datagram)
     assert record.stamp.seconds == 1700000000.123456
     assert record.local_stamp.seconds == 1700000000.0
@@ -204,7 +204,7 @@ def test_a_flood_of_requests_is_not_answered_by_a_flood():
 
 def test_without_multicast_the_known_masters_are_told():
     core = met(send_mcast=False, listen_mcast=False, robot_hosts=["third"])
-    core.own_state(Master(**{**OWN.__dict__, "stamp": 1001.0}), 20.0)
+    core.own_state(OWN._replace(stamp=1001.0), 20.0)
     assert sent(core) == [(Kind.STATE, "third"), (Kind.STATE, PEER[0])]
 
 
@@ -650,7 +650,7 @@ def test_back_online_is_a_change_and_it_is_asked_again_who_it_is():
 
 def test_a_robot_at_its_planned_place_is_asked_again_who_it_is_once_its_topics_had_their_time():
     there, contact = (TIBI["addresses"][0], 11511), CONTACT._replace(uri=URI, name=TIBI["name"])
-    core = Discovery(Settings(), ["192.168.1.229"], 11611, Members.of({"members": [TIBI]}))
+    core = Discovery(Settings(), ["192.168.1.229"], 11611, Members.from_parameters({"members": [TIBI]}))
     core.own_state(OWN, 0.0)
     core.datagram(state(rate=1.0), there, True, 1.0)
     core.contacted((there[0], 0, 11611), contact, "", 1.0)
@@ -720,7 +720,7 @@ def test_the_next_tick_is_never_late():
     core = met(heartbeat_hz=0.5)
     core.tick(20.0)
     assert 20.0 < core.next_tick() <= 21.0
-    core.own_state(Master(**{**OWN.__dict__, "stamp": 1001.0}), 20.5)
+    core.own_state(OWN._replace(stamp=1001.0), 20.5)
     assert core.next_tick() == pytest.approx(20.7)
 
 

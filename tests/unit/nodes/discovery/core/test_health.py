@@ -17,16 +17,16 @@ def master(number=1, online=True, uri="", name=""):
     return Master(
         name or f"robot{number}",
         uri or f"http://robot{number}:11311/",
+        f"http://10.0.0.{number}:1",
+        "/d",
         1.0,
         1.0,
         online,
-        "/d",
-        f"http://10.0.0.{number}:1",
     )
 
 
 def health(members=()):
-    return Health(OWN, Members.of({"members": list(members)}))
+    return Health(OWN, Members.from_parameters({"members": list(members)}))
 
 
 def test_each_loss_is_counted_also_where_the_master_is_removed_at_once():

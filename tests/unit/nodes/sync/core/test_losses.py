@@ -29,7 +29,7 @@ ROBOT2 = {
 
 
 def known(members=()):
-    losses = Losses(Members.of({"members": members}))
+    losses = Losses(Members.from_parameters({"members": members}))
     losses.registered(HELD, VIEW, CLAIMS)
     assert losses.to_resolve(0.0) == ["robot2"]
     losses.resolved("robot2", frozenset([ADDRESS]), 0.0)
@@ -124,7 +124,7 @@ def test_addresses_of_hosts_that_are_gone_are_forgotten():
     losses = Losses(Members())
     for number in range(10):
         item = Registration("publisher", "/chatter", "/talker", f"http://host{number}:40000/")
-        losses.registered({item: R2}, VIEW, {item.of: R2})
+        losses.registered({item: R2}, VIEW, {item.node_key: R2})
         assert losses.to_resolve(float(number)) == [f"host{number}", *(["robot2"] if number == 0 else [])]
     assert set(losses._addresses) == {"host9", "robot2"}
 
@@ -134,7 +134,7 @@ def test_a_node_of_a_master_that_is_there_is_never_cut_off():
     losses, again = known(), "http://192.168.1.2:11311/"
     losses.seen({R2: False}, 10.0)
     item = Registration("publisher", "/chatter", "/talker", f"http://{ADDRESS}:40000/")
-    losses.registered({item: again}, VIEW, {item.of: again})
+    losses.registered({item: again}, VIEW, {item.node_key: again})
     losses.to_resolve(11.0)
     losses.resolved(ADDRESS, frozenset([ADDRESS]), 11.0)
     losses.seen({again: True}, 12.0)
@@ -143,10 +143,10 @@ def test_a_node_of_a_master_that_is_there_is_never_cut_off():
 
 def lost(members, master, claims):
     """What is ended for a master that claims nodes and is lost: `claims` is URI of a node -> addresses of its host."""
-    losses, own = Losses(Members.of({"members": members})), "http://robot1:30000/"
+    losses, own = Losses(Members.from_parameters({"members": members})), "http://robot1:30000/"
     view = View({}, {"/chatter": ["/listener"]}, {}, {}, {"/listener": own})
     held = {Registration("publisher", "/chatter", f"/node{number}", uri): master for number, uri in enumerate(claims)}
-    losses.registered(held, view, {item.of: master for item in held})
+    losses.registered(held, view, {item.node_key: master for item in held})
     addresses = {"robot2": {ADDRESS}, "robot3": {"192.168.1.3"}, "rogue": {"192.168.1.66"}}
     addresses.update({uri.split("/")[2].split(":")[0]: found for uri, found in claims.items()})
     for host in losses.to_resolve(0.0):

@@ -14,7 +14,9 @@ ROBOT2 = {
     "addresses": ["192.168.1.2"],
     "hosts": ["robot2", "192.168.1.2", "robot2-arm", "192.168.12.7"],
 }
-PERMISSION = Permission(Members.of({"members": [ROBOT2], "strangers": "allow", "allow": ["192.168.1.96/29"]}))
+PERMISSION = Permission(
+    Members.from_parameters({"members": [ROBOT2], "strangers": "allow", "allow": ["192.168.1.96/29"]})
+)
 HERE, OWN = ("192.168.1.1", 41000), {"192.168.1.1", "127.0.0.1", "192.168.1.97"}
 
 

@@ -24,7 +24,11 @@ RESOLVED = {
 
 def objection(uri, master=URI, sender="192.168.1.201", members=None):
     return Places(
-        Members.of(MEMBERS if members is None else members), master, f"http://{sender}:11611", HERE, RESOLVED
+        Members.from_parameters(MEMBERS if members is None else members),
+        master,
+        f"http://{sender}:11611",
+        HERE,
+        RESOLVED,
     ).objection(uri)
 
 
@@ -120,7 +124,7 @@ def state(*uris):
 
 
 def test_only_names_that_the_plan_does_not_have_are_looked_up_and_not_many():
-    members = Members.of(MEMBERS)
+    members = Members.from_parameters(MEMBERS)
     found = names_to_resolve(
         state("http://tibi-laser:1/", "http://192.168.1.5:1/", "http://Guest:1/", "", "x"), members
     )

@@ -71,9 +71,9 @@ def test_a_step_is_what_a_round_would_do(before, now, own):
         return  # it takes a round; or what is asked before it is written says so
     whole = plan(wanted, view, first.claims)
     assert (found.register, found.unregister, found.held) == (whole.register, whole.unregister, whole.held)
-    assert {key: of for key, of in found.claims.items() if key in {item.of for item in found.held}} == whole.claims or (
-        whole.unregister
-    )
+    assert {
+        key: of for key, of in found.claims.items() if key in {item.node_key for item in found.held}
+    } == whole.claims or (whole.unregister)
     assert after(found, view).registrations(found.claims) == set(found.held)
 
 
@@ -89,16 +89,16 @@ def stepped(item, view=EMPTY, claims=(), held=(), refused=(), contested=False):
 
 def test_what_is_simple_is_planned_and_its_names_are_asked_for():
     found = stepped(ONE)
-    assert found.register == [ONE] and found.claims == {ONE.of: MASTER} and found.types == {ONE: "std_msgs/Int32"}
+    assert found.register == [ONE] and found.claims == {ONE.node_key: MASTER} and found.types == {ONE: "std_msgs/Int32"}
     assert names(found, {}, False).free == [("lookupNode", "/a")] and not names(found, {}, False).same
-    known = names(stepped(ONE, claims=[(ONE.of, MASTER)]), {ONE.of: MASTER}, False)
+    known = names(stepped(ONE, claims=[(ONE.node_key, MASTER)]), {ONE.node_key: MASTER}, False)
     assert not known.free and known.same == {"/a": ONE.node_uri}
     assert names(stepped(SERVICE), {}, False).free == [("lookupNode", "/a"), ("lookupService", "/get")]
 
 
 def test_a_roscore_that_guards_the_names_of_nodes_is_asked_for_services_alone():
     assert not any(names(stepped(ONE), {}, True))
-    assert not any(names(stepped(ONE, claims=[(ONE.of, MASTER)]), {ONE.of: MASTER}, True))
+    assert not any(names(stepped(ONE, claims=[(ONE.node_key, MASTER)]), {ONE.node_key: MASTER}, True))
     assert names(stepped(SERVICE), {}, True) == ([("lookupService", "/get")], {})
 
 
@@ -111,9 +111,9 @@ def test_a_roscore_that_guards_the_names_of_nodes_is_asked_for_services_alone():
         (ONE, {"refused": {"/a"}}),
         (ONE, {"contested": True}),
         (ONE, {"claims": [(("/a", "http://robot2:7/"), MASTER)]}),  # its node came back with another URI
-        (ONE, {"claims": [(ONE.of, THIRD)]}),
+        (ONE, {"claims": [(ONE.node_key, THIRD)]}),
         (SERVICE, {"view": View({}, {}, {"/get": ("/own",)}, {})}),
-        (SERVICE, {"view": View({}, {}, {"/get": ("/a",)}, {}), "claims": [(SERVICE.of, MASTER)]}),
+        (SERVICE, {"view": View({}, {}, {"/get": ("/a",)}, {}), "claims": [(SERVICE.node_key, MASTER)]}),
     ],
 )
 def test_what_is_not_simple_takes_a_round(item, more):
@@ -134,11 +134,11 @@ def test_what_is_gone_and_was_refused_takes_a_round_which_takes_the_refusal_back
 
 
 def test_a_held_topic_that_has_another_type_now_takes_a_round():
-    held = {"claims": [(ONE.of, MASTER)], "held": [(ONE, MASTER)]}
+    held = {"claims": [(ONE.node_key, MASTER)], "held": [(ONE, MASTER)]}
     assert stepped(ONE, View({"/one": ("/a",)}, {}, {}, {"/one": "std_msgs/String"}), **held) is None
     assert stepped(ONE, View({"/one": ("/a",)}, {}, {}, {"/one": "std_msgs/Int32"}), **held) is not None
 
 
 def test_what_is_held_already_is_nothing_to_do():
-    found = stepped(ONE, claims=[(ONE.of, MASTER)], held=[(ONE, MASTER)])
+    found = stepped(ONE, claims=[(ONE.node_key, MASTER)], held=[(ONE, MASTER)])
     assert not found.register and not found.unregister

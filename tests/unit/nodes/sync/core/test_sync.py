@@ -4,7 +4,7 @@ import pytest
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import Node, Provider, State
 from rosfleet_multimaster.protocol.members import Members
-from rosfleet_multimaster.protocol.messages import Announced, Registration
+from rosfleet_multimaster.protocol.messages import Master, Registration
 from rosfleet_multimaster.sync.core.sync import PATIENCE, Refusal, Sync, View, Wanted, calls, plan, select
 
 OWN = "http://robot1:11311/"
@@ -155,7 +155,7 @@ def test_of_two_masters_the_one_that_holds_a_name_keeps_it(holder):
     items = wanted(CHATTER) + wanted(third, master=R3, name="robot3")
     there = CHATTER if holder == R2 else third
     roscore = Roscore(there)
-    todo = settle(roscore, items, {there.of: holder})
+    todo = settle(roscore, items, {there.node_key: holder})
     assert roscore.items == {there} and roscore.shut_down == []
     assert [refusal.kind for refusal in todo.refused] == ["node"]
 
@@ -225,7 +225,7 @@ def core(**filters):
 
 
 def announced(stamp=1.0, online=True, uri=R2, name="robot2"):
-    return Announced(name, uri, f"http://{name}:11611", "/master_discovery", stamp, stamp, online)
+    return Master(name, uri, f"http://{name}:11611", "/master_discovery", stamp, stamp, online)
 
 
 def fetch(sync, now):
@@ -415,7 +415,7 @@ def test_a_subscriber_of_a_member_keeps_the_publishers_that_are_not_registered_h
     hearing, here = CHATTER._replace(kind="subscriber"), ["http://robot1:1/"]
     assert sync.publishers_for(hearing, R2, here) == [], "a stranger's says what it likes"
     known = {"robot": "robot2", "name": "robot2", "uris": [R2], "rpc_port": 11611, "addresses": [], "hosts": ["robot2"]}
-    sync.members = Members.of({"members": [known]})
+    sync.members = Members.from_parameters({"members": [known]})
     assert sync.publishers_for(hearing, R2, here) == [*here, "http://robot2:40000/"]
 
 

@@ -70,7 +70,7 @@ class Poller:
         nodes = set(self._node_uris.items())
         self._origins = {key: origin for key, origin in self._origins.items() if key in nodes}
         state = build(self._uri, self._name, graph, self._node_uris, self._service_uris, self._origins)
-        self._state = self._stamps.of(state, wall_clock())
+        self._state = self._stamps.stamp(state, wall_clock())
         return self._state
 
     def _read(self, last: Last) -> bool:

@@ -13,10 +13,10 @@ from ..edge.clock import sleep, wall_clock
 from ..edge.counting import Count
 from ..edge.process import program
 from ..edge.process.systemd import notify
-from ..protocol import bounded_json
+from ..protocol import json_text
 from ..protocol.differences import DIFFERENCES, PACKED
 from ..protocol.filters import InvalidPattern, Pattern, Rules
-from ..protocol.graph import Policy, State, document, offered, own_types, stamp_text
+from ..protocol.graph import Policy, State, document, local_types, shareable_part, stamp_text
 from ..protocol.members import ALLOW, Members
 from ..protocol.messages import Master
 from ..protocol.plain_text import LINE, plain
@@ -53,7 +53,7 @@ class OwnMaster:
         if self.state is None or self.away:
             return None
         monitor = f"http://{address}:{self.rpc_port}"
-        return Master(self.name, self.uri, self.state.stamp, self.state.local_stamp, True, self.node, monitor)
+        return Master(self.name, self.uri, monitor, self.node, self.state.stamp, self.state.local_stamp, True)
 
 
 class Served:
@@ -86,7 +86,7 @@ class Served:
         quick: Dict[str, Any] = {}
         if self._told is not None:
             quick[DIFFERENCES] = Waiting(partial(self._differences, self._told, _as_it_is))
-            quick[PACKED] = Waiting(partial(self._differences, self._told, bounded_json.written))
+            quick[PACKED] = Waiting(partial(self._differences, self._told, json_text.to_json))
         return {
             **quick,
             "masterContacts": self._master_contacts,
@@ -143,7 +143,7 @@ class Served:
             def seen(state: State) -> List[Any]:
                 shown, rules = viewer(state)
                 with self._filtering:
-                    return document(offered(shown), [*rules, wanted])
+                    return document(shareable_part(shown), [*rules, wanted])
 
             return Look((written, self._is_here(caller), *viewer(NO_STATE)[1], wanted), seen, written)
 
@@ -156,7 +156,7 @@ class Served:
         """The md5 sums of message types of topics that this master's own nodes have, and the caller may see."""
         if not isinstance(types, list):
             raise Refused("getTopicsMd5sum takes a list of types")
-        known = own_types(*self._view(caller))
+        known = local_types(*self._view(caller))
         found = ((name, self._md5sum(name)) for name in types if isinstance(name, str) and name in known)
         return [[name, md5sum] for name, md5sum in found if md5sum]
 
@@ -172,7 +172,7 @@ class Served:
         if self._is_here(caller):
             return lambda state: self._policy.view(state, None)
         try:
-            secret = Rules(do_not_sync=Pattern.of(_listed(self._do_not_sync()), "/do_not_sync"))
+            secret = Rules(do_not_sync=Pattern.from_items(_listed(self._do_not_sync()), "/do_not_sync"))
         except InvalidPattern as problem:  # what is secret is not known, so everything is
             raise Refused(str(problem)) from None
         return lambda state: self._policy.view(state, caller, [secret])

@@ -16,11 +16,11 @@ from ..edge.process import program
 from ..edge.roscore import KNOWN
 from ..edge.rpc_client import Rpc
 from ..protocol import imports
-from ..protocol.bounded_json import unpacked
 from ..protocol.differences import Stamps
-from ..protocol.graph import Malformed, State
+from ..protocol.graph import InvalidDocument, State
+from ..protocol.json_text import unpack_rows
 from ..protocol.mirror import CHANGES, REFUSED, Mirror
-from ..protocol.plain_text import quoted
+from ..protocol.plain_text import quote
 from ..protocol.xml_rpc import STATE
 from .core.pace import PollPace
 from .poller import GET_SYNC_INFO, Poller
@@ -51,7 +51,7 @@ class Follower:
         if not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
             raise PollInstead(f"{self._rpc.uri} does not tell its changes: {answer!r:.200}")
         self._epoch, self._revision, whole, records = answer[2]
-        self._mirror.take(whole, unpacked(records))
+        self._mirror.take(whole, unpack_rows(records))
         if service[0]:
             self._identity.check_service(service, self._mirror.service_uris.get(service[0]))
         record = imports.read(self._mirror.parameters.get(imports.IMPORTS))
@@ -61,14 +61,14 @@ class Follower:
         self._refuse_foreign(record)
         self.do_not_sync = self._mirror.parameters.get("/do_not_sync")
         self.refused = self._mirror.parameters.get(REFUSED)
-        return self._stamps.of(self._mirror.state(), wall_clock())
+        return self._stamps.stamp(self._mirror.state(), wall_clock())
 
     def _refuse_foreign(self, record: Any) -> None:
         """Another implementation of master_sync must be asked what it registered: the poller does."""
         ours = record.get("node") if self._mirror.uri_of(record.get("node") or "") == record.get("uri") else None
         for service, users in self._mirror.state().services.items():
             if service.endswith(GET_SYNC_INFO) and users[0] != ours and self._mirror.is_local(users[0]):
-                raise PollInstead(f"{quoted(users[0])} synchronises, too")
+                raise PollInstead(f"{quote(users[0])} synchronises, too")
 
     def close(self) -> None:
         """Close the connection."""
@@ -106,7 +106,7 @@ class Source:
                 self._known_until = monotonic() + KNOWN
             if self._follower is not None:
                 return self._follower.next()
-        except (PollInstead, Malformed, Fault) as problem:
+        except (PollInstead, InvalidDocument, Fault) as problem:
             program.LOG.info("the roscore is read instead of listened to: %s", problem)
             self._drop()
             self._known_until = monotonic() + AGAIN

@@ -12,7 +12,7 @@ from collections import OrderedDict
 from typing import Any, Callable, Dict, Hashable, List, NamedTuple, Optional, Tuple
 
 from ..edge.clock import monotonic
-from ..protocol.differences import History, changes, digest, nothing_new, told
+from ..protocol.differences import History, changes, difference_in_view, digest, empty_difference
 from ..protocol.filters import Rules
 from ..protocol.graph import State, parse, stamp_text
 from .rpc_server import Refused
@@ -100,13 +100,13 @@ class Told:
         while True:
             with self._changed:
                 state, now, seen, own = self._state, self._history.revision, self._news, self._own
-                undo = self._history.since(revision)
+                undo = self._history.undo_since(revision)
             self._current()
             if state is None:
                 raise Refused("there is no state yet")
             seeing = look()
             epoch = f"{self._start}{hash(seeing.rules) & 0xFFFFFFFFFFFFFFFF:016x}"
-            found = told(state, undo, seeing.document) if epoch == known and undo is not None else None
+            found = difference_in_view(state, undo, seeing.document) if epoch == known and undo is not None else None
             if found is None:
                 self._remember(caller, epoch, wanted)
                 return self._whole(epoch, now, state, seeing)
@@ -115,7 +115,7 @@ class Told:
                 return [epoch, now, False, *found, ""]
             revision = asked = now  # a change that the rules hide: nothing to tell
             if not self._wait(seen, until):
-                nothing = nothing_new(state, [stamp_text(state.stamp), stamp_text(state.local_stamp)])
+                nothing = empty_difference(state, [stamp_text(state.stamp), stamp_text(state.local_stamp)])
                 return [epoch, now, False, *nothing, self._digest(epoch, now, state, seeing)]
 
     def _whole(self, epoch: str, now: int, state: State, seeing: Look) -> Any:

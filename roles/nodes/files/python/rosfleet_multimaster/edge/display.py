@@ -33,7 +33,7 @@ class Display:
     ) -> None:
         """`values` are the parameters of the node, `of` is the URI of the own master, `node` the name of the node."""
         self.diagnoses, self._path = values["diagnostics"], values["metrics"]
-        own = Members.of(values).master(of)
+        own = Members.from_parameters(values).master(of)
         self._robot = "" if own is None else own.robot
         self._node, self._loop, self._limited = node, loop, limited
         self._entries, self._samples = entries, samples
@@ -63,7 +63,7 @@ class Display:
         return self._stale or (now >= self._publish_due and bool(topic.has_listeners()))
 
     def _write(self) -> None:
-        common = metrics.of_node(self._node, wall_clock(), self._loop.waiting, rpc_client.RECEIVED.value)
+        common = metrics.node_samples(self._node, wall_clock(), self._loop.waiting, rpc_client.RECEIVED.value)
         try:
             textfile.write(self._path, metrics.text({**common, **self._samples()}))
         except OSError as problem:

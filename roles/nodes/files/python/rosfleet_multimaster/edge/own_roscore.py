@@ -5,7 +5,7 @@
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..protocol.parameters import Parameter
-from ..protocol.plain_text import quoted
+from ..protocol.plain_text import quote
 from .clock import monotonic, sleep
 from .lifeline import Lifeline, Socket, lifeline
 from .loop import Ended, Loop, Recurring, Workers
@@ -79,7 +79,7 @@ def begin(ros: Any, default_name: str, table: Mapping[str, Parameter], descripti
 
 def _ended_by_ros(ended: Ended, reason: str) -> None:
     if not ended:
-        program.give_up(f"somebody ended this node: {quoted(reason)}")
+        program.give_up(f"somebody ended this node: {quote(reason)}")
 
 
 class Identity:

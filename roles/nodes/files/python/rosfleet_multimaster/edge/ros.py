@@ -26,7 +26,6 @@ from fkie_multimaster_msgs import msg, srv  # noqa: E402
 
 from ..protocol.diagnosis import Diagnosis  # noqa: E402
 from ..protocol.messages import (  # noqa: E402
-    Announced,
     Link,  # noqa: E402
     Master,  # noqa: E402
     Registration,
@@ -89,7 +88,7 @@ def _time(seconds: float) -> Any:
     return genpy.Time(whole, int((seconds - whole) * 1e9))
 
 
-def _ros_master(master: Master) -> Any:
+def _to_ros_master(master: Master) -> Any:
     return msg.ROSMaster(
         name=master.name,
         uri=master.uri,
@@ -101,11 +100,9 @@ def _ros_master(master: Master) -> Any:
     )
 
 
-def _announced(master: Any) -> Announced:
+def _from_ros_master(master: Any) -> Master:
     stamp, local_stamp = master.last_change.to_sec(), master.last_change_local.to_sec()
-    return Announced(
-        master.name, master.uri, master.monitoruri, master.discoverer_name, stamp, local_stamp, master.online
-    )
+    return Master(master.name, master.uri, master.monitoruri, master.discoverer_name, stamp, local_stamp, master.online)
 
 
 class Diagnostics:
@@ -151,7 +148,7 @@ class DiscoveryNode:
         self._links = rospy.Publisher("~linkstats", msg.LinkStatesStamped, queue_size=1)
 
         def listed(_request: Any) -> Any:
-            return srv.DiscoverMastersResponse([_ros_master(master) for master in masters()])
+            return srv.DiscoverMastersResponse([_to_ros_master(master) for master in masters()])
 
         def refreshed(_request: Any) -> Any:
             refresh()
@@ -166,7 +163,7 @@ class DiscoveryNode:
 
     def changed(self, change: str, master: Master) -> None:
         """Publish that a master is new, changed or removed."""
-        self._changes.publish(msg.MasterState(state=change, master=_ros_master(master)))
+        self._changes.publish(msg.MasterState(state=change, master=_to_ros_master(master)))
 
     def links(self, own_name: str, links: Callable[[], Iterable[Link]], now: float) -> None:
         """Publish the quality of the links where somebody listens; `now` is the wall clock."""
@@ -225,7 +222,7 @@ class SyncNode:
         """Name and URI of a service of this node: what the roscore must know."""
         return str(self._service.resolved_name), str(self._service.uri)
 
-    def subscribe(self, topic: str, callback: Callable[[str, Announced], None]) -> None:
+    def subscribe(self, topic: str, callback: Callable[[str, Master], None]) -> None:
         """Listen to `~changes` of the discovery node; `callback` is called in a thread of rospy."""
         if topic != self._subscribed:
             if self._subscriber is not None:
@@ -233,7 +230,7 @@ class SyncNode:
             self._subscriber = rospy.Subscriber(
                 topic,
                 msg.MasterState,
-                lambda message: callback(message.state, _announced(message.master)),
+                lambda message: callback(message.state, _from_ros_master(message.master)),
                 queue_size=1000,
             )
             self._subscribed = topic
@@ -246,13 +243,13 @@ class ListMasters:
         self._service = ""
         self._proxy: Any = None
 
-    def __call__(self, service: str) -> List[Announced]:
+    def __call__(self, service: str) -> List[Master]:
         """Ask for the list. Blocks; may raise."""
         if service != self._service or self._proxy is None:
             self._drop()
             self._service, self._proxy = service, rospy.ServiceProxy(service, srv.DiscoverMasters, persistent=True)
         try:
-            return [_announced(master) for master in within(LIST_TIMEOUT, self._proxy).masters]
+            return [_from_ros_master(master) for master in within(LIST_TIMEOUT, self._proxy).masters]
         except Exception:
             self._drop()
             raise

@@ -5,7 +5,7 @@
 from typing import Any, List, Optional, Sequence, Tuple
 from xmlrpc.client import Fault
 
-from ..protocol.bounded_json import packed, unpacked
+from ..protocol.json_text import pack_rows, unpack_rows
 from ..protocol.plain_text import plain
 from ..protocol.xml_rpc import STATE
 from .rpc_client import SAME, Last, Rpc
@@ -45,8 +45,8 @@ class Roscore:
         """
         if not calls:
             return []
-        answer = self.rpc.call(TOGETHER, self.caller, packed(calls))
-        results = unpacked(_value(answer))
+        answer = self.rpc.call(TOGETHER, self.caller, pack_rows(calls))
+        results = unpack_rows(_value(answer))
         if len(results) != len(calls):
             raise ValueError(f"{self.rpc.uri} does not answer every call")
         return [Fault(1, plain(result)) if isinstance(result, str) else result for result in results]

@@ -14,8 +14,8 @@ import urllib.parse
 import xmlrpc.client
 from typing import Any, Callable, List, Optional, Sequence, Tuple
 
-from ..protocol.plain_text import plain, quoted
-from ..protocol.xml_rpc import ANSWER, TooLarge, loads
+from ..protocol.plain_text import plain, quote
+from ..protocol.xml_rpc import ANSWER, DocumentTooLarge, loads
 from .clock import monotonic
 from .counting import Count
 
@@ -104,8 +104,8 @@ class Rpc:
             return values[0] if values else None
         except xmlrpc.client.Fault as fault:
             failure: Exception = xmlrpc.client.Fault(fault.faultCode, plain(fault.faultString))
-        except TooLarge as problem:
-            failure = TooLarge(f"{self.uri} answers more than is taken: {plain(problem)}")
+        except DocumentTooLarge as problem:
+            failure = DocumentTooLarge(f"{self.uri} answers more than is taken: {plain(problem)}")
         except Exception as problem:
             failure = ValueError(f"{self.uri} answers no XML-RPC: {plain(problem)}")
         raise failure  # out here: inside, it would hold the other one, and with it the values that were read so far
@@ -161,7 +161,7 @@ class Rpc:
         connection.request("POST", self._path, body, headers)
         answer = connection.getresponse()
         if answer.status != 200:
-            raise OSError(f"{self.uri} answers {answer.status} {quoted(answer.reason)}")
+            raise OSError(f"{self.uri} answers {answer.status} {quote(answer.reason)}")
         content = self._read(answer, deadline)
         answer.close()  # read1 does not say that it is at the end; else the connection could not be used again
         if answer.will_close:
@@ -180,7 +180,9 @@ class Rpc:
             while True:
                 chunk = answer.read1(1 << 16)
                 if len(content) + len(chunk) > self._most:
-                    raise TooLarge(f"{self.uri} answers more than is taken: it has more than {self._most} bytes")
+                    raise DocumentTooLarge(
+                        f"{self.uri} answers more than is taken: it has more than {self._most} bytes"
+                    )
                 if monotonic() > deadline:
                     raise OSError(f"{self.uri} answers too slowly")
                 if not chunk:

@@ -17,7 +17,7 @@ from dataclasses import replace
 from itertools import chain
 from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
-from .graph import Malformed, State, parse, stamped
+from .graph import InvalidDocument, State, add_stamps, parse
 
 DIFFERENCES = "rosfleetDifferences"
 PACKED = "rosfleetDifferencesPacked"  # the same, its answers as texts of JSON
@@ -79,21 +79,21 @@ def names_of(undo: Undo, after: State) -> Names:
 def excerpt(state: State, names: Names, undo: Undo) -> State:
     """The part of a state about some names; with an undo, as it was before."""
 
-    def picked(part: str, wanted: Iterable[str]) -> Dict[str, Any]:
+    def pick(part: str, wanted: Iterable[str]) -> Dict[str, Any]:
         now, was = getattr(state, part), undo.get(part, {})
         rows = ((name, was[name] if name in was else now.get(name)) for name in sorted(wanted))
         return {name: row for name, row in rows if row is not None}
 
-    publishers, subscribers = picked("publishers", names.topics), picked("subscribers", names.topics)
-    services = picked("services", names.services)
+    publishers, subscribers = pick("publishers", names.topics), pick("subscribers", names.topics)
+    services = pick("services", names.services)
     return replace(
         state,
         publishers=publishers,
         subscribers=subscribers,
         services=services,
-        types=picked("types", names.topics),
-        nodes=picked("nodes", _users(publishers, subscribers, services)),
-        providers=picked("providers", names.services),
+        types=pick("types", names.topics),
+        nodes=pick("nodes", _users(publishers, subscribers, services)),
+        providers=pick("providers", names.services),
     )
 
 
@@ -107,17 +107,17 @@ class Stamps:
     def __init__(self) -> None:
         self.last: Optional[State] = None
 
-    def of(self, state: State, wall: float) -> State:
+    def stamp(self, state: State, wall: float) -> State:
         """The state with its stamps (see graph.stamped); the one before where nothing is another."""
         last = self.last
         if last is None:
-            self.last = stamped(state, None, wall)
+            self.last = add_stamps(state, None, wall)
             return self.last
         undo = changes(last, state)
         if undo:
             names = names_of(undo, state)
             before = replace(excerpt(state, names, undo), stamp=last.stamp, local_stamp=last.local_stamp)
-            now = stamped(excerpt(state, names, {}), before, wall)
+            now = add_stamps(excerpt(state, names, {}), before, wall)
             self.last = last = replace(state, stamp=now.stamp, local_stamp=now.local_stamp)
         return last
 
@@ -141,7 +141,7 @@ class History:
         while self._size > MOST_NAMES or len(self._records) > MOST_RECORDS:
             self._size -= _size(self._records.popleft()[1])
 
-    def since(self, revision: int) -> Optional[Undo]:
+    def undo_since(self, revision: int) -> Optional[Undo]:
         """The rows that all changes after this one replaced; None where it is not known any more."""
         if revision > self.revision or revision < self.revision - len(self._records):
             return None
@@ -158,7 +158,7 @@ def _size(undo: Undo) -> int:
     return sum(map(len, undo.values()))
 
 
-def told(state: State, undo: Undo, view: Callable[[State], Sequence[Any]]) -> Optional[Difference]:
+def difference_in_view(state: State, undo: Undo, view: Callable[[State], Sequence[Any]]) -> Optional[Difference]:
     """The meaning of changes to somebody who sees a state as `view(state)`, a document; None where it takes the whole."""
     names = names_of(undo, state)
     return difference(view(excerpt(state, names, undo)), view(excerpt(state, names, {})))
@@ -181,7 +181,7 @@ def difference(before: Sequence[Any], after: Sequence[Any]) -> Optional[Differen
     return Difference(rows_told, gone)
 
 
-def nothing_new(state: State, stamps: Sequence[Any]) -> Difference:
+def empty_difference(state: State, stamps: Sequence[Any]) -> Difference:
     """An answer without any change, with these stamps as the document writes them."""
     return Difference([*stamps, state.uri, state.name, *([] for _part in PARTS)], [[] for _part in PARTS[:_USED]])
 
@@ -199,17 +199,17 @@ def digest(state: State) -> str:
 # The asking side
 
 
-def applied(state: State, document: Any, gone: Any) -> State:
+def apply_difference(state: State, document: Any, gone: Any) -> State:
     """The state after a difference. Raises Malformed."""
     new = parse(document)
     if new.uri != state.uri:
-        raise Malformed(f"it is about {new.uri}, and not about {state.uri}")
-    lost = _gone(gone)
+        raise InvalidDocument(f"it is about {new.uri}, and not about {state.uri}")
+    lost = _parse_gone(gone)
     tables: Dict[str, Any] = {}
     for number, part in enumerate(PARTS):
         away = {row[0] for row in document[_FIRST + number]}  # also what is not taken, such as an odd type
         away.update(lost[number] if number < _USED else ())
-        tables[part] = _merged(getattr(state, part), getattr(new, part), away)
+        tables[part] = _merge_rows(getattr(state, part), getattr(new, part), away)
     if any(lost) or any(tables[part] is not getattr(state, part) for part in PARTS[:_USED]):
         _tidy(tables)
     return replace(state, name=new.name, stamp=new.stamp, local_stamp=new.local_stamp, **tables)
@@ -224,7 +224,7 @@ def _tidy(tables: Dict[str, Any]) -> None:
             tables[part] = {name: row for name, row in tables[part].items() if name in used}
 
 
-def _merged(before: Mapping[str, Any], new: Mapping[str, Any], away: Set[str]) -> Mapping[str, Any]:
+def _merge_rows(before: Mapping[str, Any], new: Mapping[str, Any], away: Set[str]) -> Mapping[str, Any]:
     """Rows with others in their place; the same object where none is another."""
     away = {name for name in away if name in before and name not in new}
     others = {name: row for name, row in new.items() if before.get(name) != row}
@@ -236,9 +236,9 @@ def _merged(before: Mapping[str, Any], new: Mapping[str, Any], away: Set[str]) -
     return merged
 
 
-def _gone(value: Any) -> List[Set[str]]:
+def _parse_gone(value: Any) -> List[Set[str]]:
     if not isinstance(value, list) or len(value) != _USED:
-        raise Malformed("what is gone is no array of three")
+        raise InvalidDocument("what is gone is no array of three")
     if not all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in value):
-        raise Malformed("what is gone are no arrays of names")
+        raise InvalidDocument("what is gone are no arrays of names")
     return [set(names) for names in value]

@@ -47,7 +47,7 @@ class Pattern:
     text: str = ""
 
     @classmethod
-    def of(cls, items: Iterable[str], what: str = "a pattern") -> "Pattern":
+    def from_items(cls, items: Iterable[str], what: str = "a pattern") -> "Pattern":
         """Make the pattern of a list as people write it. Raises InvalidPattern, naming `what`."""
         texts = []
         for item in items:
@@ -78,7 +78,7 @@ class Pattern:
         if not self.text or len(name) > MAX_NAME:
             return False
         if len(self.text) > _CACHED:
-            return self._compiled.match(name) is not None
+            return self._expression.match(name) is not None
         return _matches(self.text, name)
 
     @cached_property
@@ -87,7 +87,7 @@ class Pattern:
         return len(self.text) <= MAX_TEXT and _is_cheap(self.text)
 
     @cached_property
-    def _compiled(self) -> "re.Pattern[str]":
+    def _expression(self) -> "re.Pattern[str]":
         return _compile(self.text)
 
 
@@ -125,7 +125,7 @@ def usable(items: Iterable[str]) -> Pattern:
 @lru_cache(maxsize=4096)
 def _usable(items: Tuple[str, ...]) -> Pattern:
     try:
-        return Pattern.of(items)
+        return Pattern.from_items(items)
     except InvalidPattern:
         return NOTHING
 
@@ -135,12 +135,12 @@ def _compile(text: str) -> "re.Pattern[str]":
     return compiled
 
 
-_compiled_once = lru_cache(maxsize=64)(_compile)
+_compile_once = lru_cache(maxsize=64)(_compile)
 
 
 @lru_cache(maxsize=65536)
 def _matches(text: str, name: str) -> bool:
-    return _compiled_once(text).match(name) is not None
+    return _compile_once(text).match(name) is not None
 
 
 def _check(text: str, what: str, costly: bool = True) -> None:
@@ -255,7 +255,7 @@ class Rules:
             return True
         return not self.sync_nodes and not self.sync_services
 
-    def closed(self) -> "Rules":
+    def complete_white_lists(self) -> "Rules":
         """The same rules, where any white list restricts topics and services alike.
 
         To upstream, a white list of topics alone admits every service. So the empty one of the two lists becomes one
@@ -340,11 +340,11 @@ class Filters:
         """Raise InvalidPattern with a sentence that names the parameter, where a filter is not usable."""
         for name in (*NAMES, *HOSTS):
             for _host, items in _parts(name, self.values.get(name)):
-                Pattern.of(items, name)
+                Pattern.from_items(items, name)
         for host, section in self._sections():
             for name, value in section.items():
                 for _host, items in _parts(name, value):
-                    Pattern.of(items, f"{host}/{name}")
+                    Pattern.from_items(items, f"{host}/{name}")
         for host in self._hosts():
             self.wants_host(host)
             self.rules(host)
@@ -362,7 +362,7 @@ class Filters:
         also = {
             "ignore_nodes": [node for node in also_ignore if _NODE.match(node) and node not in BUILT_IN["ignore_nodes"]]
         }
-        return Rules(**{name: self._pattern(name, host, also.get(name, ())) for name in NAMES}).closed()
+        return Rules(**{name: self._pattern(name, host, also.get(name, ())) for name in NAMES}).complete_white_lists()
 
     def patterns(self, name: str, host: str, also: Sequence[str] = ()) -> List[str]:
         """The patterns of one filter for one host: the built-in ones, then `also`, then the own ones."""
@@ -378,7 +378,7 @@ class Filters:
 
     def _pattern(self, name: str, host: str, also: Sequence[str] = ()) -> Pattern:
         items = self.patterns(name, host, also)
-        return usable(items) if self.lenient else Pattern.of(items, name)
+        return usable(items) if self.lenient else Pattern.from_items(items, name)
 
     def _hosts(self) -> Set[str]:
         """The hosts with filters of their own, and "" for all others."""

@@ -20,7 +20,7 @@ Endpoints = Mapping[str, Tuple[str, ...]]  # topic or service -> nodes
 Origins = Mapping[Tuple[str, str], str]  # (node, URI of the node) -> URI of the master that it is of
 
 
-class Malformed(ValueError):
+class InvalidDocument(ValueError):
     """The document is no state of a master; the text says where."""
 
 
@@ -118,24 +118,24 @@ def build(
     )
 
 
-def stamped(state: State, before: Optional[State], wall: float) -> State:
+def add_stamps(state: State, before: Optional[State], wall: float) -> State:
     """The state with its stamps: `wall` (Unix time, seconds) where it changed, else those from before."""
     wall = max(1.0, wall % END)
     if before is None:
         return replace(state, stamp=wall, local_stamp=wall)
     if replace(state, stamp=before.stamp, local_stamp=before.local_stamp) == before:
         return before
-    stamp = _other(wall, before.stamp)
-    same = own(replace(state, stamp=before.stamp, local_stamp=before.local_stamp)) == own(before)
+    stamp = _distinct_stamp(wall, before.stamp)
+    same = local_part(replace(state, stamp=before.stamp, local_stamp=before.local_stamp)) == local_part(before)
     return replace(state, stamp=stamp, local_stamp=before.local_stamp if same else stamp)
 
 
-def _other(wall: float, before: float) -> float:
+def _distinct_stamp(wall: float, before: float) -> float:
     """A stamp that differs from the one before, even if the clock has stepped back to exactly that one."""
     return wall if abs(wall - before) > 1e-6 else wall + 1e-5
 
 
-def own(state: State) -> State:
+def local_part(state: State) -> State:
     """The part of a state that belongs to its own master."""
 
     def mine(endpoints: Endpoints) -> Dict[str, Tuple[str, ...]]:
@@ -155,12 +155,12 @@ def own(state: State) -> State:
     )
 
 
-def offered(state: State) -> State:
+def shareable_part(state: State) -> State:
     """The part of a state that other robots may want: what is of its own master, and who else its own subscribers hear.
 
     What a master has of others is with these. In a fleet of many robots it is nearly everything that each one has.
     """
-    mine = own(state)
+    mine = local_part(state)
     if len(mine.nodes) == len(state.nodes):
         return state
     heard = {topic: state.publishers[topic] for topic in mine.subscribers if topic in state.publishers}
@@ -183,17 +183,17 @@ class Policy:
     exports: Optional[Mapping[str, Rules]] = None  # by address, "*" for all others; None: everything to everybody
 
     @classmethod
-    def of(cls, parameters: Mapping[str, Any]) -> "Policy":
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> "Policy":
         """The policy in the parameters of master_discovery, which have been checked."""
 
         def pattern(name: str) -> Pattern:
             value = parameters.get(name) or []
-            return Pattern.of([value] if isinstance(value, str) else value, name)
+            return Pattern.from_items([value] if isinstance(value, str) else value, name)
 
         filters = {**HIDDEN, "do_not_sync": "do_not_sync"}
         hidden = Rules(**{rule: pattern(name) for name, rule in filters.items()})
         exports = parameters.get("exports")
-        return cls(hidden, None if exports is None else _exports(exports))
+        return cls(hidden, None if exports is None else _rules_by_address(exports))
 
     def view(self, state: State, caller: Optional[str], also: Iterable[Rules] = ()) -> Tuple[State, List[Rules]]:
         """The state and the rules by which a caller (an address; None for this computer) is told of it."""
@@ -201,31 +201,32 @@ class Policy:
             return state, []
         if self.exports is None:
             return state, [self.hidden, *also]
-        return own(state), [self.hidden, self.exports.get(caller, self.exports["*"]), *also]
+        return local_part(state), [self.hidden, self.exports.get(caller, self.exports["*"]), *also]
 
 
-def _exports(entries: Sequence[Mapping[str, Any]]) -> Dict[str, Rules]:
+def _rules_by_address(entries: Sequence[Mapping[str, Any]]) -> Dict[str, Rules]:
     """The rules for each address that is named, and for all others."""
     addresses = dict.fromkeys(["*", *(address for entry in entries for address in entry["to"])])
     return {
-        address: _given([entry for entry in entries if "*" in entry["to"] or address in entry["to"]])
+        address: _export_rules([entry for entry in entries if "*" in entry["to"] or address in entry["to"]])
         for address in addresses
     }
 
 
-def _given(entries: Sequence[Mapping[str, Any]]) -> Rules:
+def _export_rules(entries: Sequence[Mapping[str, Any]]) -> Rules:
     topics, services = (
-        Pattern.of([item for entry in entries for item in entry.get(what, ())], what) for what in ("topics", "services")
+        Pattern.from_items([item for entry in entries for item in entry.get(what, ())], what)
+        for what in ("topics", "services")
     )
     return Rules(sync_topics=topics or NOTHING, sync_services=services or NOTHING)
 
 
-def own_types(state: State, rules: Iterable[Rules] = ()) -> Set[str]:
+def local_types(state: State, rules: Iterable[Rules] = ()) -> Set[str]:
     """The types that own nodes have named, of topics that the rules want.
 
     The roscore keeps the type that the last publisher named. Where only imported publishers are, that is one of theirs.
     """
-    mine = own(state)
+    mine = local_part(state)
     _stamp, _local, _uri, _name, publishers, subscribers = document(mine, rules)[:6]
     topics = {topic for topic, _nodes in publishers}
     topics |= {topic for topic, _nodes in subscribers if topic in mine.publishers or topic not in state.publishers}
@@ -244,18 +245,18 @@ def document(state: State, rules: Iterable[Rules] = ()) -> List[Any]:
     """The ten elements of masterInfo. A thing that any of the rules refuses is left out."""
     every = list(rules)
 
-    def published(node: str, topic: str) -> bool:
+    def admits_publisher(node: str, topic: str) -> bool:
         return all(rule.topic(node, topic, state.types.get(topic, ""), True) for rule in every)
 
-    def subscribed(node: str, topic: str) -> bool:
+    def admits_subscriber(node: str, topic: str) -> bool:
         return all(rule.topic(node, topic, state.types.get(topic, ""), False) for rule in every)
 
-    def offered(node: str, service: str) -> bool:
+    def admits_service(node: str, service: str) -> bool:
         return all(rule.service(node, service) for rule in every)
 
-    publishers = _allowed(state.publishers, published)
-    subscribers = _allowed(state.subscribers, subscribed)
-    provided = _allowed(state.services, offered)
+    publishers = _select_allowed(state.publishers, admits_publisher)
+    subscribers = _select_allowed(state.subscribers, admits_subscriber)
+    provided = _select_allowed(state.services, admits_service)
     names = dict.fromkeys(name for name, _nodes in publishers + subscribers)
     used = dict.fromkeys(node for _name, nodes in publishers + subscribers + provided for node in nodes)
     return [
@@ -275,7 +276,7 @@ def document(state: State, rules: Iterable[Rules] = ()) -> List[Any]:
     ]
 
 
-def _allowed(endpoints: Endpoints, allows: Callable[[str, str], bool]) -> List[List[Any]]:
+def _select_allowed(endpoints: Endpoints, allows: Callable[[str, str], bool]) -> List[List[Any]]:
     """The names with those of their nodes that are allowed; names without any are left out."""
     left = ([name, [node for node in users if allows(node, name)]] for name, users in endpoints.items())
     return [entry for entry in left if entry[1]]
@@ -288,13 +289,13 @@ def _pick(table: Mapping[str, Any], names: Iterable[str]) -> List[Tuple[str, Any
 def parse(value: Any) -> State:
     """The state in a document from another computer. Raises Malformed."""
     if not isinstance(value, (list, tuple)) or len(value) != 10:
-        raise Malformed("not an array of ten elements")
+        raise InvalidDocument("not an array of ten elements")
     try:
         stamp, local_stamp = float(value[0]), float(value[1])
     except (TypeError, ValueError, OverflowError):
-        raise Malformed("its stamps are no numbers") from None
+        raise InvalidDocument("its stamps are no numbers") from None
     if not (abs(stamp) < math.inf and abs(local_stamp) < math.inf):
-        raise Malformed("its stamps are no times")
+        raise InvalidDocument("its stamps are no times")
     uri, name = _text(value[2], "the URI"), _text(value[3], "the name")
     return State(
         uri=uri,
@@ -306,12 +307,12 @@ def parse(value: Any) -> State:
         services=_endpoints(value[6], "services"),
         types={
             topic: kind
-            for topic, kind in _named(_rows(value[7], 2, "topic types"), "a topic")
+            for topic, kind in _select_named(_rows(value[7], 2, "topic types"), "a topic")
             if _VISIBLE.match(_text(kind, "a type"))
         },
         nodes={
             node: Node(_uri(where, "http://"), _text(origin, "an origin"), _text(locality, "a locality"))
-            for node, where, origin, _pid, locality in _named(_rows(value[8], 5, "nodes"), "a node")
+            for node, where, origin, _pid, locality in _select_named(_rows(value[8], 5, "nodes"), "a node")
         },
         providers={
             service: Provider(
@@ -320,7 +321,9 @@ def parse(value: Any) -> State:
                 _text(locality, "a locality"),
                 _text(kind, "a type"),
             )
-            for service, where, origin, kind, locality in _named(_rows(value[9], 5, "service providers"), "a service")
+            for service, where, origin, kind, locality in _select_named(
+                _rows(value[9], 5, "service providers"), "a service"
+            )
         },
     )
 
@@ -333,17 +336,17 @@ def _rows(value: Any, width: int, what: str) -> List[Any]:
     if not isinstance(value, (list, tuple)) or any(
         not isinstance(row, (list, tuple)) or len(row) != width for row in value
     ):
-        raise Malformed(f"its {what} are no array of arrays of {width}")
+        raise InvalidDocument(f"its {what} are no array of arrays of {width}")
     return list(value)
 
 
-def _named(rows: Iterable[Any], what: str) -> List[Any]:
+def _select_named(rows: Iterable[Any], what: str) -> List[Any]:
     return [row for row in rows if _NAME.match(_text(row[0], what))]
 
 
 def _text(value: Any, what: str) -> str:
     if not isinstance(value, str) or len(value) > LONGEST:
-        raise Malformed(f"{what} is no text of at most {LONGEST} characters")
+        raise InvalidDocument(f"{what} is no text of at most {LONGEST} characters")
     return value
 
 
@@ -353,8 +356,8 @@ def _uri(value: Any, scheme: str) -> Optional[str]:
 
 def _endpoints(value: Any, what: str) -> Dict[str, Tuple[str, ...]]:
     found = {}
-    for name, nodes in _named(_rows(value, 2, what), what):
+    for name, nodes in _select_named(_rows(value, 2, what), what):
         if not isinstance(nodes, (list, tuple)):
-            raise Malformed(f"the nodes of {what} are no array")
+            raise InvalidDocument(f"the nodes of {what} are no array")
         found[name] = tuple(node for node in nodes if _NAME.match(_text(node, "a node")))
     return found

@@ -19,7 +19,7 @@ _END = 2**31  # seconds: what a signed number of four bytes holds ends in 2038
 MAX_RATE = 25.5  # Hz: one byte, in tenths
 
 
-class Malformed(ValueError):
+class InvalidHeartbeat(ValueError):
     """The datagram is no record of this protocol; the text says why, in a few words."""
 
 
@@ -30,7 +30,7 @@ class Stamp(NamedTuple):
     nsecs: int = 0
 
     @classmethod
-    def at(cls, seconds: float) -> "Stamp":
+    def from_seconds(cls, seconds: float) -> "Stamp":
         """The stamp of a Unix time in seconds; a time that the record cannot hold begins again at 0."""
         whole = int(seconds // 1)
         return cls(whole % _END, int((seconds - whole) * 1e9))
@@ -73,20 +73,20 @@ def encode(heartbeat: Heartbeat) -> bytes:
 def decode(datagram: bytes) -> Heartbeat:
     """The record of a datagram. Raises Malformed."""
     if len(datagram) > 1 and datagram[1] not in (_VERSION, _VERSION_WITH_REQUESTS):
-        raise Malformed(f"version {datagram[1]} instead of {_VERSION} or {_VERSION_WITH_REQUESTS}")
+        raise InvalidHeartbeat(f"version {datagram[1]} instead of {_VERSION} or {_VERSION_WITH_REQUESTS}")
     if datagram[:1] != _MARK:
-        raise Malformed("it does not begin with the letter R")
+        raise InvalidHeartbeat("it does not begin with the letter R")
     if len(datagram) != SIZE:
-        raise Malformed(f"{len(datagram)} bytes instead of {SIZE}")
+        raise InvalidHeartbeat(f"{len(datagram)} bytes instead of {SIZE}")
     _mark, version, rate, secs, nsecs, rpc_port, local_secs, local_nsecs = _RECORD.unpack(datagram)
     stamp, local_stamp = Stamp(secs, nsecs), Stamp(local_secs, local_nsecs)
     if not rpc_port:
-        raise Malformed("no port")
+        raise InvalidHeartbeat("no port")
     kind = Kind.STATE
     if _GONE in (secs, local_secs):
         kind = Kind.LEAVE
     elif min(*stamp, *local_stamp) < 0:  # ROS has no such times, so it could not be told to anybody
-        raise Malformed("a time before 1970")
+        raise InvalidHeartbeat("a time before 1970")
     elif version == _VERSION_WITH_REQUESTS and stamp == Stamp():
         kind = Kind.REQUEST
     return Heartbeat(kind, rpc_port, rate / 10, stamp, local_stamp)

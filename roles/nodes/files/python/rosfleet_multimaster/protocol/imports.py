@@ -9,7 +9,7 @@ lives on the parameter server, so it lives as long as the registrations do.
 import json
 from typing import Any, Dict
 
-from . import bounded_json
+from . import json_text
 from .messages import NodeKey
 
 IMPORTS = "/rosfleet_multimaster/imports"
@@ -28,7 +28,7 @@ def write(node: str, uri: str, claims: Claims) -> str:
 def read(text: Any) -> Dict[str, Any]:
     """The record in a value of the parameter server; empty where it is none."""
     try:
-        found = bounded_json.read(text) if isinstance(text, str) else {}
+        found = json_text.from_json(text) if isinstance(text, str) else {}
         return found if isinstance(found, dict) and isinstance(found.get("imports"), dict) else {}
     except ValueError:
         return {}

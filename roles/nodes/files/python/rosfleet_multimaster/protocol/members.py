@@ -9,7 +9,7 @@
 import ipaddress
 from typing import Any, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional
 
-from .plain_text import quoted
+from .plain_text import quote
 
 IGNORE, ALLOW = "ignore", "allow"
 
@@ -26,9 +26,9 @@ class Member(NamedTuple):
     ports: FrozenSet[int]  # of its roscore and its discovery: no node has them
 
     @classmethod
-    def of(cls, entry: Mapping[str, Any]) -> "Member":
+    def from_entry(cls, entry: Mapping[str, Any]) -> "Member":
         """Read an entry of ~members, which has been checked."""
-        uris = frozenset(same_uri(uri) for uri in entry["uris"])
+        uris = frozenset(normalize_uri(uri) for uri in entry["uris"])
         ports = {entry["rpc_port"], *(port_of(uri) for uri in uris)}
         return cls(
             robot=entry["robot"],
@@ -72,16 +72,16 @@ class Members:
         self.hosts = frozenset(host for robot in self.robots for host in robot.hosts)
 
     @classmethod
-    def of(cls, parameters: Mapping[str, Any]) -> "Members":
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> "Members":
         """The members in the parameters of a node, which have been checked."""
-        robots = [Member.of(entry) for entry in parameters.get("members") or ()]
+        robots = [Member.from_entry(entry) for entry in parameters.get("members") or ()]
         return cls(robots, parameters.get("strangers", ALLOW), parameters.get("allow") or ())
 
     def master(self, uri: str) -> Optional[Member]:
         """The robot whose master has this URI; None for a stranger's."""
-        return self._by_uri.get(same_uri(uri))
+        return self._by_uri.get(normalize_uri(uri))
 
-    def at(self, address: str) -> Optional[Member]:
+    def member_at(self, address: str) -> Optional[Member]:
         """The robot whose master is on the computer with this address."""
         return self._by_address.get(address)
 
@@ -112,24 +112,24 @@ class Members:
             return ""
         if name.lower() in self._names:
             return (
-                f"it has the name of the master of a robot of the fleet, {quoted(name)}, but another URI, {quoted(uri)}"
+                f"it has the name of the master of a robot of the fleet, {quote(name)}, but another URI, {quote(uri)}"
             )
         if self.admits(address):
             return ""
-        there = self.at(address)
+        there = self.member_at(address)
         if there is not None:
-            return f"it is on the computer of {there.name}, whose master is not {quoted(uri)}"
+            return f"it is on the computer of {there.name}, whose master is not {quote(uri)}"
         return "it is no robot of the fleet"
 
 
-def same_uri(uri: str) -> str:
+def normalize_uri(uri: str) -> str:
     """A URI of a master in one spelling: case and the slash at its end do not matter."""
     return uri.lower().rstrip("/")
 
 
 def port_of(uri: str) -> int:
     """The port of a URI; 0 where it has none."""
-    port = same_uri(uri).rpartition(":")[2]
+    port = normalize_uri(uri).rpartition(":")[2]
     return int(port) if port.isdigit() else 0
 
 

@@ -1,33 +1,19 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the messages and services of ROS say of masters, links and registrations, as the nodes have it.
+"""Masters, links and registrations, as the messages and services of ROS carry them.
 
-edge/ros.py makes these of messages, and messages of these.
+edge/ros.py converts both ways.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple, Tuple
 
-from .plain_text import quoted
+from .plain_text import quote
 
 NodeKey = Tuple[str, str]  # name and URI of a node
 
 
-@dataclass(frozen=True)
-class Master:
-    """A master as the topic and the service of discovery show it: `~changes`, `~list_masters`."""
-
-    name: str
-    uri: str
-    stamp: float
-    local_stamp: float
-    online: bool
-    discoverer: str
-    monitor_uri: str
-
-
-class Announced(NamedTuple):
-    """A master as discovery announces it."""
+class Master(NamedTuple):
+    """A master, as discovery announces it (`~changes`) and lists it (`~list_masters`)."""
 
     name: str
     uri: str
@@ -57,9 +43,9 @@ class Registration(NamedTuple):
     service_uri: str = ""
 
     @property
-    def of(self) -> NodeKey:
-        """The node."""
+    def node_key(self) -> NodeKey:
+        """The name and the URI of the node."""
         return self.node, self.node_uri
 
     def __str__(self) -> str:
-        return f"{self.kind} {quoted(self.name)} of {quoted(self.node)}"
+        return f"{self.kind} {quote(self.name)} of {quote(self.node)}"

@@ -104,11 +104,11 @@ def text(samples: Mapping[str, Mapping[Values, float]]) -> str:
 
 
 def _labels(names: Sequence[str], values: Values) -> str:
-    pairs = ",".join(f'{name}="{_escaped(value)}"' for name, value in zip(names, values))
+    pairs = ",".join(f'{name}="{_escape(value)}"' for name, value in zip(names, values))
     return f"{{{pairs}}}" if pairs else ""
 
 
-def _escaped(value: str) -> str:
+def _escape(value: str) -> str:
     return plain(value, LABEL).replace("\\", "\\\\").replace('"', '\\"')
 
 
@@ -119,12 +119,12 @@ def _number(value: float) -> str:
 # The samples
 
 
-def one(**values: float) -> Samples:
+def scalar_samples(**values: float) -> Samples:
     """Samples of metrics without labels, by their names after the prefix."""
     return {f"multimaster_{name}": {(): value} for name, value in values.items()}
 
 
-def of_node(node: str, now: float, queue: int, received: int) -> Samples:
+def node_samples(node: str, now: float, queue: int, received: int) -> Samples:
     """The samples that both nodes have. `now`: the wall clock."""
     name = node.rpartition("/")[2]
     return {

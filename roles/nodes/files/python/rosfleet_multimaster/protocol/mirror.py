@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 from typing import Counter as Counts
 
-from .graph import LOCAL, REMOTE, Malformed, Node, Provider, State
+from .graph import LOCAL, REMOTE, InvalidDocument, Node, Provider, State
 
 CHANGES = "rosfleetChanges"  # the method by which a roscore tells its changes,
 REFUSED = "/rosfleet_multimaster/refused"  # and how often it has refused something, as if it were a parameter
@@ -48,11 +48,11 @@ class Mirror:
             if kind in _ENDPOINTS:
                 self._endpoint(tables[_ENDPOINTS[kind]], kind, record)
             elif kind == "node":
-                _put(self.node_uris, name, record[2] or None)
+                _set_or_remove(self.node_uris, name, record[2] or None)
             elif kind == "type":
                 self._types[name] = record[2]
             else:
-                _put(self.parameters, name, record[2])
+                _set_or_remove(self.parameters, name, record[2])
             touched.add(name)
         if whole:  # what is not among the records is gone
             self._state = State(self._state.uri, self._state.name)
@@ -88,11 +88,11 @@ class Mirror:
         if kind == "service":
             users.clear()  # it has one provider
             self._count(table.get(name, ()), -1)
-            _put(self.service_uris, name, there or None)
+            _set_or_remove(self.service_uris, name, there or None)
             before = 0
         (users.add if there else users.discard)(node)
         self._count((node,), len(users) - before)
-        _put(table, name, tuple(sorted(users)) or None)
+        _set_or_remove(table, name, tuple(sorted(users)) or None)
 
     def _count(self, nodes: Any, by: int) -> None:
         for node in nodes:
@@ -120,7 +120,7 @@ class Mirror:
         found = dict(self._state.types)
         for topic in topics:
             used = topic in endpoints["publishers"] or topic in endpoints["subscribers"]
-            _put(found, topic, self._types.get(topic) if used else None)
+            _set_or_remove(found, topic, self._types.get(topic) if used else None)
         return found
 
     def _node(self, node: str) -> Node:
@@ -132,7 +132,7 @@ class Mirror:
         return Provider(self.service_uris.get(name), of, LOCAL if of == self._state.uri else REMOTE)
 
 
-def _put(table: Dict[str, Any], name: str, value: Optional[Any]) -> None:
+def _set_or_remove(table: Dict[str, Any], name: str, value: Optional[Any]) -> None:
     if value is None:
         table.pop(name, None)
     else:
@@ -141,11 +141,11 @@ def _put(table: Dict[str, Any], name: str, value: Optional[Any]) -> None:
 
 def _records(records: Any) -> List[List[Any]]:
     if not isinstance(records, (list, tuple)):
-        raise Malformed("the records are no array")
+        raise InvalidDocument("the records are no array")
     found = [list(record) for record in records if isinstance(record, (list, tuple)) and record and record[0] in _WIDTH]
     for record in found:
         if record[0] == "parameter" and len(record) == 2:  # it is not set
             record.append(None)
         if len(record) != _WIDTH[record[0]] or not isinstance(record[1], str):
-            raise Malformed(f"a record of the kind {record[0]} is malformed")
+            raise InvalidDocument(f"a record of the kind {record[0]} is malformed")
     return found

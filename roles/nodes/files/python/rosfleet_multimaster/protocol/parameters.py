@@ -165,7 +165,7 @@ def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
         Filters(values).check()
         for name in HIDDEN:
             value = values.get(name) or []
-            Pattern.of([value] if isinstance(value, str) else value, name)
+            Pattern.from_items([value] if isinstance(value, str) else value, name)
     except InvalidPattern as problem:
         raise ParameterError(f"~{problem}") from None
     for number, entry in enumerate(values["members"], 1):
@@ -206,7 +206,7 @@ def _check_export(what: str, entry: Mapping[str, Any]) -> None:
             raise ParameterError(f"{what} is for {address!r}, but an IPv4 address or '*' is expected")
     for key in ("topics", "services"):
         try:
-            Pattern.of(entry.get(key, []), f"{what}, {key}")
+            Pattern.from_items(entry.get(key, []), f"{what}, {key}")
         except InvalidPattern as problem:
             raise ParameterError(str(problem)) from None
 

@@ -20,7 +20,7 @@ from ..edge import addresses, journal
 from ..edge.loop import Loop, Workers, in_thread
 from ..edge.process import memory, program, systemd
 from ..protocol import imports
-from ..protocol.plain_text import quoted
+from ..protocol.plain_text import quote
 from . import core_services, master, store
 from .changes import Changes
 from .core.bounds import Beyond, beyond
@@ -109,7 +109,7 @@ class Roscore:
         self._changes.add(records)
         for record in records:
             if record[0] == "refused":
-                text = f"the node {quoted(record[1])} at {quoted(record[2])} is refused: {record[3]}"
+                text = f"the node {quote(record[1])} at {quote(record[2])} is refused: {record[3]}"
                 self._refusals.say(f"{record[1:3]}", text)
 
     def _left(self, name: str, uri: str) -> None:
@@ -123,7 +123,7 @@ class Roscore:
             raise beyond("under way", "what is changed now, with what others change,")
 
     def _not_ended(self, name: str, uri: str) -> None:
-        text = f"{quoted(name)} at {quoted(uri)} is not told to end: neither it nor its successor was registered from its computer"
+        text = f"{quote(name)} at {quote(uri)} is not told to end: neither it nor its successor was registered from its computer"
         self._refusals.say("end", text)
 
     def _tell(self, records: List[Record]) -> None:

@@ -13,7 +13,7 @@ import threading
 from typing import Any, Callable, ContextManager, Iterable, List, Sequence, Tuple
 
 from ..edge.clock import monotonic
-from ..protocol.bounded_json import packed
+from ..protocol.json_text import pack_rows
 from .core.feed import Feed
 from .core.registry import Record, told, told_whole
 
@@ -60,7 +60,7 @@ class Changes:
             seconds = min(max(float(wait), 0.0), LONGEST)
             if not isinstance(epoch, str) or not isinstance(revision, int) or more not in ([], [False], [True]):
                 raise ValueError
-            sent = packed if more == [True] else _sent
+            sent = pack_rows if more == [True] else _sent
         except (TypeError, ValueError):
             return [-1, "expected: caller_id, epoch (text), revision (int), wait (seconds), packed (bool, optional)", 0]
         caller = self._caller()

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, Callable, Dict, Iterator, List, NamedTuple, Tu
 
 from ..edge.clock import monotonic
 from ..protocol.plain_text import LINE, plain
-from ..protocol.xml_rpc import Document, TooLarge
+from ..protocol.xml_rpc import Document, DocumentTooLarge
 from .core.bounds import BOUNDS, Beyond, beyond, weight
 
 _log = logging.getLogger("rosfleet.door")
@@ -228,7 +228,7 @@ class Handler(BaseHTTPRequestHandler):
                 for piece in _unpacked(body, most) if packed else body:
                     document.feed(piece)
                 arguments, name = document.close()
-            except TooLarge as problem:
+            except DocumentTooLarge as problem:
                 self._throw_away_rest(body)
                 raise Beyond(f"a request is more than the roscore takes: {problem}", "request") from None
             except Exception:
@@ -324,7 +324,7 @@ def _unpacked(body: Iterator[bytes], most: int) -> Iterator[bytes]:
             piece = unpacker.decompress(packed, _PIECE)
             packed, size = unpacker.unconsumed_tail, size + len(piece)
             if size > most:
-                raise TooLarge(f"it has more than {most} bytes")
+                raise DocumentTooLarge(f"it has more than {most} bytes")
             yield piece
     if not unpacker.eof:
         raise ValueError("the end of what is packed is missing")

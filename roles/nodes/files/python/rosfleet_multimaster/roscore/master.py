@@ -24,8 +24,8 @@ from rosmaster import master_api, paramserver, registrations
 from ..edge import addresses
 from ..edge.clock import monotonic
 from ..edge.roscore import TOGETHER
-from ..protocol import bounded_json
-from ..protocol.plain_text import plain, quoted
+from ..protocol import json_text
+from ..protocol.plain_text import plain, quote
 from . import programs
 from .core.bounds import BOUNDS, Beyond, Room, beyond, freed, names, parts_of, weight, writable
 from .core.name_guard import NameGuard
@@ -476,7 +476,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         verdict = self.guard.judge(node, held.api if held is not None else "", uri, monotonic())
         self._spare = verdict.spared
         if verdict.import_lost and held is not None:
-            self._records.append(["refused", node, held.api, f"an own node at {quoted(uri)} has taken the name"])
+            self._records.append(["refused", node, held.api, f"an own node at {quote(uri)} has taken the name"])
         if verdict.refused:
             self._records.append(["refused", node, uri, verdict.refused])
             return f"refused: {verdict.refused}"
@@ -683,7 +683,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
 def _calls(text: str) -> List[Any]:
     """The calls in a text of JSON. Raises ValueError."""
-    calls = bounded_json.read(text) if isinstance(text, str) else None
+    calls = json_text.from_json(text) if isinstance(text, str) else None
     if not isinstance(calls, list) or not all(isinstance(call, list) and call for call in calls):
         raise ValueError("something else")
     if len(calls) > BOUNDS["together"].most:

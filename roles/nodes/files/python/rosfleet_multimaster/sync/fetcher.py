@@ -11,10 +11,10 @@ from ..edge.loop import Loop, Workers
 from ..edge.process import program
 from ..edge.rpc_client import Rpc
 from ..protocol.differences import DIFFERENCES, PACKED
-from ..protocol.graph import Malformed, State, parse
+from ..protocol.graph import InvalidDocument, State, parse
 from ..protocol.messages import Registration
-from ..protocol.plain_text import quoted
-from ..protocol.xml_rpc import STATE, TooLarge
+from ..protocol.plain_text import quote
+from ..protocol.xml_rpc import STATE, DocumentTooLarge
 from .core.limits import size
 from .core.places import Places
 from .core.sync import Fetch, Sync
@@ -92,7 +92,7 @@ class Fetcher:
             self._limited.say(
                 "warning",
                 f"fetch {fetch.uri}",
-                f"the state of {fetch.uri} cannot be had from {fetch.monitor_uri}: {quoted(problem)}{_advice(problem)}",
+                f"the state of {fetch.uri} cannot be had from {fetch.monitor_uri}: {quote(problem)}{_advice(problem)}",
             )
 
     # Who is followed
@@ -116,7 +116,7 @@ class Fetcher:
 
 
 def _advice(problem: Exception) -> str:
-    if not isinstance(problem, TooLarge):
+    if not isinstance(problem, DocumentTooLarge):
         return ""
     return "; nothing new of it is taken, what was registered stays: leave out there what nobody needs, by multimaster_exports"
 
@@ -141,7 +141,7 @@ def _fetch(fetch: Fetch, before: Optional[State], view: View, quick: bool, known
     except Fault:
         if not known:
             raise
-    except Malformed as problem:
+    except InvalidDocument as problem:
         if not known:
             raise ValueError(f"it sends no state of a master: {problem}") from None
     finally:

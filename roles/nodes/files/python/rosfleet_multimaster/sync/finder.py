@@ -10,7 +10,7 @@ from ..edge.loop import Loop, Recurring, Workers
 from ..edge.process import program
 from ..edge.process.systemd import notify
 from ..protocol.imports import Claims
-from ..protocol.messages import Announced
+from ..protocol.messages import Master
 from .core.sync import View
 from .own_graph import OwnGraph
 
@@ -39,9 +39,9 @@ class Finder:
         roscore_calls: Workers,
         limited: program.Limited,
         claims: Callable[[], Claims],
-        list_masters: Callable[[str], List[Announced]],
+        list_masters: Callable[[str], List[Master]],
         subscribe: Callable[[str], None],
-        listed: Callable[[List[Announced], bool, float], None],
+        listed: Callable[[List[Master], bool, float], None],
     ) -> None:
         """`subscribe(topic)` and `listed(masters, first, asked at)` are called in the loop; `list_masters(service)` in a worker."""
         self.listed_once = False
@@ -95,7 +95,7 @@ class Finder:
             if not self.listed_once:
                 notify(f"STATUS={text}")
 
-    def _listed(self, answer: Optional[Tuple[float, List[Announced]]], problem: Optional[Exception]) -> None:
+    def _listed(self, answer: Optional[Tuple[float, List[Master]]], problem: Optional[Exception]) -> None:
         if answer is None:
             self._finds.due = monotonic() + LIST_FIRST
             self._service = ""

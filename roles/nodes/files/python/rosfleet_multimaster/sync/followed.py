@@ -9,9 +9,9 @@ from ..edge.addresses import address_of, network, networks
 from ..edge.clock import monotonic, processor_time
 from ..edge.loop import Ended, in_thread
 from ..edge.rpc_client import Rpc
-from ..protocol import bounded_json
-from ..protocol.differences import applied, digest
-from ..protocol.graph import Malformed, State, parse
+from ..protocol import json_text
+from ..protocol.differences import apply_difference, digest
+from ..protocol.graph import InvalidDocument, State, parse
 from ..protocol.members import Members, Networks
 from .core.limits import limited, size
 from .core.pace import Pace
@@ -37,24 +37,24 @@ class Answer:
     def __init__(self, value: Any) -> None:
         if isinstance(value, str):
             try:
-                value = bounded_json.read(value)
+                value = json_text.from_json(value)
             except ValueError as problem:
-                raise Malformed(f"no values: {problem}") from None
+                raise InvalidDocument(f"no values: {problem}") from None
         if not isinstance(value, (list, tuple)) or len(value) != 6:
-            raise Malformed("not an array of six elements")
+            raise InvalidDocument("not an array of six elements")
         self.epoch, self.revision, self.whole, self.document, self.gone, self.digest = value
         if not isinstance(self.epoch, str) or not 0 < len(self.epoch) < 100 or not isinstance(self.revision, int):
-            raise Malformed("its epoch is no short text, or its revision no number")
+            raise InvalidDocument("its epoch is no short text, or its revision no number")
         if not isinstance(self.whole, bool) or not isinstance(self.digest, str):
-            raise Malformed("it does not say whether it is whole, or its digest is no text")
+            raise InvalidDocument("it does not say whether it is whole, or its digest is no text")
 
     def state(self, before: Optional[State]) -> State:
         """The state now. Raises Malformed."""
         if self.whole:
             return parse(self.document)
         if before is None:
-            raise Malformed("a difference, where a whole state was asked for")
-        return applied(before, self.document, self.gone)
+            raise InvalidDocument("a difference, where a whole state was asked for")
+        return apply_difference(before, self.document, self.gone)
 
 
 class Surroundings:

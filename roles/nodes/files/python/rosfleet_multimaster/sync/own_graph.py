@@ -10,7 +10,7 @@ from xmlrpc.client import Fault
 
 from ..edge.clock import monotonic
 from ..edge.roscore import KNOWN, Roscore
-from ..protocol.bounded_json import unpacked
+from ..protocol.json_text import unpack_rows
 from ..protocol.mirror import CHANGES, Mirror
 from .core.sync import View
 
@@ -74,7 +74,7 @@ class OwnGraph:
             raise ValueError("the roscore does not tell its changes")
         self._epoch, self._revision, whole, records = answer[2]
         if whole or records:
-            mirror.take(whole, unpacked(records))
+            mirror.take(whole, unpack_rows(records))
         state, uris = mirror.state(), (mirror.node_uris, mirror.service_uris)
         return View(state.publishers, state.subscribers, state.services, state.types, *map(dict, uris))
 

@@ -19,7 +19,7 @@ from ..edge.rpc_client import Rpc
 from ..protocol import imports
 from ..protocol.imports import Claims
 from ..protocol.messages import Registration
-from ..protocol.plain_text import quoted
+from ..protocol.plain_text import quote
 from .core import limits
 from .core.step import Known, Names, after, names, step
 from .core.sync import Plan, Refusal, Sync, View, Wanted, calls, nodes_of, plan
@@ -178,7 +178,7 @@ class Rounds:
         todo = self._plan(reading, monotonic())
         before = reading.view.registrations(reading.claims)
         # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
-        self.held = {**{item: reading.claims[item.of] for item in before}, **todo.held}
+        self.held = {**{item: reading.claims[item.node_key] for item in before}, **todo.held}
         self._last_refused = todo.refused
         self._calls.submit(
             lambda: self._write(todo, reading.claims),
@@ -255,7 +255,9 @@ class Rounds:
     def _leftovers(self, reading: Reading) -> List[Wanted]:
         """Registrations of an earlier life whose masters have not been found again yet."""
         keep = {key: uri for key, uri in reading.claims.items() if uri not in reading.met}
-        return [Wanted(item, keep[item.of], keep[item.of]) for item in sorted(reading.view.registrations(keep))]
+        return [
+            Wanted(item, keep[item.node_key], keep[item.node_key]) for item in sorted(reading.view.registrations(keep))
+        ]
 
     # Write
 
@@ -281,13 +283,13 @@ class Rounds:
             return
         self.held = dict(todo.held)
         done = []
-        made = [("unregistered", item, claims[item.of]) for item in todo.unregister]
+        made = [("unregistered", item, claims[item.node_key]) for item in todo.unregister]
         made += [("registered", item, todo.held[item]) for item in todo.register]
         for (verb, item, master), result in zip(made, results):
             if isinstance(result, Fault) or result[0] != 1:
                 why = result.faultString if isinstance(result, Fault) else result[1]
                 self.held.pop(item, None)
-                self._limited.say("error", f"call {item}", f"the roscore refuses the {item}: {quoted(why)}")
+                self._limited.say("error", f"call {item}", f"the roscore refuses the {item}: {quote(why)}")
                 continue
             self.made[verb] += 1
             done.append((master, verb, item))
@@ -312,7 +314,7 @@ class Rounds:
 
         def told(_result: Any, problem: Optional[Exception]) -> None:
             if problem is not None:
-                text = f"{quoted(item.node)} cannot be told who publishes {quoted(item.name)}: {quoted(problem)}"
+                text = f"{quote(item.node)} cannot be told who publishes {quote(item.name)}: {quote(problem)}"
                 self._limited.say("warning", f"update {item.node_uri}", text)
 
         self._updaters.submit(

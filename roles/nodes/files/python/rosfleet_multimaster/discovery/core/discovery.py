@@ -30,7 +30,7 @@ to be done accumulates in `Discovery.actions`. The program takes it from there, 
 
 from typing import Container, Iterable, List, Optional, Tuple
 
-from ...protocol.heartbeat import Heartbeat, Kind, Malformed, decode
+from ...protocol.heartbeat import Heartbeat, InvalidHeartbeat, Kind, decode
 from ...protocol.members import Members
 from ...protocol.messages import Link, Master
 from ...protocol.parameters import Settings
@@ -124,7 +124,7 @@ class Discovery:
             return
         try:
             beat = decode(data)
-        except Malformed as problem:
+        except InvalidHeartbeat as problem:
             self.malformed += 1
             text = f"a datagram from {source[0]}:{source[1]} is ignored: {problem}"
             self._outbox.say("warning", "malformed", text)

@@ -9,9 +9,9 @@ asked by getCurrentTime, which upstream has too: one master at a time, and the m
 import math
 from typing import Any, Dict, Iterable, Iterator, NamedTuple, Optional, Sequence, Set
 
-from ...protocol.members import Members, same_uri
+from ...protocol.members import Members, normalize_uri
 from ...protocol.messages import Link, Master
-from ...protocol.plain_text import plain, quoted
+from ...protocol.plain_text import plain, quote
 
 EACH, ANY = 30.0, 5.0  # seconds from a question to one master to the next one to it, and to anybody
 LIMIT = 3.0  # seconds for an answer
@@ -64,7 +64,7 @@ class Health:
     """The history of the links so far."""
 
     def __init__(self, own_uri: str, members: Members) -> None:
-        self._own_uri, self._members = same_uri(own_uri), members
+        self._own_uri, self._members = normalize_uri(own_uri), members
         self._losses: Dict[str, int] = {}
         self._answers: Dict[str, Answer] = {}
         self._asked: Dict[str, float] = {}  # in the order of the questions
@@ -108,7 +108,7 @@ class Health:
             best = heard.get(link.uri)
             heard[link.uri] = link if best is None or link.silent < best.silent else best
         found = [self._seen(master, heard.get(master.uri)) for master in masters if self._is_other(master)]
-        found += self._missing({same_uri(link.uri) for link in found})
+        found += self._missing({normalize_uri(link.uri) for link in found})
         found.sort(key=lambda link: (self._members.master(link.uri) is None, link.name))  # those of the fleet first
         shown: Dict[str, Seen] = {}
         for seen in found:
@@ -120,7 +120,7 @@ class Health:
         """The links to the masters of the fleet that are not listed."""
         for robot in self._members.robots:
             if robot.name and self._own_uri not in robot.uris and not there.intersection(robot.uris):
-                losses = sum(count for uri, count in self._losses.items() if same_uri(uri) in robot.uris)
+                losses = sum(count for uri, count in self._losses.items() if normalize_uri(uri) in robot.uris)
                 yield Seen(plain(robot.name, NAME), min(robot.uris, default=""), False, -1.0, None, losses, None)
 
     def _seen(self, master: Master, link: Optional[Link]) -> Seen:
@@ -128,8 +128,8 @@ class Health:
         silent = link.silent if link is not None else None
         losses, answer = self._losses.get(master.uri, 0), self._answers.get(master.uri)
         planned = self._members.master(master.uri) is not None
-        name = plain(master.name, NAME) if planned else quoted(master.name, NAME - 2)
+        name = plain(master.name, NAME) if planned else quote(master.name, NAME - 2)
         return Seen(name, master.uri, master.online, quality, silent, losses, answer)
 
     def _is_other(self, master: Master) -> bool:
-        return same_uri(master.uri) != self._own_uri
+        return normalize_uri(master.uri) != self._own_uri

@@ -44,7 +44,7 @@ class Here:
     def lose(self) -> None:
         """Note that the own roscore does not answer."""
         if self.master is not None:
-            self.master = Master(**{**self.master.__dict__, "online": False})
+            self.master = self.master._replace(online=False)
 
     def is_own(self, address: str) -> bool:
         """True for an address of this computer."""
@@ -63,7 +63,7 @@ class Here:
         own = self._members.master(self.uri or "")
         if address in self.addresses or (own is not None and address in own.addresses):
             return False  # also a planned address that no interface has yet
-        if self._members.at(address) is not None or address in self._members.allow:
+        if self._members.member_at(address) is not None or address in self._members.allow:
             return True
         return address in self.networks or address in self.settings.robot_hosts
 
@@ -75,5 +75,5 @@ class Here:
         """A datagram about the own master."""
         if kind is not Kind.STATE or self.master is None:
             return encode(Heartbeat(kind, self.rpc_port))
-        stamp, local = Stamp.at(self.master.stamp), Stamp.at(self.master.local_stamp)
+        stamp, local = Stamp.from_seconds(self.master.stamp), Stamp.from_seconds(self.master.local_stamp)
         return encode(Heartbeat(kind, self.rpc_port, self.settings.heartbeat_hz, stamp, local))

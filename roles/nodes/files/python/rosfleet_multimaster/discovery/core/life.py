@@ -5,7 +5,7 @@
 from typing import Callable, Dict, Optional
 
 from ...protocol.members import Members
-from ...protocol.plain_text import quoted
+from ...protocol.plain_text import quote
 from .actions import Outbox
 from .outsiders import Outsiders
 from .peer import Act, Contact, Key, Peer, Sign
@@ -76,7 +76,7 @@ class Life:
         entry.credit, entry.failures = 0, entry.failures + 1
         if entry.contact is None:
             few = len(self._strangers.table) <= MAX_PER_ADDRESS
-            text = f"{entry.monitor_uri} is heard, but does not say who it is: {quoted(news.problem)}"
+            text = f"{entry.monitor_uri} is heard, but does not say who it is: {quote(news.problem)}"
             self._outbox.say("warning", f"contact {entry.key[0]}" if few else "contacts", text)
 
     def _wait_for_room(self, entry: Peer, _news: News) -> None:

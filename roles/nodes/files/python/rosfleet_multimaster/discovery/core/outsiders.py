@@ -9,7 +9,7 @@ over TCP twice at most, whatever is heard from there.
 from dataclasses import dataclass
 from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 
-from ...protocol.plain_text import quoted
+from ...protocol.plain_text import quote
 from .peer import LONG_AGO, Contact, Key
 
 TRIES = 2  # connections to an address from which nobody has said who it is,
@@ -53,7 +53,7 @@ class Outsider(NamedTuple):
 
     def __str__(self) -> str:
         who = (
-            f"{quoted(self.name)} ({quoted(self.uri)}) at {self.address}"
+            f"{quote(self.name)} ({quote(self.uri)}) at {self.address}"
             if self.uri
             else f"the sender of heartbeats at {self.address}"
         )

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from ...protocol.heartbeat import Heartbeat
 from ...protocol.messages import Master
-from ...protocol.plain_text import is_plain, quoted
+from ...protocol.plain_text import is_plain, quote
 
 Key = Tuple[str, int, int]  # address and UDP port of the sender, port of its XML-RPC server
 LONG_AGO = float("-inf")
@@ -147,7 +147,7 @@ class Contact(NamedTuple):
             if not is_plain(text, MAX_NAME) or " " in text or '"' in text:
                 raise ValueError(f"a name that is none: {ascii(text[:40])}")
         if not uri.startswith("http://") or not urlsplit(uri).hostname:
-            raise ValueError(f"it calls its master {quoted(uri)}")
+            raise ValueError(f"it calls its master {quote(uri)}")
         return cls(stamp, uri, name, discoverer)
 
     @property
@@ -243,4 +243,4 @@ class Peer:
         """The master as others are told of it; not for a stranger."""
         stamp, local = self.beat.stamp.seconds, self.beat.local_stamp.seconds
         contact = self.contact or Contact(0.0, "", "", "")
-        return Master(contact.name, contact.uri, stamp, local, self.online, contact.discoverer, self.monitor_uri)
+        return Master(contact.name, contact.uri, self.monitor_uri, contact.discoverer, stamp, local, self.online)

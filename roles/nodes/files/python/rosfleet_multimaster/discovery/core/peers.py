@@ -99,7 +99,7 @@ class Peers:
     def identify(self, entry: Peer, contact: Contact, news: News) -> None:
         """Take the answer of a peer who it is."""
         entry.contact = contact
-        stamp = Stamp.at(contact.stamp)
+        stamp = Stamp.from_seconds(contact.stamp)
         # Only a beat says whether its own nodes changed. One that comes often is waited for, unless it is missed.
         regular = entry.rate * self._settings.offline_after >= 2
         awaited = news.asked - (1.0 / entry.rate if regular else 0.0)

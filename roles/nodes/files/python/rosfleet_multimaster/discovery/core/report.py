@@ -87,7 +87,7 @@ def of_links(shown: Shown) -> metrics.Samples:
         return {(name,): value for name, value in values}
 
     return {
-        **metrics.one(masters_online=sum(link.online for link in links), links_left_out=shown.left_out),
+        **metrics.scalar_samples(masters_online=sum(link.online for link in links), links_left_out=shown.left_out),
         "multimaster_link_up": each((link.name, link.online) for link in links),
         "multimaster_link_lost_total": each((link.name, link.losses) for link in links),
         "multimaster_link_silence_seconds": each((link.name, link.silent) for link in links if link.silent is not None),

@@ -40,7 +40,7 @@ class View:
         before, self._public = self._public, public
         for uri, master in before.items():
             if uri not in public:
-                self._outbox.event("removed", Master(**{**master.__dict__, "online": False}))
+                self._outbox.event("removed", master._replace(online=False))
         for uri, master in public.items():
             if uri not in before:
                 self._outbox.event("new", master)

@@ -9,7 +9,7 @@ does not come back under the old URI while it ends: roscpp registers once more t
 
 from typing import Dict, Iterable, NamedTuple, Set, Tuple
 
-from ...protocol.plain_text import quoted
+from ...protocol.plain_text import quote
 
 REPLACED = 30.0  # seconds that a replaced node is refused; it is told to end at once
 MOST = 1000  # replaced nodes that are remembered
@@ -50,9 +50,9 @@ class NameGuard:
         foreign, other = self.is_import(name, uri), held not in ("", uri)
         if other:
             if foreign and not self.is_import(name, held):
-                return Verdict(f"an own node at {quoted(held)} has the name {quoted(name)}")
+                return Verdict(f"an own node at {quote(held)} has the name {quote(name)}")
             if self._replaced.get((name, uri), now) > now:
-                return Verdict(f"a newer node at {quoted(held)} has the name {quoted(name)}")
+                return Verdict(f"a newer node at {quote(held)} has the name {quote(name)}")
         lost = other and self.is_import(name, held)
         if other:
             self._replace(name, held, now)

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import AbstractSet, Dict, Iterator, List, Mapping, Optional, Set, Tuple
 
 from ...protocol.graph import Endpoints, State
-from ...protocol.plain_text import quoted
+from ...protocol.plain_text import quote
 from .sync import Refusal, Remote, own_nodes
 
 MOST = 5000  # registrations of one master
@@ -102,6 +102,6 @@ def exceeded(remotes: Mapping[str, Remote]) -> List[Refusal]:
 def sentence(item: Refusal) -> str:
     """The sentence about a master that offers more than is taken."""
     return (
-        f"{item.master} at {quoted(item.uri)} offers more than {item.holder} registrations: {item.holder} of them are taken, and the"
+        f"{item.master} at {quote(item.uri)} offers more than {item.holder} registrations: {item.holder} of them are taken, and the"
         " others are not there. Leave out what nobody needs, by filters or exports"
     )

@@ -83,7 +83,7 @@ class Losses:
         sharing: Dict[str, Set[NodeKey]] = {}
         users = view.own_nodes(claims)
         for item, uri in held.items():
-            nodes.setdefault(uri, set()).add(item.of)
+            nodes.setdefault(uri, set()).add(item.node_key)
             own = users.get(item.name, ()) if item.kind != "service" else ()
             sharing.setdefault(uri, set()).update(
                 (node, view.node_uris[node]) for node in own if node in view.node_uris

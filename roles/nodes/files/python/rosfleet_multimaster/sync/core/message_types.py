@@ -27,7 +27,7 @@ from typing import (
 
 from ...protocol.filters import UNKNOWN_TYPES
 from ...protocol.messages import NodeKey
-from ...protocol.plain_text import quoted
+from ...protocol.plain_text import quote
 from .sync import Refusal, View, Wanted
 
 MOST = 500  # types of one question
@@ -187,16 +187,16 @@ class TypeGuard:
             here = named.get(topic) or self._said(topic, users[topic], view)
             if not here:
                 continue
-            nodes = ", ".join(quoted(node) for node in sorted({item.registration.node for item in items})[:3])
+            nodes = ", ".join(quote(node) for node in sorted({item.registration.node for item in items})[:3])
             kind = items[0].type
             theirs, ours = self._masters.answers.get(items[0].master_uri, {}).get(kind), self._own_md5.get(kind)
             if kind not in here:
                 own_kind, node = next(iter(here.items()))
-                found[topic, master] = f"{quoted(kind)} (of {nodes})", f"{quoted(own_kind)} (of {quoted(node)})"
+                found[topic, master] = f"{quote(kind)} (of {nodes})", f"{quote(own_kind)} (of {quote(node)})"
             elif theirs and ours and theirs != ours and kind in named.get(topic, {}):
                 sides = (
-                    f"{quoted(kind)} with the md5 sum {quoted(theirs)} (of {nodes})",
-                    f"{quoted(kind)} with {quoted(ours)} (of {quoted(here[kind])})",
+                    f"{quote(kind)} with the md5 sum {quote(theirs)} (of {nodes})",
+                    f"{quote(kind)} with {quote(ours)} (of {quote(here[kind])})",
                 )
                 found[topic, master] = sides
         return found

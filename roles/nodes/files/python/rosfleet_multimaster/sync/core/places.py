@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 from ...protocol.graph import State
 from ...protocol.members import Member, Members
-from ...protocol.plain_text import quoted
+from ...protocol.plain_text import quote
 
 LOWEST_PORT = 1024
 LOCAL_NAMES = ("", "localhost", "localhost.localdomain", "ip6-localhost")
@@ -70,14 +70,14 @@ class Places:
         if address and address in self._members.allow:
             return ""
         if self._member is not None:
-            return "" if address in self._member.hosts else f"{quoted(host)} is no computer of {self._member.robot}"
+            return "" if address in self._member.hosts else f"{quote(host)} is no computer of {self._member.robot}"
         return self._no_place_of_a_stranger(host, address)
 
     def _no_place_of_a_stranger(self, host: str, address: str) -> str:
         if not self._members.robots or address == self._sender:
             return ""
         if not address:
-            return f"{quoted(host)} has no address on this computer"
+            return f"{quote(host)} has no address on this computer"
         if self._here.networks is not None and address not in self._here.networks:
             return f"{address} is in no network of this computer"
         return ""

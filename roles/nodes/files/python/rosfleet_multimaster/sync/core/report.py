@@ -8,7 +8,7 @@ from typing import Iterable, List, Mapping, Sequence, Tuple
 from ...protocol import metrics
 from ...protocol.diagnosis import Diagnosis, warning
 from ...protocol.messages import Registration
-from ...protocol.plain_text import quoted
+from ...protocol.plain_text import quote
 from .limits import sentence
 from .sync import Refusal
 
@@ -30,20 +30,20 @@ def refused(item: Refusal) -> str:
         return sentence(item)
     there, here = _sides(item)
     text = _SENTENCES.get(item.kind, _TAKEN).format(there=there, here=here)
-    return f"{item.master}: the {NOUNS[item.kind]} {quoted(item.name)} {text}"
+    return f"{item.master}: the {NOUNS[item.kind]} {quote(item.name)} {text}"
 
 
 def _sides(item: Refusal) -> Tuple[str, str]:
     """What is there and what is here. Types and places are told in sentences, which have quoted the names in them."""
-    there = item.uri if item.kind == "type" else quoted(item.uri)
-    return there, item.holder if item.kind in ("type", "place") else quoted(item.holder)
+    there = item.uri if item.kind == "type" else quote(item.uri)
+    return there, item.holder if item.kind in ("type", "place") else quote(item.holder)
 
 
 def no_longer_refused(item: Refusal) -> str:
     """The line of the log about a refusal that has ended."""
     if item.kind == "limit":
         return f"{item.master} offers {item.holder} registrations or fewer again"
-    return f"{item.master}: the {NOUNS[item.kind]} {quoted(item.name)} is no longer refused"
+    return f"{item.master}: the {NOUNS[item.kind]} {quote(item.name)} is no longer refused"
 
 
 def diagnoses(items: Sequence[Refusal]) -> List[Diagnosis]:
@@ -69,7 +69,7 @@ def _refusals(name: str, why: str, items: Sequence[Refusal]) -> Diagnosis:
     for item in items:
         there, here = _sides(item)
         told = f"{there} of {item.master} is refused{_HERE[item.kind]}{here}"
-        values.append((f"{NOUNS[item.kind]} {quoted(item.name)}", told))
+        values.append((f"{NOUNS[item.kind]} {quote(item.name)}", told))
     return warning(name, f"{why}: {len(items)}", values)
 
 

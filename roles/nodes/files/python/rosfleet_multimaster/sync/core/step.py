@@ -68,7 +68,7 @@ def _plan(
     held.update((item, wanted[item].master_uri) for item in new)
     left = nodes_of(held) if old else set()
     claims = {key: master for key, master in known.claims.items() if not old or key in left}
-    claims.update((item.of, wanted[item].master_uri) for item in new)
+    claims.update((item.node_key, wanted[item].master_uri) for item in new)
     return Plan(claims, old, new, held, [], {item: wanted[item].type for item in new})
 
 
@@ -96,7 +96,7 @@ def _is_free(item: Registration, master: str, known: Known) -> bool:
     """True where nothing is registered with its names for another master."""
     if item.kind == "service" and item.name in known.view.services:
         return False
-    return known.claims.get(item.of, master) == master
+    return known.claims.get(item.node_key, master) == master
 
 
 def _names_of(masters: Mapping[Registration, str]) -> Set[Tuple[str, str]]:
@@ -113,7 +113,7 @@ def names(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Names:
     free: Set[Tuple[str, ...]] = {("lookupService", item.name) for item in todo.register if item.kind == "service"}
     if guarded:
         return Names(sorted(free), {})
-    same = {item.node: item.node_uri for item in todo.register if item.of in claims}
+    same = {item.node: item.node_uri for item in todo.register if item.node_key in claims}
     free.update(("lookupNode", item.node) for item in todo.register if item.node not in same)
     return Names(sorted(free), same)
 

@@ -18,7 +18,7 @@ from ...protocol.filters import UNKNOWN_TYPES, Filters, Pattern, Rules
 from ...protocol.graph import LOCAL, Endpoints, State
 from ...protocol.imports import Claims
 from ...protocol.members import Members
-from ...protocol.messages import Announced, NodeKey, Registration
+from ...protocol.messages import Master, NodeKey, Registration
 from .places import Places, host_of
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
@@ -134,9 +134,9 @@ def plan(wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str]) ->
         held.setdefault(registration, item.master_uri)
         types.setdefault(registration, item.type)
     ours = view.registrations(claims)
-    after = {registration.of: master for registration, master in held.items()}
+    after = {registration.node_key: master for registration, master in held.items()}
     return Plan(
-        claims={**{item.of: claims[item.of] for item in ours}, **after},
+        claims={**{item.node_key: claims[item.node_key] for item in ours}, **after},
         unregister=sorted(ours - set(held)),
         register=sorted(set(held) - ours),
         held=held,
@@ -265,7 +265,7 @@ class Fetch(NamedTuple):
 class Remote:
     """Another master."""
 
-    announced: Announced
+    announced: Master
     rules: Rules  # for fetching and selecting
     given: Rules  # as they stand in the parameters
     state: Optional[State] = None
@@ -305,7 +305,7 @@ class Sync:
         self.sync_remote_nodes, self.on_demand, self.keep_offline = sync_remote_nodes, on_demand, keep_offline
         self.remotes: Dict[str, Remote] = {}
 
-    def listed(self, masters: Sequence[Announced], now: float, newer: AbstractSet[str] = frozenset()) -> None:
+    def listed(self, masters: Sequence[Master], now: float, newer: AbstractSet[str] = frozenset()) -> None:
         """Take the complete list of discovery. A missing master is kept for a while: discovery may have just started.
 
         `newer`: masters of which there was news since the list was asked for. What it says of these is old.
@@ -326,7 +326,7 @@ class Sync:
         """Forget a master: discovery says that it is gone."""
         self.remotes.pop(uri, None)
 
-    def announced(self, master: Announced, now: float) -> None:
+    def announced(self, master: Master, now: float) -> None:
         """Take the news of discovery that a master is there, or changed."""
         stranger = self.members.objection(master.uri, master.name, host_of(master.monitor_uri))
         remote = self.remotes.get(master.uri)
@@ -359,10 +359,10 @@ class Sync:
         elif remote.failures and news:
             remote.due = min(remote.due, _soon(remote, now))
 
-    def _rules(self, master: Announced) -> Tuple[Rules, Rules]:
+    def _rules(self, master: Master) -> Tuple[Rules, Rules]:
         given = self.filters.rules(master.name, (master.discoverer, self.own_node))
         # On demand every topic may be wanted: `wanted` chooses.
-        return (replace(given, sync_topics=Pattern.of(["*"])) if self.on_demand else given), given
+        return (replace(given, sync_topics=Pattern.from_items(["*"])) if self.on_demand else given), given
 
     def due(self, now: float) -> List[Fetch]:
         """The states to fetch now."""

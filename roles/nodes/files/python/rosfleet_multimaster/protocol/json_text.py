@@ -10,7 +10,7 @@ import json
 import re
 from typing import Any, List, Sequence
 
-from .graph import Malformed
+from .graph import InvalidDocument
 
 ROWS = 200  # records, or calls, in one text
 MOST = 2 << 20  # characters of a text that is sent: larger values travel as XML
@@ -20,13 +20,13 @@ _DIGITS = 400  # of a number: Python before 3.11 takes seconds for a long one
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 
-def written(value: Any) -> Any:
+def to_json(value: Any) -> Any:
     """The text; the value itself where the text would be long."""
     text = json.dumps(value, ensure_ascii=False, separators=(",", ":"))
     return text if len(text) <= MOST else value
 
 
-def read(text: str) -> Any:
+def from_json(text: str) -> Any:
     """The values. Raises ValueError, with a sentence."""
     values, mappings = sum(map(text.count, "[,:")), text.count("{")
     if len(text) * _CHARACTER + values * _VALUE + mappings * _MAPPING > _MEMORY:
@@ -63,14 +63,14 @@ def _refuse(constant: str) -> Any:
 # Rows: the records of a roscore, or calls to it. As arrays of XML they cost ten times as much on both sides.
 
 
-def packed(rows: Sequence[Any]) -> List[str]:
+def pack_rows(rows: Sequence[Any]) -> List[str]:
     """Rows as they travel in XML-RPC: a few texts of JSON."""
     return [json.dumps(rows[at : at + ROWS], default=str) for at in range(0, len(rows), ROWS)]
 
 
-def unpacked(texts: Any) -> List[Any]:
+def unpack_rows(texts: Any) -> List[Any]:
     """The rows. Raises Malformed."""
     try:
         return [row for text in texts for row in json.loads(text)]
     except (TypeError, ValueError, RecursionError) as problem:
-        raise Malformed(f"no rows: {problem}") from None
+        raise InvalidDocument(f"no rows: {problem}") from None
