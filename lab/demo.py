@@ -22,9 +22,10 @@ from pathlib import Path
 from typing import Any
 
 from machines import containers
-from machines.layout import hosts_of, read_inventory, robots_of, with_suites
+from machines.layout import choose_suites, hosts_of, read_inventory, robots_of
 from machines.memory import Peak
 from machines.podman import LabError
+from progress import say
 from proofs.matrix import everybody
 from proofs.proof import Computer, prove, table
 
@@ -39,11 +40,6 @@ class Run:
     seconds: float
     modules: dict[str, int]
     changed: dict[str, int]
-
-
-def say(text: str) -> None:
-    """A line between the output of the tools."""
-    print(f"\n== {text}", flush=True)
 
 
 def playbook(name: str, inventory: Path, connection: Path, *options: str) -> Run:
@@ -82,14 +78,14 @@ def person(connection: Path, names: Iterable[str]) -> list[Computer]:
     ]
 
 
-def one_of_each(listing: Mapping[str, Any]) -> list[str]:
+def choose_computers(listing: Mapping[str, Any]) -> list[str]:
     """A computer of each robot: an inner one that runs no roscore, where there is one."""
     variables = listing["_meta"]["hostvars"]
 
-    def plain(name: str) -> bool:
+    def is_plain(name: str) -> bool:
         return name not in (variables[name].get("multimaster_gateway"), variables[name].get("multimaster_master"))
 
-    return [max(computers, key=plain) for computers in robots_of(listing).values()]
+    return [max(computers, key=is_plain) for computers in robots_of(listing).values()]
 
 
 def figures(runs: dict[str, Run], systems: int, peak: int) -> str:
@@ -115,9 +111,9 @@ def demonstrate(layout: str, lab: str, suites: Iterable[str]) -> bool:
     inventory = ROOT / "inventory" / layout
     say(f"the lab: the computers of inventory/{layout} as containers with real systemd and ROS")
     listing = read_inventory(inventory)
-    hosts = with_suites(hosts_of(listing), suites)
+    hosts = choose_suites(hosts_of(listing), suites)
     print("\n".join(f"  {host.name:<24}Debian {host.suite}" for host in hosts), flush=True)
-    containers.up(lab, hosts, full=False)
+    containers.bring_up(lab, hosts, full=False)
     connection = containers.write_inventory(lab, hosts)
     report = connection.with_name("report.html")
     report.unlink(missing_ok=True)
@@ -135,7 +131,7 @@ def demonstrate(layout: str, lab: str, suites: Iterable[str]) -> bool:
         matrix = everybody(person(connection, itertools.chain(*robots_of(listing).values())))
         print(matrix.table(), flush=True)
         say("section 3.3 of the report between every pair of robots, in the same way")
-        results = prove(person(connection, one_of_each(listing)), lambda text: print(f"  {text} ...", flush=True))
+        results = prove(person(connection, choose_computers(listing)), lambda text: print(f"  {text} ...", flush=True))
         print(table(results), flush=True)
         say("site.yml once more: nothing is left to change")
         runs["second site run"] = playbook("site.yml", inventory, connection)

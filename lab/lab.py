@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 from machines import containers, image
-from machines.layout import Extra, hosts_of, read_inventory, with_suites
+from machines.layout import Extra, choose_suites, hosts_of, read_inventory
 from machines.podman import LabError
 
 EXTRA, MOUNT = "HOST=ADDRESS[/PREFIX][,...]", "HOST=SOURCE:TARGET"
@@ -109,13 +109,13 @@ def run(options: argparse.Namespace) -> None:
     elif options.command in ("up", "inventory"):
         hosts = hosts_of(read_inventory(options.inventory), _extras(options))
         if options.command == "up":
-            containers.up(options.name, with_suites(hosts, options.suite))
+            containers.bring_up(options.name, choose_suites(hosts, options.suite))
         if options.command == "inventory" and options.print:
             print(json.dumps(containers.script_inventory(options.name, hosts), indent=2))
         else:
             print(containers.write_inventory(options.name, hosts))
     elif options.command == "down":
-        containers.down(None if options.all else options.name)
+        containers.take_down(None if options.all else options.name)
         if options.all:
             image.remove()
     elif options.command == "restart":

@@ -25,13 +25,14 @@ from pathlib import Path
 from typing import Any
 
 from machines import containers, image
-from machines.deferred import ended_in_order
-from machines.layout import Extra, Host, hosts_of, read_inventory, with_suites
+from machines.layout import Extra, Host, choose_suites, hosts_of, read_inventory
 from machines.managers import MANAGERS
 from machines.podman import ROOT, LabError, podman
+from machines.signals import exit_on_signals
+from progress import say
 from rehearsals import rehearsal
-from rehearsals.injected import Fault, cast_of, injected, judged
-from rehearsals.reading import environment, read
+from rehearsals.cast import Fault, cast_faults, cast_of, judge_report
+from rehearsals.inventory_files import environment, read
 
 WORK = ROOT / ".work" / "rehearse"
 LIMIT = 1800.0  # seconds for a playbook
@@ -43,16 +44,11 @@ OF_THE_COLLECTION = (
 ROSCORE = "foreign-roscore.service"
 
 
-def say(text: str) -> None:
-    """A line between the output of the tools."""
-    print(f"\n== {text}", flush=True)
-
-
 @dataclass(frozen=True)
-class Prepared:
+class Preparation:
     """All that is known before anything is started."""
 
-    rehearsed: rehearsal.Rehearsed
+    rehearsed: rehearsal.Rehearsable
     hosts: list[Host]
     faults: list[Fault]
 
@@ -74,19 +70,19 @@ def machine() -> rehearsal.Machine:
     )
 
 
-def prepare(options: argparse.Namespace, work: Path) -> Prepared:
+def prepare(options: argparse.Namespace, work: Path) -> Preparation:
     """Read the inventory, say what is left aside, and refuse what cannot be rehearsed."""
     say(f"the inventory {options.inventory}: what the robots need of it")
     reading = read(options.inventory, work, rehearsal.OPTIONS)
     hosts = list(reading.values.get("variables") or reading.listing["_meta"]["hostvars"])
-    aside = rehearsal.left_aside(reading.listing, hosts, reading.encrypted)
+    aside = rehearsal.list_unused(reading.listing, hosts, reading.encrypted)
     print("\n".join(f"  left aside: {line}" for line in aside) or "  nothing is left aside", flush=True)
     problems = reading.values.get("problems")
     if problems:
         encrypted = " (The encrypted files above were not read.)" if reading.encrypted else ""
         raise LabError("site.yml would refuse this inventory:\n" + "\n".join(problems) + encrypted)
 
-    found = rehearsal.rehearsed(reading.values)
+    found = rehearsal.make_rehearsable(reading.values)
     here = machine()
     problems = rehearsal.impossible(reading.values, found.devices, here, tuple(image.RELEASES))
     problems += [] if options.overlap else rehearsal.overlaps(reading.values, here)
@@ -94,12 +90,12 @@ def prepare(options: argparse.Namespace, work: Path) -> Prepared:
         raise LabError("\n".join(problems))
     print("".join(f"  note: {note}\n" for note in found.notes), end="", flush=True)
     variables = reading.values["variables"]
-    faults = injected(options.faults, cast_of(reading.values["robots"], variables)) if options.faults else []
+    faults = cast_faults(options.faults, cast_of(reading.values["robots"], variables)) if options.faults else []
 
     (work / "inventory.yml").write_text(json.dumps(found.inventory, indent=1) + "\n")  # JSON is YAML
     listing = read_inventory(work / "inventory.yml")
     extras = {name: Extra(device.addresses) for name, device in found.devices.items()}
-    return Prepared(found, with_suites(hosts_of(listing, extras), options.suites), faults)
+    return Preparation(found, choose_suites(hosts_of(listing, extras), options.suites), faults)
 
 
 @dataclass
@@ -107,7 +103,7 @@ class Rehearsal:
     """The containers of a rehearsal, and its steps."""
 
     name: str
-    prepared: Prepared
+    prepared: Preparation
     work: Path
     connection: Path = Path()
     seconds: dict[str, float] = field(default_factory=dict)
@@ -134,7 +130,7 @@ class Rehearsal:
 
     def start(self) -> bool:
         """Start the containers, and what in the robots' world is not the collection's."""
-        containers.up(self.lab, self.prepared.hosts, full=self.prepared.full)
+        containers.bring_up(self.lab, self.prepared.hosts, full=self.prepared.full)
         self.connection = containers.write_inventory(self.lab, self.prepared.hosts)
         for host, port in self.prepared.rehearsed.roscores.items():
             self.run(
@@ -180,7 +176,7 @@ class Rehearsal:
             os.killpg(process.pid, signal.SIGTERM)
             raise
         finally:
-            _ended(process)
+            _wait_or_kill(process)
 
     def verify(self, label: str) -> bool:
         """Run verify.yml; its report is kept under a name of its own."""
@@ -214,7 +210,7 @@ class Rehearsal:
             for step in fault.undo:
                 self.run(step.where, step.what, check=False)
         data = self.work / "reports" / f"{label}.json"
-        ok, text = judged(fault, json.loads(data.read_text()) if data.exists() else {})
+        ok, text = judge_report(fault, json.loads(data.read_text()) if data.exists() else {})
         print(f"  {fault.title}, at {', '.join(fault.at)}: {text}\n  {data.with_suffix('.html')}", flush=True)
         return ok
 
@@ -246,7 +242,7 @@ class Rehearsal:
         return not self.wrong
 
 
-def _ended(process: subprocess.Popen[bytes]) -> None:
+def _wait_or_kill(process: subprocess.Popen[bytes]) -> None:
     """See that a playbook has ended."""
     try:
         process.wait(20)
@@ -255,7 +251,7 @@ def _ended(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def told(rehearsed: Rehearsal) -> str:
+def summarize(rehearsed: Rehearsal) -> str:
     """The last lines."""
     lines = [
         f"  {'FAILED' if what in rehearsed.wrong else 'ok    '}{seconds:7.1f} s   {what}"
@@ -278,16 +274,16 @@ def rehearse(options: argparse.Namespace) -> bool:
         except OSError:
             raise LabError(f"the rehearsal {name} is running already: wait for its end.") from None
         run = Rehearsal(name, prepare(options, work), work)
-        with contextlib.nullcontext() if options.keep else containers.removed_at_the_end(run.lab):
+        with contextlib.nullcontext() if options.keep else containers.remove_at_end(run.lab):
             if options.keep:
-                containers.down(run.lab)
+                containers.take_down(run.lab)
             run.whole()
         if options.keep:
             print(
                 f"  look around: .work/venv/bin/python lab/lab.py shell --name {run.lab} HOST; remove them: make lab-down"
             )
         say("the rehearsal")
-        print(told(run), flush=True)
+        print(summarize(run), flush=True)
         return not run.wrong
 
 
@@ -295,7 +291,7 @@ def _words(text: str) -> list[str]:
     return [word for word in re.split(r"[,\s]+", text) if word]
 
 
-def parsed(words: Sequence[str] | None = None) -> argparse.Namespace:
+def parse_options(words: Sequence[str] | None = None) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
@@ -328,8 +324,8 @@ def parsed(words: Sequence[str] | None = None) -> argparse.Namespace:
 def main() -> int:
     """Exit status 0 only when every step went well; 2 when it cannot be rehearsed."""
     try:
-        with ended_in_order():
-            return int(not rehearse(parsed()))
+        with exit_on_signals():
+            return int(not rehearse(parse_options()))
     except (LabError, subprocess.SubprocessError) as error:
         print(f"rehearse: {error}", file=sys.stderr)
         return 2

@@ -13,7 +13,7 @@ from pathlib import Path
 from machines import containers
 from machines.layout import hosts_of, read_inventory
 from machines.podman import ROOT, podman
-from setups.links import until
+from setups.links import wait_until
 
 NODES = Path(__file__).with_name("nodes")
 THREE_ROBOTS = ROOT / "tests" / "systems" / "three_robots"
@@ -30,7 +30,7 @@ class Lab:
     def become(self, inventory):
         """Bring the lab to the computers of an inventory: those that it has already stay as they are."""
         hosts = hosts_of(read_inventory(inventory), self.extras)
-        containers.up(self.name, hosts)
+        containers.bring_up(self.name, hosts)
         self.inventory, self.connection = inventory, containers.write_inventory(self.name, hosts)
 
     def run(self, host, command, check=True, stdin=None):
@@ -68,7 +68,7 @@ class Lab:
             assert state in ("active", "activating"), f"{host}: {unit} is {state}: {' '.join(said)}"
             return False
 
-        until(ready, seconds, f"{unit} on {host} is ready")
+        wait_until(ready, seconds, f"{unit} on {host} is ready")
 
     def stop(self, host, *units):
         """End programs that `start` has started."""
@@ -140,7 +140,7 @@ class Lab:
 @contextlib.contextmanager
 def lab_of(name, inventory, extras=None):
     """The computers of an inventory, and what is extra, until the end of the block, or of this program by a signal."""
-    with containers.removed_at_the_end(name):
+    with containers.remove_at_end(name):
         yield Lab(name, inventory, extras)
 
 

@@ -24,7 +24,7 @@ COPIES = {
 }
 
 
-def differing() -> list[str]:
+def find_stale_copies() -> list[str]:
     """The copies that are not what their original is."""
     return [
         copy
@@ -35,7 +35,7 @@ def differing() -> list[str]:
 
 def main() -> None:
     """Write those that differ."""
-    for copy in differing():
+    for copy in find_stale_copies():
         (ROOT / copy).unlink(missing_ok=True)
         shutil.copyfile(ROOT / COPIES[copy], ROOT / copy)
         print(f"{copy} is again as {COPIES[copy]}")

@@ -36,7 +36,7 @@ class Table(NamedTuple):
     source: str
     make: Callable[[], str]
 
-    def put_into(self, text: str) -> str:
+    def fill(self, text: str) -> str:
         """Return a document with the current table between its two marks."""
         begin = f"<!-- {self.name}: generated from {self.source} by `make readme` -->\n"
         end = f"<!-- end of {self.name} -->\n"
@@ -51,7 +51,7 @@ class Table(NamedTuple):
         return f"[{page[1].replace('_', ' ')}]({os.path.relpath(page[0], os.path.dirname(self.document))})"
 
 
-def measured() -> Iterator[Table]:
+def list_measured_tables() -> Iterator[Table]:
     """List the tables of the figures that are kept in the tree."""
     page, network, grown = "docs/understand/performance.md", in_tree.read("network"), in_tree.read("growth")
     sources = [str((in_tree.FOLDER / f"{name}.json").relative_to(ROOT)) for name in ("network", "growth")]
@@ -66,7 +66,7 @@ TABLES = (
         "docs/operate/variables.md", "variables", "plugins/plugin_utils/_fleet/variables.py", variables.markdown_table
     ),
     Table("docs/operate/verification.md", "checks", "plugins/plugin_utils/_checks/table.py", checks.markdown_table),
-    *measured(),
+    *list_measured_tables(),
 )
 
 
@@ -75,7 +75,7 @@ def main() -> int:
     for table in TABLES:
         path = ROOT / table.document
         before = path.read_text(encoding="utf-8")
-        after = table.put_into(before)
+        after = table.fill(before)
         if before == after:
             continue
         different += 1

@@ -80,12 +80,12 @@ class Suite:
 # How the commands tell what failed
 
 
-def one_test(suite: Suite, status: int, _output: str) -> Outcome:
+def judge_status(suite: Suite, status: int, _output: str) -> Outcome:
     """A command that is one test."""
     return Outcome(0, (suite.label,)) if status else Outcome(1)
 
 
-def sanity_tests(suite: Suite, status: int, output: str) -> Outcome:
+def judge_sanity(suite: Suite, status: int, output: str) -> Outcome:
     """ansible-test names each test when it runs it, and at the end those that failed."""
     run = len(re.findall(r"^Running sanity test ", output, re.MULTILINE))
     listed = re.search(r"The \d+ sanity test\(s\) listed below.*\n((?:.+\n)+)", output)
@@ -103,7 +103,7 @@ def faults(suite: Suite, status: int, output: str) -> Outcome:
     return Outcome(int(told[1]), tuple(f"{suite.label} {name}" for name in (told[3] or "").split(", ") if name))
 
 
-def pytest_cases(suite: Suite, status: int, _output: str) -> Outcome:
+def judge_pytest(suite: Suite, status: int, _output: str) -> Outcome:
     """pytest writes a JUnit file; without one it did not get as far as the tests."""
     if not suite.report.exists():
         return Outcome(0, (suite.label,))
@@ -128,7 +128,7 @@ def pytest_cases(suite: Suite, status: int, _output: str) -> Outcome:
 
 def lint(name: str, *command: str, seconds: float = 1.0) -> Suite:
     """A tool that looks at files."""
-    return Suite("lint", name, command, one_test, seconds=seconds)
+    return Suite("lint", name, command, judge_status, seconds=seconds)
 
 
 def vermin(target: str, *paths: str) -> Suite:
@@ -147,9 +147,9 @@ def cases(
     limit: float = LIMIT,
 ) -> Suite:
     """Test cases of pytest; `words` are files, folders and options."""
-    blank = Suite(group, name, (), pytest_cases, cores, seconds, labs, limit)
+    blank = Suite(group, name, (), judge_pytest, cores, seconds, labs, limit)
     command = ("pytest", "--quiet", f"--junit-xml={blank.report}", "-p", "no:cacheprovider", *words)
-    return Suite(group, name, command, pytest_cases, cores, seconds, labs, limit)
+    return Suite(group, name, command, judge_pytest, cores, seconds, labs, limit)
 
 
 #: Molecule scenarios and files of tests/systems: about how long each takes, in seconds. One that is not here is short.
@@ -206,7 +206,7 @@ def scenarios() -> list[Suite]:
             "long" if name in COSTLY else "molecule",
             name,
             ("molecule", "test", "--scenario-name", name),
-            one_test,
+            judge_status,
             cores=LAB_CORES,
             seconds=SECONDS.get(name, 60),
             labs=(f"molecule-{name}",),
@@ -239,7 +239,7 @@ def demonstration(name: str, seconds: float, *options: str, layout: str = "", gr
     """One layout in the lab, from nothing to a fleet that talks."""
     lab = f"test-demo-{name.partition('_')[0]}"  # a person may have a lab of the name "demo" up
     command = (sys.executable, "lab/demo.py", "--layout", layout or name, "--name", lab, *options)
-    return Suite(group, name, command, one_test, cores=LAB_CORES, seconds=seconds, labs=(lab,))
+    return Suite(group, name, command, judge_status, cores=LAB_CORES, seconds=seconds, labs=(lab,))
 
 
 SUITES = [
@@ -262,7 +262,7 @@ SUITES = [
     lint("readme", sys.executable, "tools/readme.py", "--check"),
     cases("unit", "pytest", "--numprocesses=auto", "tests/unit", cores=CORES, seconds=90),
     cases("browser", "page", "tests/browser", seconds=20),
-    Suite("sanity", "ansible-test", (sys.executable, "tools/sanity.py"), sanity_tests, seconds=140),
+    Suite("sanity", "ansible-test", (sys.executable, "tools/sanity.py"), judge_sanity, seconds=140),
     *scenarios(),
     *systems(),
     Suite(
@@ -305,7 +305,7 @@ ON_REQUEST = {"faults", "interop", "long"}
 CHECK = ("lint", "unit", "demo:single_computer")
 
 
-def chosen(words: Sequence[str]) -> list[Suite]:
+def choose_suites(words: Sequence[str]) -> list[Suite]:
     """The suites that are named, those that end early first; all but those on request, where none is named."""
     names = [name for word in words for name in (CHECK if word == "check" else (word,))]
     known = {suite.group for suite in SUITES} | {suite.label for suite in SUITES}
@@ -463,14 +463,14 @@ def take_down(labs: Iterable[str]) -> list[str]:
     return stayed
 
 
-def _interrupted(_number: int, _frame: object) -> None:
+def _interrupt(_number: int, _frame: object) -> None:
     raise KeyboardInterrupt
 
 
 def main() -> int:
     """Return 1 when a test failed or none ran."""
-    suites = chosen(sys.argv[1:])
-    signal.signal(signal.SIGTERM, _interrupted)
+    suites = choose_suites(sys.argv[1:])
+    signal.signal(signal.SIGTERM, _interrupt)
     shutil.rmtree(REPORTS, ignore_errors=True)
     REPORTS.mkdir(parents=True)
     runner = Runner(suites)

@@ -27,10 +27,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from machines import image
-from machines.deferred import deferred, ended_in_order
 from machines.layout import Host
-from machines.managers import masked
-from machines.podman import CHECKOUT, WORK, LabError, configuration, labelled, podman
+from machines.managers import list_masked_units
+from machines.podman import CHECKOUT, WORK, LabError, configuration, list_labelled, podman
+from machines.signals import defer_signals, exit_on_signals
 
 # Labels of containers and networks.
 LAB, HOST, DIGEST, OWNER = "rosfleet.lab", "rosfleet.host", "rosfleet.digest", "rosfleet.checkout"
@@ -93,7 +93,7 @@ def _files(host: Host) -> dict[str, tuple[str, int]]:
     return {path: (text, mode(path, text)) for path, text in files.items()}
 
 
-def _archive(files: dict[str, tuple[str, int]], masked: Iterable[str]) -> bytes:
+def _archive(files: dict[str, tuple[str, int]], list_masked_units: Iterable[str]) -> bytes:
     buffer = io.BytesIO()
     with tarfile.open(fileobj=buffer, mode="w") as archive:
 
@@ -109,7 +109,7 @@ def _archive(files: dict[str, tuple[str, int]], masked: Iterable[str]) -> bytes:
             add(folder, tarfile.DIRTYPE, mode)
         for path, (text, mode) in files.items():
             add(path, tarfile.REGTYPE, mode, text.encode())
-        for unit in masked:
+        for unit in list_masked_units:
             add(f"etc/systemd/system/{unit}", tarfile.SYMTYPE, 0o777, target="/dev/null")
         wanted = f"usr/lib/systemd/system/sockets.target.wants/{UNITS[0]}"
         add(wanted, tarfile.SYMTYPE, 0o777, target=f"../{UNITS[0]}")
@@ -121,12 +121,12 @@ def _digest(image_name: str, host: Host) -> str:
     return hashlib.sha256(inputs.encode()).hexdigest()[:16]
 
 
-def _shared(lab: str, host: str) -> Path:
+def _socket_folder(lab: str, host: str) -> Path:
     """The folder that a container shares with the lab; in it is the socket by which ssh enters."""
     return SHARED / f"{CHECKOUT}-{lab}" / host
 
 
-def _owned(lab: str) -> tuple[str, str]:
+def _owner_options(lab: str) -> tuple[str, str]:
     """The options for what belongs to a lab."""
     return f"--label={label(lab)}", f"--label={OWNER}={CHECKOUT}"
 
@@ -140,15 +140,15 @@ def _create(lab: str, host: Host, image_name: str) -> None:
         "create",
         f"--name={name}",
         f"--hostname={host.name}",
-        *_owned(lab),
+        *_owner_options(lab),
         *(f"--label={key}={value}" for key, value in labels.items()),
         *RIGHTS,
         *networks,
-        f"--volume={_shared(lab, host.name)}:/mnt/lab",
+        f"--volume={_socket_folder(lab, host.name)}:/mnt/lab",
         *(f"--volume={mount}:ro" for mount in host.mounts),
         image_name,
     )
-    podman("cp", "--archive=false", "-", f"{name}:/", stdin=_archive(_files(host), masked(host.manager)))
+    podman("cp", "--archive=false", "-", f"{name}:/", stdin=_archive(_files(host), list_masked_units(host.manager)))
     podman("start", name)
 
 
@@ -165,23 +165,23 @@ def wait(name: str) -> None:
         time.sleep(0.1)
 
 
-def _each(work: Callable[[str], None], names: Iterable[str]) -> None:
+def _do_all(work: Callable[[str], None], names: Iterable[str]) -> None:
     """Do the same to several containers at once."""
     pool = ThreadPoolExecutor(max_workers=2 * (os.cpu_count() or 1))
     try:
         list(pool.map(work, names))
     finally:
-        with deferred():  # nothing is made any more when this has ended
+        with defer_signals():  # nothing is made any more when this has ended
             pool.shutdown(cancel_futures=True)
 
 
 def _remove(containers: Sequence[str], networks: Sequence[str]) -> None:
     if containers:
         # With --restart=always a container may be on its way up again, and refuses once.
-        podman("rm", "--force", "--time=1", *containers, check=False, apart=True)
-        podman("rm", "--force", "--time=1", "--ignore", *containers, apart=True)
+        podman("rm", "--force", "--time=1", *containers, check=False)
+        podman("rm", "--force", "--time=1", "--ignore", *containers)
     if networks:
-        podman("network", "rm", *networks, apart=True)
+        podman("network", "rm", *networks)
 
 
 def _limit(systems: int) -> None:
@@ -194,7 +194,7 @@ def _limit(systems: int) -> None:
         )
 
 
-def up(lab: str, hosts: Sequence[Host], *, full: bool = True) -> None:
+def bring_up(lab: str, hosts: Sequence[Host], *, full: bool = True) -> None:
     """Bring a lab to these computers. Those that are there with the same inputs stay as they are; what is not wanted goes.
 
     `full`: they have all packages of image.py.
@@ -204,26 +204,26 @@ def up(lab: str, hosts: Sequence[Host], *, full: bool = True) -> None:
     by_name = {container(lab, host.name): host for host in hosts}
     wanted = {name: _digest(images[host.suite], host) for name, host in by_name.items()}
     networks = {_network(lab, port.network) for host in hosts for port in host.interfaces}
-    present = {entry["Names"][0]: entry["Labels"].get(DIGEST) for entry in labelled("container", label(lab))}
-    present_networks = {entry["name"] for entry in labelled("network", label(lab))}
+    present = {entry["Names"][0]: entry["Labels"].get(DIGEST) for entry in list_labelled("container", label(lab))}
+    present_networks = {entry["name"] for entry in list_labelled("network", label(lab))}
 
-    _limit(len(labelled("container", LAB)) - len(present) + len(wanted))
+    _limit(len(list_labelled("container", LAB)) - len(present) + len(wanted))
     staying = [name for name in wanted if present.get(name) == wanted[name]]
     new = [name for name in wanted if name not in staying]
     superfluous = sorted(set(present) - set(staying))
     _remove(superfluous, sorted(present_networks - networks))
     for network in sorted(networks - present_networks):
         # With --internal nothing leads out; without address management podman assigns no address.
-        podman("network", "create", "--internal", "--disable-dns", "--ipam-driver=none", *_owned(lab), network)
+        podman("network", "create", "--internal", "--disable-dns", "--ipam-driver=none", *_owner_options(lab), network)
     if superfluous:
         print(f"lab {lab}: removed {', '.join(superfluous)}", flush=True)
     if new:
         print(f"lab {lab}: starting {', '.join(by_name[name].name for name in new)} ...", flush=True)
     for host in hosts:
-        _shared(lab, host.name).mkdir(mode=0o700, parents=True, exist_ok=True)
-    _each(lambda name: podman("start", name), staying)
-    _each(lambda name: _create(lab, by_name[name], images[by_name[name].suite]), new)
-    _each(wait, by_name)
+        _socket_folder(lab, host.name).mkdir(mode=0o700, parents=True, exist_ok=True)
+    _do_all(lambda name: podman("start", name), staying)
+    _do_all(lambda name: _create(lab, by_name[name], images[by_name[name].suite]), new)
+    _do_all(wait, by_name)
     print(f"lab {lab}: {len(hosts)} computers are up ({time.monotonic() - started:.1f} s)", flush=True)
 
 
@@ -242,7 +242,9 @@ def reboot(name: str) -> None:
 
 def restart(lab: str, host: str | None = None) -> None:
     """Reboot a computer, or all: processes, addresses, routes and kernel settings go; files stay."""
-    names = [entry["Names"][0] for entry in labelled("container", label(lab)) if host in (None, entry["Labels"][HOST])]
+    names = [
+        entry["Names"][0] for entry in list_labelled("container", label(lab)) if host in (None, entry["Labels"][HOST])
+    ]
     if not names:
         raise LabError(f"The lab {lab} has no container{f' of {host}' if host else ''}.")
 
@@ -250,16 +252,16 @@ def restart(lab: str, host: str | None = None) -> None:
         reboot(name)
         wait(name)
 
-    _each(whole, names)
+    _do_all(whole, names)
     print(f"lab {lab}: restarted {', '.join(sorted(names))}", flush=True)
 
 
-def down(lab: str | None) -> None:
+def take_down(lab: str | None) -> None:
     """Remove the containers and networks of a lab, or of all labs of this checkout. A signal counts when that is done."""
     wanted = label(lab) if lab else f"{OWNER}={CHECKOUT}"
-    with deferred():
-        containers = [entry["Names"][0] for entry in labelled("container", wanted)]
-        networks = [entry["name"] for entry in labelled("network", wanted)]
+    with defer_signals():
+        containers = [entry["Names"][0] for entry in list_labelled("container", wanted)]
+        networks = [entry["name"] for entry in list_labelled("network", wanted)]
         _remove(containers, networks)
         for folder in SHARED.glob(f"{CHECKOUT}-{lab or '*'}"):
             shutil.rmtree(folder, ignore_errors=True)
@@ -268,17 +270,17 @@ def down(lab: str | None) -> None:
 
 
 @contextlib.contextmanager
-def removed_at_the_end(lab: str) -> Iterator[None]:
+def remove_at_end(lab: str) -> Iterator[None]:
     """Remove a lab before the block and after it, also where a signal ends this program: whoever makes one does it within."""
-    with ended_in_order():
+    with exit_on_signals():
         try:
             try:
-                down(lab)
+                take_down(lab)
                 yield
             finally:
-                down(lab)
+                take_down(lab)
         except BaseException:
-            down(lab)  # a signal may have come in the moment before the removal began
+            take_down(lab)  # a signal may have come in the moment before the removal began
             raise
 
 
@@ -289,7 +291,7 @@ def _connection(lab: str, host: str) -> dict[str, object]:
     """
     name = container(lab, host)
     enter = shlex.join(
-        [sys.executable, "-IS", str(Path(__file__).with_name("enter.py")), str(_shared(lab, host) / "ssh")]
+        [sys.executable, "-IS", str(Path(__file__).with_name("enter.py")), str(_socket_folder(lab, host) / "ssh")]
     )
     options = [
         shlex.quote(f"ProxyCommand={enter}"),

@@ -175,7 +175,7 @@ def hosts_of(listing: Mapping[str, Any], extras: Mapping[str, Extra] | None = No
     ]
 
 
-def with_suites(hosts: Sequence[Host], wanted: Iterable[str]) -> list[Host]:
+def choose_suites(hosts: Sequence[Host], wanted: Iterable[str]) -> list[Host]:
     """The same computers with other releases of Debian: SUITE for all of them, HOST=SUITE for one."""
     by_host = {host: suite for host, _equals, suite in (word.rpartition("=") for word in wanted)}
     unknown = set(by_host) - {"", *(host.name for host in hosts)}

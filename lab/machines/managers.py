@@ -101,6 +101,6 @@ def files(manager: str, ports: Sequence[Interface]) -> Files:
     return {**_ifupdown(()), **MANAGERS[manager].files(ports)}
 
 
-def masked(manager: str) -> list[str]:
+def list_masked_units(manager: str) -> list[str]:
     """The units of all managers that a computer with this one does not have."""
     return sorted({unit for other in MANAGERS.values() for unit in other.units} - set(MANAGERS[manager].units))

@@ -12,7 +12,7 @@ import threading
 from pathlib import Path
 
 from machines.containers import label
-from machines.podman import labelled, podman
+from machines.podman import list_labelled, podman
 
 GROUPS = Path("/sys/fs/cgroup")
 # Control groups of version 2 and 1: the root, and the field that counts a group and those below it.
@@ -20,7 +20,7 @@ KINDS = (("", "anon"), ("memory", "total_rss"))
 
 
 def _files(lab: str) -> list[tuple[Path, str]]:
-    names = [entry["Names"][0] for entry in labelled("container", label(lab))]
+    names = [entry["Names"][0] for entry in list_labelled("container", label(lab))]
     groups = podman("inspect", "--format", "{{.State.CgroupPath}}", *names).split() if names else []
     places = [(GROUPS / root / group.lstrip("/") / "memory.stat", field) for group in groups for root, field in KINDS]
     return [(file, field) for file, field in places if file.exists()]

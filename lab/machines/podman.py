@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from machines.deferred import deferred
+from machines.signals import defer_signals
 
 ROOT = Path(__file__).resolve().parents[2]
 WORK = ROOT / ".work" / "lab"
@@ -62,17 +62,14 @@ def environment() -> dict[str, str]:
     return {**os.environ, "CONTAINERS_CONF": str(path)}
 
 
-def podman(
-    *words: str, stdin: bytes | None = None, check: bool = True, timeout: float = 300, apart: bool = False
-) -> str:
-    """Run one podman command and return what it printed; raise LabError when it fails, unless check is off.
-
-    `apart`: a signal to the whole group of processes, as of Ctrl+C, does not reach it.
-    """
+def podman(*words: str, stdin: bytes | None = None, check: bool = True, timeout: float = 300) -> str:
+    """Run one podman command and return what it printed; raise LabError when it fails, unless check is off."""
     if not shutil.which("podman"):
         raise LabError("podman is not installed: run 'make lab'.")
     # A command that is killed leaves what the next one stumbles over: half a container, a network without its file.
-    whole = contextlib.nullcontext() if words[0] == "exec" else deferred()
+    # So no signal reaches it, also none to the whole group of processes, as of Ctrl+C.
+    apart = words[0] != "exec"
+    whole = defer_signals() if apart else contextlib.nullcontext()
     try:
         with whole:
             done = subprocess.run(
@@ -91,7 +88,7 @@ def podman(
     return done.stdout.decode(errors="replace").strip()
 
 
-def labelled(kind: str, label: str) -> list[dict[str, Any]]:
+def list_labelled(kind: str, label: str) -> list[dict[str, Any]]:
     """The containers (kind "container") or networks (kind "network") that carry a label."""
     words = ["ps", "--all"] if kind == "container" else ["network", "ls"]
     return json.loads(podman(*words, "--filter", f"label={label}", "--format", "json") or "[]")

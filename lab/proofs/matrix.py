@@ -43,9 +43,9 @@ class Matrix:
         """One character of the table."""
         if here == there:
             return "."
-        reached = (here, there)
+        try_others = (here, there)
         return {(True, True): "+", (True, False): "t", (False, True): "s", (False, False): "-"}[
-            reached in self.topic, reached in self.service
+            try_others in self.topic, try_others in self.service
         ]
 
     def table(self) -> str:
@@ -66,16 +66,16 @@ def everybody(computers: Sequence[Computer]) -> Matrix:
     """Start a node on every computer, wait until each has tried all others, and end them."""
     through = threading.Barrier(len(computers))
 
-    def reached(here: Computer) -> dict[str, list[str]]:
+    def try_others(here: Computer) -> dict[str, list[str]]:
         others = " ".join(computer.name for computer in computers if computer is not here)
-        with here.running(f"python3 - {here.name} {others}", NODES / "programs/everybody.py") as output:
+        with here.start_program(f"python3 - {here.name} {others}", NODES / "programs/everybody.py") as output:
             found = json.loads(output.readline() or "{}")
             with contextlib.suppress(threading.BrokenBarrierError):
                 through.wait(SECONDS)  # one that is through stays until all are
         return found
 
     with ThreadPoolExecutor(max_workers=len(computers)) as pool:
-        found = dict(zip([computer.name for computer in computers], pool.map(reached, computers), strict=True))
+        found = dict(zip([computer.name for computer in computers], pool.map(try_others, computers), strict=True))
     return Matrix(
         tuple(found),
         *(

@@ -56,7 +56,7 @@ class Computer:
         return done.stdout if done.returncode == 0 else ""
 
     @contextlib.contextmanager
-    def running(self, command: str, script: pathlib.Path | None = None) -> Iterator[TextIO]:
+    def start_program(self, command: str, script: pathlib.Path | None = None) -> Iterator[TextIO]:
         """Run a command by ssh until the end of the block, at most two minutes; it is ended by its own process id.
 
         Yields what it prints.
@@ -124,14 +124,14 @@ def _pair(here: Computer, there: Computer) -> Iterator[Result]:
     whom = f"{here.name} -> {there.name}"
     name = f"{here.label}_to_{there.label}"  # pairs are tried at the same time, and names of nodes are unique
     topic = f"/{name}/test"
-    with here.running(f"rostopic pub -r 5 {topic} std_msgs/Int32 1"):
+    with here.start_program(f"rostopic pub -r 5 {topic} std_msgs/Int32 1"):
         ok, seen = wait_for(lambda: there.run("rostopic list"), lambda text: topic in text.split())
         yield Result("rostopic list shows the topic", whom, ok, "listed" if ok else f"only {seen.split()}")
         seen = there.run(f"timeout 20 rostopic echo -n 1 {topic}")
         yield Result(
             "rostopic echo prints the message", whom, seen.split() == ["data:", "1", "---"], " ".join(seen.split())
         )
-        with there.running(f"rostopic echo {topic}"):
+        with there.start_program(f"rostopic echo {topic}"):
             ok, seen = wait_for(
                 lambda: there.run(f"rostopic info {topic}"),
                 lambda text: (
@@ -143,14 +143,14 @@ def _pair(here: Computer, there: Computer) -> Iterator[Result]:
         yield Result(
             "the message package is known",
             whom,
-            *_told(there, "rosmsg show fkie_multimaster_msgs/MasterState", "string state"),
+            *_run_and_find(there, "rosmsg show fkie_multimaster_msgs/MasterState", "string state"),
         )
     ok, seen = wait_for(lambda: there.run("rostopic list"), lambda text: bool(text) and topic not in text.split())
     yield Result("the topic goes with its publisher", whom, ok, "gone" if ok else "still listed")
-    with here.running(f"python3 - {name}_server", NODES / "programs/service_server.py"):
+    with here.start_program(f"python3 - {name}_server", NODES / "programs/service_server.py"):
         ok, seen = wait_for(lambda: there.run(f"rosservice call /{name}_server/where"), lambda text: here.name in text)
         yield Result("a service is called", whom, ok, " ".join(seen.split()))
-    with here.running(f"python3 - {name}_action", NODES / "programs/action_server.py"):
+    with here.start_program(f"python3 - {name}_action", NODES / "programs/action_server.py"):
         seen = there.run(f"python3 - {name}_action", NODES / "programs/action_client.py", seconds=100)
         ok = seen.split() in (["1", "42"], ["2", "42"], ["3", "42"])
         yield Result("an action gives feedback and its result", whom, ok, " ".join(seen.split()))
@@ -167,7 +167,7 @@ def _pair(here: Computer, there: Computer) -> Iterator[Result]:
     )
 
 
-def _told(computer: Computer, command: str, part: str) -> tuple[bool, str]:
+def _run_and_find(computer: Computer, command: str, part: str) -> tuple[bool, str]:
     seen = computer.run(command)
     return part in seen, " ".join(seen.split())[:60]
 

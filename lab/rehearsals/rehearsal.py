@@ -85,7 +85,7 @@ class Device:
 
 
 @dataclass(frozen=True)
-class Rehearsed:
+class Rehearsable:
     """The inventory of a rehearsal, and what was changed in it."""
 
     inventory: dict[str, Any]
@@ -94,10 +94,10 @@ class Rehearsed:
     roscores: dict[str, int]  # masters whose roscore something else starts -> its port
 
 
-def rehearsed(values: Mapping[str, Any]) -> Rehearsed:
+def make_rehearsable(values: Mapping[str, Any]) -> Rehearsable:
     """Make the inventory of a rehearsal out of what the robots need."""
     notes: list[str] = []
-    variables = {host: _stood_in(host, given, notes) for host, given in values["variables"].items()}
+    variables = {host: _replace_impossible(host, given, notes) for host, given in values["variables"].items()}
 
     def group(hosts: Iterable[str]) -> dict[str, Any]:
         return {"hosts": {host: variables[host] for host in hosts}}
@@ -108,15 +108,15 @@ def rehearsed(values: Mapping[str, Any]) -> Rehearsed:
     if values["routers"]:
         inventory["routers"] = group(values["routers"])
     devices = _devices(values)
-    notes += _given_nothing(values)
+    notes += _name_forgotten(values)
     notes += [
         f"{name}: a container with Linux stands in for the device at {', '.join(of.addresses)}"
         for name, of in devices.items()
     ]
-    return Rehearsed(inventory, tuple(notes), devices, dict(_roscores(values)))
+    return Rehearsable(inventory, tuple(notes), devices, dict(_roscores(values)))
 
 
-def _stood_in(host: str, given: Mapping[str, Any], notes: list[str]) -> dict[str, Any]:
+def _replace_impossible(host: str, given: Mapping[str, Any], notes: list[str]) -> dict[str, Any]:
     variables = dict(given)
     for row in STAND_INS:
         if row.variable in variables and row.impossible(variables[row.variable]):
@@ -127,7 +127,7 @@ def _stood_in(host: str, given: Mapping[str, Any], notes: list[str]) -> dict[str
     return variables
 
 
-def _given_nothing(values: Mapping[str, Any]) -> Iterator[str]:
+def _name_forgotten(values: Mapping[str, Any]) -> Iterator[str]:
     """Name the robots that a declaration of data flow leaves out: nobody else can know whether one was forgotten."""
     for robot, hosts in values["robots"].items():
         exports = values["variables"][hosts[0]].get("multimaster_exports") if hosts else None
@@ -162,7 +162,7 @@ def _roscores(values: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
 # What is left aside
 
 
-def left_aside(listing: Mapping[str, Any], hosts: Sequence[str], encrypted: Sequence[str]) -> list[str]:
+def list_unused(listing: Mapping[str, Any], hosts: Sequence[str], encrypted: Sequence[str]) -> list[str]:
     """Say which variables of which hosts, and which files, the rehearsal does not need."""
     whose: dict[str, list[str]] = defaultdict(list)
     secret = set()
@@ -205,7 +205,7 @@ def impossible(
     return [
         *_long_names(hosts),
         *_unknown_suites(variables, suites),
-        *_too_much(len(hosts), machine.available),
+        *_check_memory(len(hosts), machine.available),
     ]
 
 
@@ -227,7 +227,7 @@ def _unknown_suites(variables: Mapping[str, Mapping[str, Any]], suites: Sequence
             )
 
 
-def _too_much(computers: int, available: int) -> Iterator[str]:
+def _check_memory(computers: int, available: int) -> Iterator[str]:
     if computers * MEMORY > available:
         yield (
             f"The inventory has {computers} computers, which need about {computers * MEMORY} MiB of memory, and this machine has "

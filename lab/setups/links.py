@@ -50,7 +50,7 @@ def lossy(lab, hosts: Iterable[str], percent: int, kind: str = "") -> Iterator[N
             mend(lab, host)
 
 
-def until(look: Callable[[], object], seconds: float, what: str) -> object:
+def wait_until(look: Callable[[], object], seconds: float, what: str) -> object:
     """What `look` returns, as soon as it is something; fails with `what` after so many seconds."""
     deadline = time.monotonic() + seconds
     while not (seen := look()):
@@ -65,13 +65,13 @@ class Watch:
     def __init__(self, lab, host: str, looks: int = 20, script: str = "observers/watch.py") -> None:
         self.lab, self.host, self.unit = lab, host, f"{Path(script).stem}-{looks}"
         lab.start(host, self.unit, f"python3 {{script}} {looks}", script)
-        until(self.events, 60, f"the first look of {script} on {host}")
+        wait_until(self.events, 60, f"the first look of {script} on {host}")
 
     def events(self, since: float = 0.0) -> list[tuple[float, str]]:
         """(time, what happened)."""
         return [(at, text) for at, text in self.lab.output(self.host, self.unit) if at >= since]
 
-    def held(self) -> set[str]:
+    def registrations(self) -> set[str]:
         """What the roscore holds now."""
         held: set[str] = set()
         for _at, text in self.events():
@@ -81,7 +81,7 @@ class Watch:
             (held.add if sign == "+" else held.discard)(item)
         return held
 
-    def removed(self, since: float) -> list[tuple[float, str]]:
+    def removals(self, since: float) -> list[tuple[float, str]]:
         """(time, registration) of what went."""
         return [(at, text[2:]) for at, text in self.events(since) if text.startswith("- ")]
 
@@ -94,7 +94,7 @@ def chat(lab, here: str, there: str) -> None:
     lab.start(computer, "chatter", f"python3 {{script}} {words}", "programs/chatter.py")
 
 
-def heard(lab, here: str, since: float = 0.0) -> dict[str, list[float]]:
+def message_times(lab, here: str, since: float = 0.0) -> dict[str, list[float]]:
     """When messages have come, by the client library: "roscpp", "rospy"."""
     found: dict[str, list[float]] = {"roscpp": [], "rospy": []}
     for at, text in lab.output(f"{here}-pc", "chatter"):
@@ -103,7 +103,7 @@ def heard(lab, here: str, since: float = 0.0) -> dict[str, list[float]]:
     return found
 
 
-def flowing_from(times: list[float], since: float, to: float, gap: float = 1.0) -> float:
+def measure_recovery(times: list[float], since: float, to: float, gap: float = 1.0) -> float:
     """Seconds from `since` to the first message after which there is none missing for longer than `gap` seconds."""
     times = [since, *(at for at in times if since < at < to), to]
     after = [later for earlier, later in zip(times, times[1:]) if later - earlier > gap]

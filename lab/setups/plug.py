@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from machines.podman import ROOT
 from proofs.proof import NODES
-from setups.links import until
+from setups.links import wait_until
 from subject import lab_of
 
 INVENTORY = ROOT / "tests" / "systems" / "alone"
@@ -47,7 +47,7 @@ WantedBy=multi-user.target
 
 
 @contextlib.contextmanager
-def booted_alone(name, **variables):
+def boot_alone(name, **variables):
     """The robots after site.yml with these variables, and after a cold boot without a network."""
     with lab_of(name, INVENTORY) as lab:
         status, output = lab.play("site.yml", variables=variables)
@@ -84,7 +84,7 @@ def events(lab, robot):
     return {event: at for at, event in lab.output(f"{robot}-pc", "alone")}
 
 
-def told(lab, robot, *expected, seconds=60.0):
+def wait_for_events(lab, robot, *expected, seconds=60.0):
     """The same, as soon as these events are among it."""
     what = f"{robot}: {', '.join(expected)}"
 
@@ -92,7 +92,7 @@ def told(lab, robot, *expected, seconds=60.0):
         found = events(lab, robot)
         return found if set(expected) <= set(found) else None
 
-    return until(look, seconds, what)
+    return wait_until(look, seconds, what)
 
 
 def moments(lab, robot, unit):
@@ -110,8 +110,8 @@ def plug(lab, robot):
 def expect_seen(lab, robot, others, slack, since):
     """The other robots list this one within the time from the moment when both have their network, and hear its topic."""
     for other in others:
-        there = told(lab, other, "address", f"online {robot}-pc", f"heard {robot}")
-        both = max(there["address"], told(lab, robot, "address")["address"])
+        there = wait_for_events(lab, other, "address", f"online {robot}-pc", f"heard {robot}")
+        both = max(there["address"], wait_for_events(lab, robot, "address")["address"])
         seen, heard = there[f"online {robot}-pc"] - both, there[f"heard {robot}"] - both
         print(f"{robot} is listed by {other} after {seen:.2f} s, its topic is heard after {heard:.2f} s")
         assert seen <= SEEN + slack(since)

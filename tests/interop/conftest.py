@@ -34,8 +34,8 @@ def lab():
     """The robots, as the collection makes them, and then with upstream's nodes where they are to run."""
     inventory, mounts = HERE / "inventory", tuple(f"{source}:{target}" for target, source in MOUNTS.items())
     hosts = [dataclasses.replace(host, mounts=mounts) for host in hosts_of(read_inventory(inventory))]
-    with containers.removed_at_the_end(fleet.LAB):
-        containers.up(fleet.LAB, hosts)
+    with containers.remove_at_end(fleet.LAB):
+        containers.bring_up(fleet.LAB, hosts)
         connection = containers.write_inventory(fleet.LAB, hosts)
         done = subprocess.run(
             [Path(sys.executable).with_name("ansible-playbook"), "-i", inventory, "-i", connection, "site.yml"],

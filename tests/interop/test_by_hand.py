@@ -7,7 +7,7 @@ import pytest
 from conftest import MOUNTS
 from machines.layout import Extra
 from machines.podman import ROOT
-from setups import by_hand
+from setups import manual_setup
 from subject import lab_of
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
@@ -27,7 +27,7 @@ def lab():
     with lab_of(
         "by-hand", ROOT / "inventory" / "single_computer", {host: Extra((), mounts) for host in ADDRESSES}
     ) as lab:
-        with by_hand.robots(lab, ADDRESSES, by_hand.UPSTREAM, f". {WORKSPACE['multimaster_ros_setup']}"):
+        with manual_setup.robots(lab, ADDRESSES, manual_setup.UPSTREAM, f". {WORKSPACE['multimaster_ros_setup']}"):
             yield lab
 
 
@@ -44,13 +44,13 @@ def test_robots_that_talk_pass_and_what_differs_from_the_plan_is_told(lab):
 
 
 def test_a_discovery_node_that_does_not_run_is_named(lab):
-    lab.run(SECOND, f"systemctl stop {by_hand.DISCOVERY}")
+    lab.run(SECOND, f"systemctl stop {manual_setup.DISCOVERY}")
     status, output = lab.play("playbooks/verify.yml", variables={**WORKSPACE, "verify_patience": 3})
-    by_hand.start(
+    manual_setup.start(
         lab,
         SECOND,
-        by_hand.DISCOVERY,
-        f". {WORKSPACE['multimaster_ros_setup']}; exec {by_hand.UPSTREAM[by_hand.DISCOVERY]}",
+        manual_setup.DISCOVERY,
+        f". {WORKSPACE['multimaster_ros_setup']}; exec {manual_setup.UPSTREAM[manual_setup.DISCOVERY]}",
     )
     assert status != 0
     assert f"the discovery node of {SECOND} does not run" in output

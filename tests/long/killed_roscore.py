@@ -31,7 +31,7 @@ HERE = {**os.environ, "ROS_IP": "127.0.0.1", "ROS_HOSTNAME": "127.0.0.1"}
 MOST = 60.0  # seconds for all to be as it should be, on a very busy machine
 KINDS = ("publisher", "subscriber", "service")
 ROSCPP = ["/usr/lib/rosout/rosout"]
-ROSPY = [sys.executable, os.path.join(os.path.dirname(os.path.abspath(__file__)), "all_sorts.py")]
+ROSPY = [sys.executable, os.path.join(os.path.dirname(os.path.abspath(__file__)), "sample_node.py")]
 
 
 def roscore():

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
-from setups import adopted, by_hand  # noqa: E402
+from setups import adoption, manual_setup  # noqa: E402
 from subject import lab_of  # noqa: E402
 
 INVENTORY = ROOT / "inventory" / "multi_computer"
@@ -43,19 +43,21 @@ def set_up(lab, plan):
 
 
 def test_twelve_computers_that_were_set_up_by_hand_are_adopted(lab, tmp_path):
-    shipped = adopted.plan(lab, INVENTORY)
+    shipped = adoption.plan(lab, INVENTORY)
     addresses = {member["name"]: member["address"] for member in shipped["members"]}
     masters = [master["computer"] for master in shipped["masters"]]
     set_up(lab, shipped)
-    with by_hand.robots(lab, addresses, by_hand.BUNDLED, masters=masters):
+    with manual_setup.robots(lab, addresses, manual_setup.BUNDLED, masters=masters):
         folder = tmp_path / "adopted"
-        status, output = adopted.adopt(lab, folder)
+        status, output = adoption.adopt(lab, folder)
         assert status == 0 and "3 robots with 12 computers, a router; " in output, output
         assert "left out" not in output
-        assert adopted.plan(lab, folder) == shipped
+        assert adoption.plan(lab, folder) == shipped
         for host in masters:
-            lab.run(host, f"systemctl stop {by_hand.SYNC} {by_hand.DISCOVERY} {by_hand.ROSCORE}", check=False)
-        status, output = adopted.site_check(lab, folder)
+            lab.run(
+                host, f"systemctl stop {manual_setup.SYNC} {manual_setup.DISCOVERY} {manual_setup.ROSCORE}", check=False
+            )
+        status, output = adoption.site_check(lab, folder)
         assert status == 0, output
     for host in shipped["computers"]:
         assert lab.run(host, "ls /etc/rosfleet-multimaster 2>/dev/null | wc -l").strip() == "0"

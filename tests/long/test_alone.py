@@ -16,8 +16,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "lab"))
 
 from proofs.busy import Busy  # noqa: E402
-from setups.links import Watch, chat, heard, until  # noqa: E402
-from setups.plug import ROBOTS, STATIC, booted_alone, expect_seen, plug, told  # noqa: E402
+from setups.links import Watch, chat, message_times, wait_until  # noqa: E402
+from setups.plug import ROBOTS, STATIC, boot_alone, expect_seen, plug, told  # noqa: E402
 
 ALONE_SECONDS = float(os.environ.get("ALONE_SECONDS", "180"))
 LOST_SECONDS = 40.0
@@ -33,7 +33,7 @@ def slack():
 
 @pytest.fixture(scope="module")
 def lab():
-    with booted_alone("long-alone", multimaster_advertise="address") as found:
+    with boot_alone("long-alone", multimaster_advertise="address") as found:
         for robot in STATIC:
             told(found, robot, "own topic", "own service", f"online {robot}-pc")
         yield found
@@ -50,7 +50,7 @@ def lines(lab, robot):
 
 
 def test_wifi_that_comes_after_minutes(lab, slack):
-    until(lambda: all("Started" in " ".join(lines(lab, robot)) for robot in STATIC), 30, "the services are there")
+    wait_until(lambda: all("Started" in " ".join(lines(lab, robot)) for robot in STATIC), 30, "the services are there")
     time.sleep(10)
     before = {robot: len(lines(lab, robot)) for robot in STATIC}
     time.sleep(ALONE_SECONDS)
@@ -66,7 +66,7 @@ def test_wifi_that_comes_after_minutes(lab, slack):
 def test_an_address_that_goes_to_another_interface_is_followed(lab):
     """From the cable to the wifi: nobody loses the robot, and nothing is started again."""
     watch = Watch(lab, "ana-pc")
-    until(lambda: "publisher /bob/talk /bob_alone" in watch.held(), 20, "ana's roscore has bob's topic")
+    wait_until(lambda: "publisher /bob/talk /bob_alone" in watch.registrations(), 20, "ana's roscore has bob's topic")
     since = time.monotonic()
     lab.run(
         "bob-pc",
@@ -74,29 +74,29 @@ def test_an_address_that_goes_to_another_interface_is_followed(lab):
         f"ip address flush dev eth0 && ip link set eth0 down && ip address add {ROBOTS['bob']}/24 dev wifi0",
     )
     time.sleep(3 * OFFLINE_AFTER)
-    assert watch.removed(since) == []
+    assert watch.removals(since) == []
     expect_no_restart(lab)
 
 
 def test_the_nodes_of_a_robot_go_on_where_its_address_is_lost(lab, slack):
     chat(lab, "bob", "bob")
-    until(lambda: all(heard(lab, "bob").values()), 60, "bob hears itself, by rospy and by roscpp")
+    wait_until(lambda: all(message_times(lab, "bob").values()), 60, "bob hears itself, by rospy and by roscpp")
     watch = Watch(lab, "ana-pc")
-    until(lambda: "publisher /bob/talk /bob_alone" in watch.held(), 20, "ana's roscore has bob's topic")
+    wait_until(lambda: "publisher /bob/talk /bob_alone" in watch.registrations(), 20, "ana's roscore has bob's topic")
     began = time.monotonic()
     lab.run("bob-pc", "ip address flush dev wifi0")
     time.sleep(LOST_SECONDS)
     ended = time.monotonic()
-    for library, times in heard(lab, "bob", began).items():
+    for library, times in message_times(lab, "bob", began).items():
         gaps = [later - earlier for earlier, later in zip([began, *times], [*times, ended])]
         print(f"\n{library}: {len(times)} messages, the longest pause is {max(gaps):.2f} s")
         assert max(gaps) <= 1.0 + slack(began), library
-    gone = watch.removed(began)
+    gone = watch.removals(began)
     assert gone and gone[0][0] - began <= OFFLINE_AFTER + slack(began)
     back = time.monotonic()
     lab.run("bob-pc", f"ip address add {ROBOTS['bob']}/24 dev wifi0")
     again = "+ publisher /bob/talk /bob_alone"
-    until(lambda: again in [text for _at, text in watch.events(back)], 10, "ana's roscore has bob's topic again")
+    wait_until(lambda: again in [text for _at, text in watch.events(back)], 10, "ana's roscore has bob's topic again")
     seconds = next(at for at, text in watch.events(back) if text == again) - back
     print(f"registered again after {seconds:.2f} s")
     assert seconds <= 3.0 + slack(back)

@@ -19,7 +19,7 @@ sys.path.insert(0, str(ROOT / "lab"))
 
 import demo  # noqa: E402
 from proofs.proof import prove, table  # noqa: E402
-from setups.filtered import ECHO, NARROW, STRANGER, filtered_lab  # noqa: E402
+from setups.packet_filters import ECHO, NARROW, STRANGER, make_filter_lab  # noqa: E402
 
 INVENTORY = Path(__file__).with_name("firewall")
 FILTERS = {"ana-pc": "nftables", "bob-pc": "ufw", "cid-pc": "firewalld"}
@@ -28,7 +28,7 @@ FILTERS = {"ana-pc": "nftables", "bob-pc": "ufw", "cid-pc": "firewalld"}
 @pytest.fixture(scope="module")
 def lab():
     """The robots with the owners' own packet filters."""
-    with filtered_lab("long-firewall", INVENTORY, FILTERS) as found:
+    with make_filter_lab("long-firewall", INVENTORY, FILTERS) as found:
         yield found
 
 

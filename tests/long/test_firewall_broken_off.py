@@ -18,7 +18,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
-from setups.filtered import filtered_lab  # noqa: E402
+from setups.packet_filters import make_filter_lab  # noqa: E402
 
 INVENTORY = Path(__file__).with_name("firewall")
 ROBOTS = {"ana-pc": "nftables", "bob-pc": "ufw", "cid-pc": "firewalld"}
@@ -65,7 +65,7 @@ print("changed" if made.changed else "right")
 @pytest.fixture(scope="module")
 def lab():
     """The robots with their own packet filters, and with the modules of this checkout."""
-    with filtered_lab("long-firewall-broken-off", INVENTORY, ROBOTS, MOUNTS) as found:
+    with make_filter_lab("long-firewall-broken-off", INVENTORY, ROBOTS, MOUNTS) as found:
         yield found
 
 

@@ -24,7 +24,7 @@ ROOT = HERE.parents[1]
 sys.path.insert(0, str(ROOT / "lab"))
 
 from machines import containers  # noqa: E402
-from setups.links import Watch, until  # noqa: E402
+from setups.links import Watch, wait_until  # noqa: E402
 from subject import lab_of  # noqa: E402
 
 LAB = os.environ.get("FUZZ_LAB", "long-fuzz")
@@ -50,7 +50,7 @@ def lab():
         status, output = found.play("site.yml")
         assert status == 0, output
         found.start(PEER, "before", "rostopic pub -r 5 /fuzz/before std_msgs/Int32 1")
-        until(lambda: "/fuzz/before" in roscore(found), 20, "the other robot's topic")
+        wait_until(lambda: "/fuzz/before" in roscore(found), 20, "the other robot's topic")
         yield found
 
 
@@ -97,13 +97,15 @@ def sizes(lab):
 @contextlib.contextmanager
 def unchanged(lab, name):
     """Both nodes are the same processes, have not grown, and know and hold the same afterwards."""
-    until(lambda: masters(lab) == MASTERS, 30, "both masters before")
+    wait_until(lambda: masters(lab) == MASTERS, 30, "both masters before")
     before, state, small = processes(lab), roscore(lab), sizes(lab)
     yield
     assert processes(lab) == before
-    until(lambda: masters(lab) == MASTERS, 30, "both masters afterwards")
-    until(lambda: roscore(lab) == state, 30, "the same state of the roscore")
-    until(lambda: all(sizes(lab)[unit]["Threads"] <= small[unit]["Threads"] for unit in NODES), 40, "no more threads")
+    wait_until(lambda: masters(lab) == MASTERS, 30, "both masters afterwards")
+    wait_until(lambda: roscore(lab) == state, 30, "the same state of the roscore")
+    wait_until(
+        lambda: all(sizes(lab)[unit]["Threads"] <= small[unit]["Threads"] for unit in NODES), 40, "no more threads"
+    )
     large = sizes(lab)
     for unit in NODES:
         print(f"{name}: {unit}:", {key: (small[unit][key], large[unit][key]) for key in small[unit]})
@@ -138,10 +140,12 @@ def meanwhile(lab, watch, running, name):
         f"until rosnode list | grep -q rostopic; do sleep 0.1; done; until rostopic list | grep -q {topic}; do sleep 0.1; done",
     )
     started = time.monotonic()
-    until(lambda: any(f"+ publisher {topic} " in text for _at, text in watch.events()), CROSSES, f"{topic} crosses")
+    wait_until(
+        lambda: any(f"+ publisher {topic} " in text for _at, text in watch.events()), CROSSES, f"{topic} crosses"
+    )
     assert running.poll() is None, "the attack is still going on"
     print(f"{name}: {topic} has crossed after {time.monotonic() - started:.1f} s")
-    until(lambda: masters(lab) == MASTERS, 15, "both masters during the attack")
+    wait_until(lambda: masters(lab) == MASTERS, 15, "both masters during the attack")
     lab.stop(PEER, name)
 
 

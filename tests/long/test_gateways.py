@@ -16,7 +16,7 @@ sys.path.insert(0, str(ROOT / "lab"))
 
 import demo  # noqa: E402
 from proofs.proof import prove, table  # noqa: E402
-from setups.filtered import ECHO, STRANGER, filtered_lab  # noqa: E402
+from setups.packet_filters import ECHO, STRANGER, make_filter_lab  # noqa: E402
 
 INVENTORY = ROOT / "tests" / "long" / "gateways"
 GATES = {"ana-gate": "192.168.20.21", "bob-gate": "192.168.20.22", "cid-gate": "192.168.20.23"}
@@ -46,7 +46,7 @@ def ways(lab, gateways):
 @pytest.fixture(scope="module")
 def lab():
     """The robots after site.yml. Before it, gateways forward nothing, and inner computers answer nobody outside."""
-    with filtered_lab("long-gateways", INVENTORY, FILTERS) as found:
+    with make_filter_lab("long-gateways", INVENTORY, FILTERS) as found:
         status, output = found.play("site.yml")
         assert status == 0, output
         ways(found, GATES.values())

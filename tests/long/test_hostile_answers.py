@@ -23,7 +23,7 @@ ROOT = HERE.parents[1]
 sys.path.insert(0, str(ROOT / "lab"))
 
 from machines import containers  # noqa: E402
-from setups.links import until  # noqa: E402
+from setups.links import wait_until  # noqa: E402
 from subject import lab_of  # noqa: E402
 
 LAB = os.environ.get("HOSTILE_LAB", "long-hostile")
@@ -97,7 +97,7 @@ def test_no_answer_makes_a_node_large(lab, kind, masters):
 def test_idle_connections_of_eight_addresses_shut_no_member_out(lab):
     for number in range(51, 59):
         lab.run(PEER, f"ip address add 192.168.1.{number}/24 dev eth0")
-    until(
+    wait_until(
         lambda: "active" in lab.run(VICTIM, "systemctl is-active multimaster-discovery", check=False), 20, "discovery"
     )
     time.sleep(1)

@@ -12,7 +12,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "lab"))
 
-from setups.links import Watch, chat, cut, flowing_from, heard, lossy, mend, until  # noqa: E402
+from setups.links import Watch, chat, cut, lossy, measure_recovery, mend, message_times, wait_until  # noqa: E402
 from subject import three_robots  # noqa: E402
 
 COMPUTERS = ("ana-pc", "bob-pc", "cid-pc")
@@ -27,7 +27,7 @@ def lab():
         for here, there in PAIRS:
             chat(found, here, there)
         for here, _there in PAIRS:
-            until(lambda here=here: all(heard(found, here).values()), 60, f"{here} hears")
+            wait_until(lambda here=here: all(message_times(found, here).values()), 60, f"{here} hears")
         yield found
 
 
@@ -40,7 +40,7 @@ def test_no_false_removal_in_ten_minutes_while_a_third_of_the_frames_is_lost(lab
     since = time.monotonic()
     with lossy(lab, COMPUTERS, 30):
         time.sleep(LOSSY_SECONDS)
-    assert {host: watch.removed(since) for host, watch in watches.items()} == dict.fromkeys(COMPUTERS, [])
+    assert {host: watch.removals(since) for host, watch in watches.items()} == dict.fromkeys(COMPUTERS, [])
 
 
 @pytest.mark.parametrize("away", [70, 320])
@@ -50,9 +50,9 @@ def test_messages_come_again_after_minutes(lab, away):
     back = mend(lab, "bob-pc")
     time.sleep(15)
     seconds = {
-        (library, here): round(flowing_from(times, back, time.monotonic() - 1), 2)
+        (library, here): round(measure_recovery(times, back, time.monotonic() - 1), 2)
         for here, _there in PAIRS
-        for library, times in heard(lab, here).items()
+        for library, times in message_times(lab, here).items()
     }
     print(f"\nmessages again after {away} s:", seconds)
     for (library, here), value in seconds.items():

@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
 from machines import containers  # noqa: E402
-from machines.podman import labelled, podman  # noqa: E402
+from machines.podman import list_labelled, podman  # noqa: E402
 from rehearsals import rehearsal  # noqa: E402
 
 NAME = "long"
@@ -36,8 +36,8 @@ def command(inventory, *options):
 def there():
     """The containers and networks of the rehearsal."""
     label = containers.label(LAB)
-    return [entry["Names"][0] for entry in labelled("container", label)] + [
-        entry["name"] for entry in labelled("network", label)
+    return [entry["Names"][0] for entry in list_labelled("container", label)] + [
+        entry["name"] for entry in list_labelled("network", label)
     ]
 
 
@@ -46,7 +46,7 @@ def fleet(tmp_path):
     """A user's folder, with a file that only he can read."""
     folder = shutil.copytree(ROOT / "tests" / "long" / "rehearsed", tmp_path / "My fleet")
     (folder / "group_vars" / "all.yml").write_text(SECRET)
-    with containers.removed_at_the_end(LAB):
+    with containers.remove_at_end(LAB):
         yield folder
 
 

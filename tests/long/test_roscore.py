@@ -40,7 +40,7 @@ def lab():
 
 def test_nothing_is_lost_and_nothing_comes_back(lab):
     print(f"\nKILL_SEED={SEED}")
-    for path in ("tests/long/killed_roscore.py", "lab/nodes/programs/all_sorts.py"):
+    for path in ("tests/long/killed_roscore.py", "lab/nodes/programs/sample_node.py"):
         lab.run(HOST, f"cat > /tmp/{Path(path).name}", stdin=(ROOT / path).read_text())
     command = f"PYTHONPATH=/tmp/python exec python3 /tmp/killed_roscore.py {KILLS} {SEED}"
     done = subprocess.run(
@@ -58,9 +58,9 @@ def test_nothing_is_lost_and_nothing_comes_back(lab):
 
 @pytest.mark.parametrize("seed", CALL_SEEDS)
 def test_no_call_of_anybody_makes_a_roscore_worse(lab, seed):
-    lab.run(HOST, "cat > /tmp/fuzzed_roscore.py", stdin=(ROOT / "lab/nodes/hostile/fuzzed_roscore.py").read_text())
+    lab.run(HOST, "cat > /tmp/fuzz_roscore.py", stdin=(ROOT / "lab/nodes/hostile/fuzz_roscore.py").read_text())
     calls = CALLS // len(CALL_SEEDS)
-    command = f"PYTHONPATH=/tmp/python:$PYTHONPATH exec python3 /tmp/fuzzed_roscore.py {calls} {seed}"
+    command = f"PYTHONPATH=/tmp/python:$PYTHONPATH exec python3 /tmp/fuzz_roscore.py {calls} {seed}"
     done = subprocess.run(
         ["podman", "exec", containers.container(LAB, HOST), "bash", "-lc", command],
         capture_output=True,

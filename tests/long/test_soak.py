@@ -20,7 +20,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "lab"))
 
-from setups.links import chat, cut, heard, mend, until  # noqa: E402
+from setups.links import chat, cut, mend, message_times, wait_until  # noqa: E402
 from subject import NODES, three_robots  # noqa: E402
 
 MINUTES = float(os.environ.get("SOAK_MINUTES", "30"))
@@ -108,7 +108,7 @@ def soaked():
     with three_robots("long-soak") as lab:
         for here, there in (("ana", "bob"), ("bob", "ana"), ("cid", "ana")):
             chat(lab, here, there)
-        until(lambda: all(heard(lab, "bob").values()), 60, "bob hears")
+        wait_until(lambda: all(message_times(lab, "bob").values()), 60, "bob hears")
         churns = [Churn(lab, host) for host in ADDRESSES]
         samples, began = [], time.monotonic()
 
@@ -175,11 +175,13 @@ def test_nothing_is_lost(soaked):
     lab, _samples, churns = soaked
     wanted = set().union(*(churn.topics() for churn in churns))
     for host in (*ADDRESSES, LEAVER):
-        until(lambda host=host: known(lab, host) == wanted, 30, f"{host} knows what there is, and nothing else")
+        wait_until(lambda host=host: known(lab, host) == wanted, 30, f"{host} knows what there is, and nothing else")
 
 
 def test_messages_flow(soaked):
     lab, _samples, _churns = soaked
     for here in ("ana", "bob"):
         since = time.monotonic()
-        until(lambda here=here, since=since: all(t and t[-1] > since for t in heard(lab, here).values()), 20, here)
+        wait_until(
+            lambda here=here, since=since: all(t and t[-1] > since for t in message_times(lab, here).values()), 20, here
+        )

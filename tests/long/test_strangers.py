@@ -25,7 +25,7 @@ sys.path.insert(0, str(ROOT / "lab"))
 from machines import containers  # noqa: E402
 from machines.layout import Extra  # noqa: E402
 from proofs.busy import Busy  # noqa: E402
-from setups.links import Watch, until  # noqa: E402
+from setups.links import Watch, wait_until  # noqa: E402
 from subject import NODES, lab_of  # noqa: E402
 
 LAB = os.environ.get("STRANGERS_LAB", "long-strangers")
@@ -102,7 +102,7 @@ class Fleet:
     def __init__(self, lab):
         self.lab, self.run = lab, lab.run
         self.roscores = {host: Watch(lab, host, 10) for host in ROBOTS}
-        self.lists = {host: Watch(lab, host, 10, "observers/listed.py") for host in ROBOTS}
+        self.lists = {host: Watch(lab, host, 10, "observers/masters.py") for host in ROBOTS}
         lab.run(VICTIM, "nft -f -", stdin=ATTEMPTS)
 
     def attempts(self):
@@ -126,7 +126,7 @@ class Fleet:
             return any(text in entry and f'/{host}"' in entry for entry in entries)
 
         self.lab.start(host, "diagnostics", "rostopic echo /diagnostics")
-        until(said, 15, f"{text} on /diagnostics of {host}")
+        wait_until(said, 15, f"{text} on /diagnostics of {host}")
         self.lab.stop(host, "diagnostics")
 
     def outsiders(self):
@@ -200,9 +200,13 @@ def fleet():
         lab.start(VICTIM, "hears", "rostopic echo /real/data")
         found = Fleet(lab)
         for host in ROBOTS:
-            until(lambda host=host: len(found.lists[host].held()) == 2, 30, f"both masters on {host}")
-            until(lambda host=host: "publisher /real/data" in str(found.roscores[host].held()), 30, f"data on {host}")
-        until(found.data, 20, "a connection between nodes of both robots")
+            wait_until(lambda host=host: len(found.lists[host].registrations()) == 2, 30, f"both masters on {host}")
+            wait_until(
+                lambda host=host: "publisher /real/data" in str(found.roscores[host].registrations()),
+                30,
+                f"data on {host}",
+            )
+        wait_until(found.data, 20, "a connection between nodes of both robots")
         time.sleep(3)  # what starts has been told everywhere
         yield found
 
@@ -225,7 +229,7 @@ def test_a_rogue_master_is_named_and_nothing_of_it_is_taken(fleet):
 @pytest.mark.parametrize(("thief", "late"), [(THIEF, 2.5), (PATIENT_THIEF, 8.0)])
 def test_a_thief_does_not_become_a_robot_whose_heartbeat_is_late(fleet, thief, late):
     """2.5 s: one heartbeat or two. 8 s: the robot counts as lost, and comes back."""
-    until(lambda: f"{IS_PEER} online" in fleet.lists[VICTIM].held(), 20, "the robot is online")
+    wait_until(lambda: f"{IS_PEER} online" in fleet.lists[VICTIM].registrations(), 20, "the robot is online")
     data = fleet.data()
     assert data
     since, at = time.time(), time.monotonic()
@@ -235,7 +239,7 @@ def test_a_thief_does_not_become_a_robot_whose_heartbeat_is_late(fleet, thief, l
         time.sleep(late)
     called = result("thief", running)
     assert 1 <= called["connections"] <= 2 and set(called["methods"]) == {"masterContacts"}
-    until(lambda: f"{IS_PEER} online" in fleet.lists[VICTIM].held(), 10, "the robot is back")
+    wait_until(lambda: f"{IS_PEER} online" in fleet.lists[VICTIM].registrations(), 10, "the robot is back")
     seen = [text for _at, text in fleet.lists[VICTIM].events(at)]
     print(f"{late} s late:", seen)
     if late < OFFLINE_AFTER - 1:
@@ -243,8 +247,10 @@ def test_a_thief_does_not_become_a_robot_whose_heartbeat_is_late(fleet, thief, l
         assert data <= fleet.data()  # the same ends
     else:
         assert {text[2:] for text in seen} == {f"{IS_PEER} online", f"{IS_PEER} offline"}
-        until(lambda: "publisher /real/data" in str(fleet.roscores[VICTIM].held()), 10, "its topics are back")
-        until(fleet.data, 10, "its data is back")
+        wait_until(
+            lambda: "publisher /real/data" in str(fleet.roscores[VICTIM].registrations()), 10, "its topics are back"
+        )
+        wait_until(fleet.data, 10, "its data is back")
     why = f"it says that it is {PEER}, which is at {ROBOTS[PEER]}"
     assert fleet.log(VICTIM, DISCOVERY, since - 1).count(f"at {thief} is ignored: {why}") == 1
 
@@ -266,7 +272,7 @@ def test_spoofed_stamps_cost_one_fetch_in_ten_seconds(fleet):
 
 
 def test_a_spoofed_rate_of_zero_delays_no_loss(fleet, slack):
-    until(lambda: f"{IS_PEER} online" in fleet.lists[VICTIM].held(), 20, "the robot is online")
+    wait_until(lambda: f"{IS_PEER} online" in fleet.lists[VICTIM].registrations(), 20, "the robot is online")
     began = time.monotonic()
     running = spoofed(fleet.lab, 30, 6, 0, "11611-11611", ROBOTS[PEER])
     time.sleep(4)
@@ -274,19 +280,19 @@ def test_a_spoofed_rate_of_zero_delays_no_loss(fleet, slack):
         stopped = time.monotonic()
         last = result("rate 0", running)["last"]
         assert last > stopped, "the last that was heard is a rate of 0"
-        lost = until(
+        lost = wait_until(
             lambda: [at for at, text in fleet.lists[VICTIM].events(began) if text == f"+ {IS_PEER} offline"],
             12,
             "the robot is lost",
         )[0]
         print(f"lost {lost - last:.2f} s after the last datagram")
         assert lost - last <= OFFLINE_AFTER + LOOK + slack(began)
-    until(lambda: f"{IS_PEER} online" in fleet.lists[VICTIM].held(), 10, "the robot is back")
-    until(lambda: "publisher /real/data" in str(fleet.roscores[VICTIM].held()), 10, "its topics are back")
+    wait_until(lambda: f"{IS_PEER} online" in fleet.lists[VICTIM].registrations(), 10, "the robot is back")
+    wait_until(lambda: "publisher /real/data" in str(fleet.roscores[VICTIM].registrations()), 10, "its topics are back")
 
 
 def test_senders_that_are_invented_are_asked_twice_and_only_near_ones(fleet):
-    until(fleet.data, 20, "data again")
+    wait_until(fleet.data, 20, "data again")
     time.sleep(3)
     near, far = {LIAR, NOBODY, ROBOTS[PEER]}, {"8.8.8.8", "10.1.2.3", "192.168.99.5"}
     odd = {"127.0.0.1", ROBOTS[VICTIM], "255.255.255.255", GROUP}
@@ -314,10 +320,10 @@ def test_a_member_that_lies_about_its_nodes_leads_nobody_elsewhere(fleet):
         return [uri for uri, why in wanted.items() if f"at {uri} is refused: {why}" not in log]
 
     with contextlib.suppress(AssertionError):
-        until(lambda: not missing(), 20, "all of them are refused")
+        wait_until(lambda: not missing(), 20, "all of them are refused")
     assert missing() == []
     fleet.lab.start(PEER, "honest", "rostopic pub -r 5 /honest std_msgs/Int32 1")
-    until(lambda: "publisher /honest" in str(fleet.roscores[VICTIM].held()), 20, "what is honest crosses")
+    wait_until(lambda: "publisher /honest" in str(fleet.roscores[VICTIM].registrations()), 20, "what is honest crosses")
     for text in (f"is refused: {HERE_ITSELF}", f"is refused: 8.8.8.8 {NO_COMPUTER}"):
         fleet.diagnosed(VICTIM, text)
     taken = [text for _at, text in fleet.roscores[VICTIM].events(at) if "/liar/" in text]
@@ -325,7 +331,7 @@ def test_a_member_that_lies_about_its_nodes_leads_nobody_elsewhere(fleet):
     there = [one for one in fleet.attempts() - before if 9001 <= one.port <= 9011]
     assert there == []
     fleet.run(PEER, f"python3 - unregister {' '.join(PLACES)}", stdin=LIES)
-    until(lambda: "is no longer refused" in fleet.log(VICTIM, SYNC, since - 1), 20, "it says that they are gone")
+    wait_until(lambda: "is no longer refused" in fleet.log(VICTIM, SYNC, since - 1), 20, "it says that they are gone")
     fleet.lab.stop(PEER, "honest")
 
 
@@ -341,6 +347,8 @@ def test_a_rogue_that_is_allowed_is_taken(fleet):
         "service /rogue/stop /rogue",
     }
     for host in ROBOTS:
-        until(lambda host=host: offered <= fleet.roscores[host].held(), 15, f"the guest's topics on {host}")
+        wait_until(
+            lambda host=host: offered <= fleet.roscores[host].registrations(), 15, f"the guest's topics on {host}"
+        )
     called = result("guest", running)
     assert "masterInfoFiltered" in called["methods"]

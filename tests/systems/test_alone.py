@@ -9,8 +9,8 @@ The order of the tests is that of a day. Losses of minutes: tests/long/test_alon
 import time
 
 import pytest
-from setups.links import until
-from setups.plug import ROBOTS, STATIC, booted_alone, events, expect_seen, moments, plug, told
+from setups.links import wait_until
+from setups.plug import ROBOTS, STATIC, boot_alone, events, expect_seen, moments, plug, told
 
 NAME = "systems-alone"
 FOREIGN = "192.168.24.77"
@@ -19,7 +19,7 @@ ANSWERS, TALKS = 5.0, 5.0  # seconds
 
 @pytest.fixture(scope="module")
 def lab():
-    with booted_alone(NAME) as found:
+    with boot_alone(NAME) as found:
         yield found
 
 
@@ -43,7 +43,7 @@ def test_every_robot_works_alone_at_once(lab, booted, slack):
 def test_the_services_wait_for_no_network_and_do_not_complain_again_and_again(lab):
     for robot in ROBOTS:
         for unit in ("discovery", "sync"):
-            until(lambda: moments(lab, robot, f"multimaster-{unit}")[1], 20, f"{robot}: {unit} is there")  # noqa: B023
+            wait_until(lambda: moments(lab, robot, f"multimaster-{unit}")[1], 20, f"{robot}: {unit} is there")  # noqa: B023
     time.sleep(3)
     for robot in ROBOTS:
         jobs = lab.run(f"{robot}-pc", "systemctl list-jobs --no-legend")
@@ -74,7 +74,7 @@ def asked_for(lab, address):
 def test_in_a_foreign_network_a_robot_works_alone_and_answers_for_nobody_else(lab):
     plug(lab, "dan")
     lab.run("dan-pc", f"ip address add {FOREIGN}/24 dev eth0")
-    until(lambda: "lladdr" in asked_for(lab, FOREIGN), 10, "dan is in the network, with another address")
+    wait_until(lambda: "lladdr" in asked_for(lab, FOREIGN), 10, "dan is in the network, with another address")
     assert "lladdr" not in asked_for(lab, ROBOTS["dan"])
     assert "success: True" in lab.run("dan-pc", "rosservice call /dan/echo")
     assert "online dan-pc" not in events(lab, "ana")

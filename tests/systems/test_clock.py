@@ -9,7 +9,7 @@ Containers share the machine's clock, which nobody here touches: libfaketime giv
 import time
 
 import pytest
-from setups.links import Watch, until
+from setups.links import Watch, wait_until
 from subject import three_robots
 
 NAME = "systems-clock"
@@ -46,7 +46,7 @@ def talk(lab, word):
         words = f"{here}_{word} +/{here}/{word} /{there}/{word}"
         lab.start(f"{here}-pc", word, f"python3 {{script}} {words}", "programs/chatter.py")
     for here in ("ana", "bob"):
-        until(lambda here=here: lab.output(f"{here}-pc", word), 60, f"{here} hears what is new")
+        wait_until(lambda here=here: lab.output(f"{here}-pc", word), 60, f"{here} hears what is new")
 
 
 def running(lab):
@@ -72,7 +72,7 @@ def test_a_step_of_the_clock_ends_nothing_and_loses_nothing(lab, watches, word, 
     time.sleep(8)  # longer than it takes to call a robot lost: nothing may happen in this time
     talk(lab, word)
     assert running(lab) == before
-    assert {host: watch.removed(since) for host, watch in watches.items()} == dict.fromkeys(COMPUTERS, [])
+    assert {host: watch.removals(since) for host, watch in watches.items()} == dict.fromkeys(COMPUTERS, [])
     for here in ("ana", "bob"):  # and what was there goes on
         assert any(at > since + 8 for at, _text in lab.output(f"{here}-pc", "before"))
 
@@ -87,4 +87,4 @@ def test_discovery_tells_the_new_time(lab):
     def stamp():
         return float(lab.run("ana-pc", f'python3 -c "{code}"'))
 
-    until(lambda: before + 3600 <= stamp() <= time.time() + 3600, 60, "a stamp of the new clock")
+    wait_until(lambda: before + 3600 <= stamp() <= time.time() + 3600, 60, "a stamp of the new clock")

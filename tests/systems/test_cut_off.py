@@ -120,8 +120,8 @@ def recap(output, host):
 def fleet():
     """After a first good run from outside, without which nobody reaches the inner computers."""
     hosts = hosts_of(read_inventory(INVENTORY), EXTRAS)
-    with containers.removed_at_the_end(LAB):
-        containers.up(LAB, hosts)
+    with containers.remove_at_end(LAB):
+        containers.bring_up(LAB, hosts)
         fleet = Fleet()
         connection = containers.write_inventory(LAB, hosts)
         words = [Path(sys.executable).with_name("ansible-playbook"), "-i", INVENTORY, "-i", connection, PLAYBOOK]

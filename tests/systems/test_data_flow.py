@@ -8,7 +8,7 @@ import re
 import time
 
 import pytest
-from setups.links import Watch, until
+from setups.links import Watch, wait_until
 from subject import NODES, three_robots
 
 NAME = "systems-data-flow"
@@ -86,7 +86,9 @@ def heard(lab, robot, since):
 
 def test_what_is_declared_arrives_and_nothing_else(declared):
     since = time.monotonic()
-    until(lambda: {robot: heard(declared, robot, since) for robot in ROBOTS} == EXPECTED, 60, "all hear what flows")
+    wait_until(
+        lambda: {robot: heard(declared, robot, since) for robot in ROBOTS} == EXPECTED, 60, "all hear what flows"
+    )
     time.sleep(3)
     assert {robot: heard(declared, robot, since) for robot in ROBOTS} == EXPECTED
 
@@ -100,7 +102,7 @@ def test_a_service_and_an_action_work(declared):
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_the_roscore_holds_what_was_declared_and_nothing_else(declared, robot):
-    held = [item.split() for item in Watch(declared, f"{robot}-pc").held()]
+    held = [item.split() for item in Watch(declared, f"{robot}-pc").registrations()]
     foreign = [item for item in held if re.match(r"/(ana|bob|cid)_", item[2]) and not item[2].startswith(f"/{robot}_")]
     assert {name for _kind, name, _node in foreign} - GOALS == IMPORTED[robot] - GOALS  # the client has gone
     assert {kind for kind, _name, _node in foreign} <= {"publisher", "service"}
@@ -184,8 +186,10 @@ def test_what_is_declared_arrives_and_nothing_else_where_whole_states_travel(dec
     without_differences(declared, "bob-pc", "sed -i '0,/{/s//{\"differences\": false,/'")
     gone = "ss -Htn state established '( dport = :11611 or sport = :11611 )'"
     since = time.monotonic()
-    until(lambda: {robot: heard(declared, robot, since) for robot in ROBOTS} == EXPECTED, 60, "all hear what flows")
-    until(lambda: not declared.run("bob-pc", gone), 20, "bob's connections have ended")
+    wait_until(
+        lambda: {robot: heard(declared, robot, since) for robot in ROBOTS} == EXPECTED, 60, "all hear what flows"
+    )
+    wait_until(lambda: not declared.run("bob-pc", gone), 20, "bob's connections have ended")
     test_the_roscore_holds_what_was_declared_and_nothing_else(declared, "bob")
     without_differences(declared, "bob-pc", "cp -a /root/kept/. /etc/rosfleet-multimaster/; ls")
 
@@ -197,7 +201,7 @@ def longest_gap(times, since, to):
 
 def keeps_its_local_publisher(lab, slack):
     """bob's publishers of /mixed come and go; ana's roscpp subscriber hears its own robot's all the time."""
-    until(lambda: lab.output("ana-pc", "mixer"), 60, "ana's relay hears ana's publisher")
+    wait_until(lambda: lab.output("ana-pc", "mixer"), 60, "ana's relay hears ana's publisher")
     since = time.monotonic()
     for _time in range(4):
         lab.start("bob-pc", "mixer", "python3 {script} bob_mixer +/mixed", "programs/chatter.py")

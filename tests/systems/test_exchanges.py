@@ -3,7 +3,7 @@
 
 """Exchanges with a discovery node of another robot, as multimaster_fkie 1.3.2 would have them.
 
-The other robot is played from the files in exchanges/ (their language is in lab/nodes/programs/scripted_peer.py); the real
+The other robot is played from the files in exchanges/ (their language is in lab/nodes/programs/peer_script.py); the real
 nodes run as the collection installs them. In the files $number is the port of the peer's XML-RPC server, another one in
 each exchange, $port the same as it stands in a record, and $name the name of its master.
 """
@@ -17,7 +17,7 @@ import yaml
 
 HERE = Path(__file__).parent
 FILES = sorted((HERE / "exchanges").glob("*.yml"))
-PLAYER = HERE.parents[1] / "lab" / "nodes" / "programs" / "scripted_peer.py"
+PLAYER = HERE.parents[1] / "lab" / "nodes" / "programs" / "peer_script.py"
 # Each exchange has an address of its own: one that did not say who it is is asked twice in 30 s, and not again.
 ADDRESSES = [f"192.168.1.{40 + number}" for number in range(len(FILES))]
 SETTING = {"real": "192.168.1.31", "group": "226.0.0.0", "port": 11511}

@@ -11,7 +11,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from setups import adopted, by_hand
+from setups import adoption, manual_setup
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 OURS = "ls /etc/sysctl.d /etc/rosfleet-multimaster /usr/local/lib/rosfleet-multimaster 2>/dev/null | grep -c rosfleet"
@@ -59,12 +59,12 @@ def test_a_stranger_on_the_port_of_the_roscore_is_named(untouched):
 def test_robots_that_were_set_up_by_hand_are_adopted_and_verified_and_told_as_such(untouched, tmp_path):
     """A roscore and the bundled nodes that a person has started, as docs/understand/nodes.md says; nothing of the collection is there."""
     addresses = {FIRST: "192.168.1.229", SECOND: "192.168.1.239"}
-    with by_hand.robots(untouched, addresses, by_hand.BUNDLED):
+    with manual_setup.robots(untouched, addresses, manual_setup.BUNDLED):
         folder = tmp_path / "adopted"
-        status, output = adopted.adopt(untouched, folder)
+        status, output = adoption.adopt(untouched, folder)
         assert status == 0 and "2 robots with 2 computers; 4 comments to read" in output, output
-        assert adopted.plan(untouched, folder) == adopted.plan(untouched, untouched.inventory)
-        status, output = adopted.adopt(untouched, folder)
+        assert adoption.plan(untouched, folder) == adoption.plan(untouched, untouched.inventory)
+        status, output = adoption.adopt(untouched, folder)
         assert status != 0 and f"{folder} is there and is not an empty folder" in output, output
         status, output = untouched.play("playbooks/verify.yml")
         assert status == 0, output
@@ -83,14 +83,16 @@ def test_robots_that_were_set_up_by_hand_are_adopted_and_verified_and_told_as_su
             "224.0.0.1",
             "bundled",
         )
-        assert (seen["uri"], seen["process"]["unit"]) == (f"http://{FIRST}:11311/", f"{by_hand.ROSCORE}.service")
-        untouched.run(SECOND, f"systemctl stop {by_hand.DISCOVERY}")
+        assert (seen["uri"], seen["process"]["unit"]) == (f"http://{FIRST}:11311/", f"{manual_setup.ROSCORE}.service")
+        untouched.run(SECOND, f"systemctl stop {manual_setup.DISCOVERY}")
         status, output = untouched.play("playbooks/verify.yml", variables={"verify_patience": 3})
         assert status != 0
         assert f"the discovery node of {SECOND} does not run" in output
         for host in addresses:  # as the comments in the adopted inventory say
-            untouched.run(host, f"systemctl stop {by_hand.SYNC} {by_hand.DISCOVERY} {by_hand.ROSCORE}", check=False)
-        status, output = adopted.site_check(untouched, folder)
+            untouched.run(
+                host, f"systemctl stop {manual_setup.SYNC} {manual_setup.DISCOVERY} {manual_setup.ROSCORE}", check=False
+            )
+        status, output = adoption.site_check(untouched, folder)
         assert status == 0 and "+net.ipv4.conf.all.arp_ignore = 3" in output, output
         assert "-192.168.1." not in output and "-net.ipv4.icmp_echo_ignore_broadcasts" not in output  # as it is by hand
     for host in addresses:

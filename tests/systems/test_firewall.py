@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 import pytest
-from setups.filtered import ECHO, STRANGER, filtered_lab
+from setups.packet_filters import ECHO, STRANGER, make_filter_lab
 
 INVENTORY = Path(__file__).with_name("firewall")
 
@@ -18,7 +18,7 @@ INVENTORY = Path(__file__).with_name("firewall")
 @pytest.fixture(scope="module")
 def fleet():
     """The robots after site.yml, with the packet filter."""
-    with filtered_lab("systems-firewall", INVENTORY, dict.fromkeys(("ana-pc", "bob-pc"), "nftables")) as lab:
+    with make_filter_lab("systems-firewall", INVENTORY, dict.fromkeys(("ana-pc", "bob-pc"), "nftables")) as lab:
         for found in lab.look(STRANGER, *lab.addresses.values(), first=ECHO, last=ECHO).values():
             assert found == {"tcp": [ECHO], "udp": [ECHO]}
         status, output = lab.play("site.yml")
@@ -36,7 +36,7 @@ def test_forged_packets_in_the_name_of_the_robot_itself_reach_a_port_without_the
     """Without it they do, or the test could not fail."""
     fleet.takes_nothing_in_its_own_name()
     fleet.run("ana-pc", "nft delete table inet rosfleet_multimaster")
-    address, *_others, local, _loopback, group = fleet.own_places("ana-pc")
+    address, *_others, local, _loopback, group = fleet.list_own_places("ana-pc")
     heard = fleet.forges("ana-pc", (address, address), ("127.0.0.1", address), (local, local), (local, group))
     forged = [line for line in heard if not line.startswith("itself")]
     assert forged == [f"{address} > {address}", f"127.0.0.1 > {address}", f"{local} > {local}", f"{local} > {group}"]

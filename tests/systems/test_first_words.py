@@ -6,7 +6,7 @@
 import json
 import time
 
-from setups.links import until
+from setups.links import wait_until
 
 SPEAKER, HEARER = "kobuki1computer", "kobuki2computer"
 BOTH, OWN = "/first_words/both", "/first_words/own"  # the subscribers are on both robots, on their own one alone
@@ -64,7 +64,7 @@ def test_a_publisher_that_comes_later_must_wait_until_the_connections_rest(lab):
     try:
         begin(lab, HEARER, "hear", (BOTH, OWN))
         lab.wait_until_ready(HEARER, "hear")
-        until(lambda: known(lab, SPEAKER, BOTH)[1] == COUNT, 30, "the subscribers are on the other robot")
+        wait_until(lambda: known(lab, SPEAKER, BOTH)[1] == COUNT, 30, "the subscribers are on the other robot")
         assert known(lab, SPEAKER, OWN) == [0, 0]
         begin(lab, SPEAKER, "say", (BOTH, OWN))
         lost = losses(lab, BOTH, OWN)
@@ -77,6 +77,6 @@ def test_a_publisher_that_comes_later_must_wait_until_the_connections_rest(lab):
 def test_a_subscriber_that_comes_later_loses_nothing(lab):
     """Its own roscore tells it of the publisher, so the robot of the publisher does not."""
     begin(lab, SPEAKER, "say", (BOTH,))
-    until(lambda: known(lab, HEARER, BOTH)[0] == COUNT, 30, "the publishers are on the other robot")
+    wait_until(lambda: known(lab, HEARER, BOTH)[0] == COUNT, 30, "the publishers are on the other robot")
     begin(lab, HEARER, "hear", (BOTH,))
     assert set(losses(lab, BOTH).values()) == {(0, 0)}

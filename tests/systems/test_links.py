@@ -9,7 +9,7 @@ All times are of the kernel's steady clock, which the containers share. The orde
 import time
 
 import pytest
-from setups.links import Watch, chat, cut, flowing_from, heard, lossy, mend, until
+from setups.links import Watch, chat, cut, lossy, measure_recovery, mend, message_times, wait_until
 from subject import three_robots
 
 NAME = "systems-links"
@@ -44,7 +44,7 @@ def start_nodes(lab):
 def flows(lab, here):
     """Wait until messages come, by both libraries."""
     since = time.monotonic()
-    until(lambda: all(heard(lab, here, since).values()), 60, f"{here} hears")
+    wait_until(lambda: all(message_times(lab, here, since).values()), 60, f"{here} hears")
 
 
 def flow_again(lab):
@@ -67,10 +67,12 @@ def gone_from(watches, lost, since, to=None):
     for host, watch in watches.items():
         if host != lost:
             if to is None:
-                until(lambda watch=watch: not of(lost, watch.held()), 60, f"{host} holds nothing of {lost}")
+                wait_until(
+                    lambda watch=watch: not of(lost, watch.registrations()), 60, f"{host} holds nothing of {lost}"
+                )
             # Newcomers come and go.
             removed = [
-                (at, item) for at, item in watch.removed(since) if at < (to or at + 1) and "newcomer" not in item
+                (at, item) for at, item in watch.removals(since) if at < (to or at + 1) and "newcomer" not in item
             ]
             assert removed and of(lost, [item for _at, item in removed]) == {item for _at, item in removed}
             gone[host] = removed[-1][0] - since
@@ -94,7 +96,7 @@ def test_a_loss_of_two_seconds_removes_nothing(lab, watches):
     time.sleep(4)
     print(f"the link was away for {back - since:.2f} s")
     for host, watch in watches.items():
-        assert watch.removed(since) == []
+        assert watch.removals(since) == []
         assert "unregister" not in log(lab, host, since)
 
 
@@ -110,7 +112,11 @@ def loss(lab, watches):
         lab.start(
             "bob-pc", f"busy{number}", f"rosrun topic_tools relay {BUSY} /bob/out{number} __name:=bob_busy{number}"
         )
-    until(lambda: all(f"subscriber {BUSY} /bob_busy2" in watches[host].held() for host in COMPUTERS), 60, "the three")
+    wait_until(
+        lambda: all(f"subscriber {BUSY} /bob_busy2" in watches[host].registrations() for host in COMPUTERS),
+        60,
+        "the three",
+    )
     for host in ("ana-pc", "cid-pc"):
         # As behind a gateway: whoever asks for the way gets an answer, so nothing but time ends an attempt to connect.
         lab.run(
@@ -122,7 +128,7 @@ def loss(lab, watches):
     time.sleep(5)  # discovery reads this now and then
     for host in ("ana-pc", "cid-pc"):
         lab.start(host, "newcomer", f"python3 {{script}} {host[:3]}_newcomer {BUSY}", "programs/newcomer.py")
-        until(lambda host=host: blocked(lab, host), 60, f"a newcomer on {host}")
+        wait_until(lambda host=host: blocked(lab, host), 60, f"a newcomer on {host}")
     since = cut(lab, "bob-pc")
     gone = gone_from(watches, "bob-pc", since)
     time.sleep(max(0.0, since + 25 - time.monotonic()))
@@ -158,7 +164,9 @@ def test_unreachable_subscribers_do_not_block_the_own_roscore(loss, slack, host)
 
 @pytest.mark.parametrize("library", BACK)
 def test_messages_come_again_when_the_link_is_back(lab, loss, slack, library):
-    seconds = {here: flowing_from(heard(lab, here)[library], loss["back"], loss["end"]) for here, _there in PAIRS}
+    seconds = {
+        here: measure_recovery(message_times(lab, here)[library], loss["back"], loss["end"]) for here, _there in PAIRS
+    }
     print(f"\n{library}, messages again after 70 s:", rounded(seconds))
     assert max(seconds.values()) <= BACK[library] + slack(loss["back"])
 
@@ -177,7 +185,7 @@ def test_an_interface_that_goes_down_and_up(lab, watches, slack):
         text for _at, text in watches["bob-pc"].events(since) if "/master_" in text
     ] == []  # neither node was restarted
     for here, _there in PAIRS:
-        seconds = {library: flowing_from(times, back, end) for library, times in heard(lab, here).items()}
+        seconds = {library: measure_recovery(times, back, end) for library, times in message_times(lab, here).items()}
         print(f"messages at {here} again:", rounded(seconds))
         assert all(seconds[library] <= BACK[library] + slack(back) for library in BACK)
 
@@ -186,7 +194,7 @@ def test_no_false_removal_while_a_third_of_the_frames_is_lost(lab, watches):
     since = time.monotonic()
     with lossy(lab, COMPUTERS, 30):
         time.sleep(40)
-    assert {host: watch.removed(since) for host, watch in watches.items()} == dict.fromkeys(COMPUTERS, [])
+    assert {host: watch.removals(since) for host, watch in watches.items()} == dict.fromkeys(COMPUTERS, [])
 
 
 @pytest.mark.parametrize(("host", "unit"), [("ana-pc", "multimaster-roscore"), ("cid-pc", "foreign-roscore")])
@@ -195,7 +203,7 @@ def test_both_nodes_are_registered_again_after_a_restart_of_the_roscore(lab, sla
     for restart in ("systemctl kill --signal=KILL", "systemctl restart", "systemctl restart"):
         since = time.monotonic()
         lab.run(host, f"{restart} {unit}")
-        until(lambda since=since: services(watch, since), 60, f"{unit} and both nodes are back")
+        wait_until(lambda since=since: services(watch, since), 60, f"{unit} and both nodes are back")
         seconds.append(services(watch, since) - answers(watch, since))
         time.sleep(2)
     print(
@@ -232,7 +240,7 @@ def test_a_dead_roscore_is_no_empty_one(lab, watches, slack):
     for here, _there in PAIRS:
         flows(lab, here)
     for host in ("bob-pc", "cid-pc"):
-        assert watches[host].removed(back) == []
+        assert watches[host].removals(back) == []
 
 
 def test_what_a_robot_without_power_had_is_gone_within_the_time(lab, watches, slack):

@@ -9,7 +9,7 @@ import subprocess
 
 import pytest
 from machines.podman import ROOT
-from setups.links import until
+from setups.links import wait_until
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 FOLDER = "/var/lib/prometheus/node-exporter"
@@ -64,7 +64,7 @@ def test_metrics_are_written_for_everybody_to_read(measured):
         offset = f'multimaster_clock_offset_seconds{{master="{there}"}}'
         registrations = f'multimaster_registrations{{master="{there}",kind="publisher"}}'
         wanted = {offset, registrations}
-        until(lambda here=here, wanted=wanted: wanted <= set(metrics(lab, here)), 60, f"all metrics of {here}")
+        wait_until(lambda here=here, wanted=wanted: wanted <= set(metrics(lab, here)), 60, f"all metrics of {here}")
         found = metrics(lab, here)
         assert found[link(there)] == found["multimaster_roscore_up"] == found["multimaster_masters_online"] == 1
         assert abs(found[offset]) < 0.5 and 0 < found[link(there, "answer_seconds")] < 1
@@ -118,7 +118,7 @@ def test_listeners_and_drivers_of_other_robots_stay_there(measured):
     lab.start(FIRST, "panel", "rostopic echo /diagnostics")
     lab.start(FIRST, "driver", "rostopic pub -r 2 /diagnostics diagnostic_msgs/DiagnosticArray {{}}")
     lab.start(FIRST, "marker", "rostopic pub -r 2 /marker std_msgs/String here")
-    until(lambda: "/marker" in lab.run(SECOND, "rostopic list"), 30, "a topic that crosses")
+    wait_until(lambda: "/marker" in lab.run(SECOND, "rostopic list"), 30, "a topic that crosses")
     known = lab.run(SECOND, "rostopic info /diagnostics")
     lab.stop(FIRST, "panel", "driver", "marker")
     assert "rostopic" not in known and FIRST not in known, known
@@ -156,12 +156,12 @@ def test_nodes_without_the_package_are_heard_by_who_has_it(measured):
 def test_a_robot_that_leaves_is_seen_in_both(measured):
     lab = measured
     lab.run(SECOND, "systemctl stop multimaster-discovery multimaster-sync")
-    until(lambda: metrics(lab, FIRST).get(link(SECOND)) == 0, 60, "the metrics")
-    until(lambda: metrics(lab, SECOND) == {}, 30, "no old values of nodes that do not run")
+    wait_until(lambda: metrics(lab, FIRST).get(link(SECOND)) == 0, 60, "the metrics")
+    wait_until(lambda: metrics(lab, SECOND) == {}, 30, "no old values of nodes that do not run")
     names = {name: level for _at, name, level in listen(lab, FIRST)[0]}
     assert names[f"multimaster: link to {SECOND}"] in (1, 2) and names["multimaster: masters"] == 1
     lab.run(SECOND, "systemctl start multimaster-discovery multimaster-sync")
-    until(lambda: metrics(lab, FIRST).get(link(SECOND)) == 1, 60, "it is back")
+    wait_until(lambda: metrics(lab, FIRST).get(link(SECOND)) == 1, 60, "it is back")
     assert metrics(lab, FIRST)[link(SECOND, "lost_total")] == 1
 
 
@@ -176,7 +176,7 @@ def test_switched_off_nothing_of_ours_is_left(measured):
 
 def test_a_teardown_leaves_nothing_of_them_and_what_others_wrote(measured):
     assert measured.play("site.yml", variables=ON)[0] == 0
-    until(lambda: all(metrics(measured, host) for host in (FIRST, SECOND)), 60, "metrics of both")
+    wait_until(lambda: all(metrics(measured, host) for host in (FIRST, SECOND)), 60, "metrics of both")
     status, output = measured.play("playbooks/teardown.yml", variables=ON)
     assert status == 0, output
     for host in (FIRST, SECOND):

@@ -16,7 +16,7 @@ import time
 import pytest
 from machines import containers
 from machines.layout import hosts_of, read_inventory
-from machines.podman import ROOT, labelled
+from machines.podman import ROOT, list_labelled
 
 INVENTORY = ROOT / "inventory" / "single_computer"
 SEED, FEW, MANY = 25, 8, 100
@@ -27,8 +27,8 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from machines import containers
 from machines.layout import hosts_of, read_inventory
-with containers.removed_at_the_end(sys.argv[2]):
-    containers.up(sys.argv[2], hosts_of(read_inventory(Path(sys.argv[3]))))
+with containers.remove_at_end(sys.argv[2]):
+    containers.bring_up(sys.argv[2], hosts_of(read_inventory(Path(sys.argv[3]))))
     time.sleep(0.3)
 """
 PATIENCE = 120.0  # seconds until a program has ended that was told to
@@ -37,14 +37,14 @@ PATIENCE = 120.0  # seconds until a program has ended that was told to
 @pytest.fixture
 def lab(request):
     name = request.config.getoption("--lab")
-    with containers.removed_at_the_end(name):
+    with containers.remove_at_end(name):
         yield name
 
 
 def left(lab):
     """All that there is of the lab."""
-    found = [entry["Names"][0] for entry in labelled("container", containers.label(lab))]
-    found += [entry["name"] for entry in labelled("network", containers.label(lab))]
+    found = [entry["Names"][0] for entry in list_labelled("container", containers.label(lab))]
+    found += [entry["name"] for entry in list_labelled("network", containers.label(lab))]
     return found + [str(path) for path in containers.SHARED.glob(f"{containers.CHECKOUT}-{lab}")]
 
 
@@ -87,9 +87,9 @@ def test_a_removal_that_is_told_to_end_removes_all_first(lab):
     """`lab.py down`, as `make lab-down` and the tests run it. It counts once it has begun, some tenths of a second after its start."""
     draw = random.Random(SEED)
     for number in range(int(os.environ.get("REMOVALS", FEW)) // 4):
-        containers.up(lab, hosts_of(read_inventory(INVENTORY)))
+        containers.bring_up(lab, hosts_of(read_inventory(INVENTORY)))
         process = begun("lab/lab.py", "down", "--name", lab)
-        while process.poll() is None and len(labelled("container", containers.label(lab))) == 2:
+        while process.poll() is None and len(list_labelled("container", containers.label(lab))) == 2:
             time.sleep(0.02)
         done = told(process, draw, 0.5)
         assert left(lab) == [], f"{number}: {done}"

@@ -66,7 +66,7 @@ print(json.dumps({
 @pytest.fixture(scope="module")
 def nodes(lab):
     """A rospy and a roscpp node, and one that is to die."""
-    lab.start(FIRST, "alpha", "python3 {script} alpha", "programs/all_sorts.py")
+    lab.start(FIRST, "alpha", "python3 {script} alpha", "programs/sample_node.py")
     lab.start(FIRST, "native", ROSCPP)
     wait(lab, "/alpha/serve /native/get_loggers")
     yield lab
@@ -101,7 +101,7 @@ def test_killed_it_comes_back_with_all_that_is_alive(nodes, slack):
 
 def test_a_node_that_died_meanwhile_is_gone(nodes, slack):
     began = time.monotonic()
-    nodes.start(FIRST, "doomed", "python3 {script} doomed", "programs/all_sorts.py")
+    nodes.start(FIRST, "doomed", "python3 {script} doomed", "programs/sample_node.py")
     wait(nodes, "/doomed/serve")
     judge(killed(nodes, "doomed"), 3 * slack(began))
     assert "unknown node" in nodes.run(FIRST, "rosnode info /doomed 2>&1; true").lower()
@@ -193,10 +193,10 @@ def test_subscribers_that_say_nothing_delay_no_other(lab, slack):
 
 
 def test_an_own_node_takes_the_name_of_an_import_and_the_other_robots_node_lives(lab):
-    lab.start(SECOND, "camera", "python3 {script} camera", "programs/all_sorts.py")
+    lab.start(SECOND, "camera", "python3 {script} camera", "programs/sample_node.py")
     wait(lab, "/camera/serve")
     uri = lab.run(FIRST, "rosnode info /camera | grep -m 1 -o 'http://[^ ]*'")
-    lab.start(FIRST, "camera", "python3 {script} camera", "programs/all_sorts.py")
+    lab.start(FIRST, "camera", "python3 {script} camera", "programs/sample_node.py")
     changed = f"timeout 60 bash -c 'until ! rosnode info /camera | grep -q {uri.strip()}; do sleep 0.2; done'"
     lab.run(FIRST, changed)
     time.sleep(3)
@@ -335,9 +335,9 @@ FUZZED = int(os.environ.get("ROSCORE_CALLS", "3000"))
 
 def test_no_call_of_anybody_makes_a_roscore_worse(lab):
     """A roscore of its own, beside that of the robot; tests/long/test_roscore.py makes more calls."""
-    lab.run(FIRST, "cat > /tmp/fuzzed_roscore.py", stdin=(ROOT / "lab/nodes/hostile/fuzzed_roscore.py").read_text())
+    lab.run(FIRST, "cat > /tmp/fuzz_roscore.py", stdin=(ROOT / "lab/nodes/hostile/fuzz_roscore.py").read_text())
     library = "/usr/local/lib/rosfleet-multimaster/python"
-    told = lab.run(FIRST, f"PYTHONPATH={library}:$PYTHONPATH python3 /tmp/fuzzed_roscore.py {FUZZED} 1")
+    told = lab.run(FIRST, f"PYTHONPATH={library}:$PYTHONPATH python3 /tmp/fuzz_roscore.py {FUZZED} 1")
     found = json.loads(told.splitlines()[-1])
     print(found)
     assert found["calls"] > 0.9 * FUZZED and found["refused"] and found["ends"] >= 4
@@ -373,8 +373,10 @@ open(path, "wb").write(remembered.head("an earlier boot") + rest)
 
 def test_after_a_boot_a_node_of_another_computer_is_back_and_dead_ones_are_not(lab):
     """A container has the boot id of its host, which stays: so another one is written into the store before."""
-    lab.start(FIRST, "near", "python3 {script} near", "programs/all_sorts.py")
-    lab.start(SECOND, "far", f"env ROS_MASTER_URI=http://{FIRST}:11311 python3 {{script}} far", "programs/all_sorts.py")
+    lab.start(FIRST, "near", "python3 {script} near", "programs/sample_node.py")
+    lab.start(
+        SECOND, "far", f"env ROS_MASTER_URI=http://{FIRST}:11311 python3 {{script}} far", "programs/sample_node.py"
+    )
     wait(lab, "/near/serve /far/serve")
     lab.run(FIRST, "rosparam set /use_sim_time true")
     uri = lab.run(FIRST, "rosnode info /far | grep -m 1 -o 'http://[^ ]*'").strip()

@@ -14,7 +14,7 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain, quote
-from setups.links import until
+from setups.links import wait_until
 from subject import NODES
 
 VICTIM, PEER = "kobuki1computer", "kobuki2computer"
@@ -35,7 +35,7 @@ def masters(lab):
 @pytest.fixture(scope="module")
 def fleet(lab):
     """Both robots know each other; the second computer has the address of a stranger besides."""
-    until(lambda: len(masters(lab)) == 2, 30, "both masters")
+    wait_until(lambda: len(masters(lab)) == 2, 30, "both masters")
     lab.run(
         PEER, f"ip address add {ROGUE}/24 dev eth0; cat > /run/rogue.py", stdin=(NODES / "hostile/rogue.py").read_text()
     )
@@ -50,7 +50,7 @@ def test_whoever_does_not_belong_to_the_fleet_is_named_and_ignored(fleet, who):
     uri, name, why = IDENTITIES[who]
     before = masters(fleet)
     fleet.run(VICTIM, "systemctl restart multimaster-discovery")  # what it knows of strangers is of this test alone
-    until(lambda: masters(fleet) == before, 30, "the same masters again")
+    wait_until(lambda: masters(fleet) == before, 30, "the same masters again")
     since = time.time()
     called = json.loads(fleet.run(PEER, f"python3 /run/rogue.py {ROGUE} {ADDRESS} {uri} {name} {SECONDS}"))
     assert 1 <= called["connections"] <= 2 and set(called["methods"]) == {"masterContacts"}, called
@@ -123,7 +123,7 @@ def test_what_strangers_say_is_no_record_of_the_journal(fleet):
     assert reached.count("/rosout") == 4 and "/master_discovery" in reached, (reached, problems)
     rogue = ("http://rogue:11311/", f"rogue{' ' * 90}do: reboot{texts[0]}")
     fleet.run(PEER, f"python3 /run/rogue.py {ROGUE} {ADDRESS} {' '.join(map(shlex.quote, rogue))} 4")
-    until(lambda: masters(fleet) == before, 60, "the same masters again")
+    wait_until(lambda: masters(fleet) == before, 60, "the same masters again")
     units = " ".join(f"--unit multimaster-{name}" for name in UNITS)
     said = fleet.run(
         VICTIM, f"journalctl {units} --output json --all --since @{since - 1:.0f} _SYSTEMD_SLICE=system.slice"
@@ -188,7 +188,7 @@ def outside(text):
 
 def diagnostics(lab, seconds=9):
     """(level, name, message, values) of each entry that came to a subscriber."""
-    lab.run(VICTIM, "cat > /run/told.py", stdin=(NODES / "observers/told.py").read_text())
+    lab.run(VICTIM, "cat > /run/told.py", stdin=(NODES / "observers/diagnostics.py").read_text())
     messages = json.loads(lab.run(VICTIM, f"python3 /run/told.py {seconds}").splitlines()[-1])
     return [tuple(entry) for message in messages for entry in message]
 
@@ -226,7 +226,7 @@ def test_strangers_write_no_line_of_diagnostics(fleet):
             fleet.run(PEER, f"timeout 30 python3 /run/rogue.py {ROGUE} {ADDRESS} {arguments} 8")
             seen += diagnostics(fleet, 4)
             fleet.run(VICTIM, "systemctl restart multimaster-discovery")
-        until(lambda: len(masters(fleet)) == 2, 30, "both masters again")
+        wait_until(lambda: len(masters(fleet)) == 2, 30, "both masters again")
         time.sleep(5)
         seen += diagnostics(fleet)
     finally:
@@ -291,7 +291,7 @@ def test_what_the_roscore_of_ros_prints_is_plain_too(fleet):
     try:
         fleet.run(PEER, "cat > /run/calls.py", stdin=CALLS.replace(":11311", f":{port}"))
         journal = f"journalctl --unit {unit} --output json --all --since @{since - 1:.0f}"
-        until(lambda: FORGED in fleet.run(VICTIM, journal), 60, "what the node prints")
+        wait_until(lambda: FORGED in fleet.run(VICTIM, journal), 60, "what the node prints")
         reached, _problems = json.loads(
             fleet.run(PEER, f"python3 /run/calls.py {ADDRESS}", stdin=json.dumps(reasons(26, 2)))
         )

@@ -139,7 +139,7 @@ def test_every_python_file_of_the_trees_that_run_is_in_it(archive):
 
 
 def test_copies_are_what_their_originals_are():
-    assert copies.differing() == [], "run make copies"
+    assert copies.find_stale_copies() == [], "run make copies"
     links = [
         path for tree in ("plugins", "roles", "playbooks") for path in (ROOT / tree).rglob("*") if path.is_symlink()
     ]

@@ -115,7 +115,7 @@ ORDERS = [
 ]
 
 
-def anything(drawn, depth=0):
+def draw_value(drawn, depth=0):
     """Draw a value of any type."""
     kind = drawn.randrange(4 if depth < 4 else 3)
     if kind == 0:
@@ -126,8 +126,8 @@ def anything(drawn, depth=0):
         return drawn.choice([None, True, False, [], {}])
     many = drawn.randrange(4)
     if drawn.random() < 0.5:
-        return [anything(drawn, depth + 1) for _number in range(many)]
-    return {drawn.choice(TEXTS): anything(drawn, depth + 1) for _number in range(many)}
+        return [draw_value(drawn, depth + 1) for _number in range(many)]
+    return {drawn.choice(TEXTS): draw_value(drawn, depth + 1) for _number in range(many)}
 
 
 def places(value, path=()):
@@ -138,7 +138,7 @@ def places(value, path=()):
         yield from places(part, path + (key,))
 
 
-def changed_at(value, path, new):
+def replace_at(value, path, new):
     """Put another value at a place."""
     for key in path[:-1]:
         value = value[key]
@@ -159,7 +159,7 @@ def texts(drawn, true):
     """Other texts in the place of texts."""
     found = list(places(true))
     for path in drawn.sample(found, min(len(found), drawn.choice([1, 5, 1000]))):
-        changed_at(true, path, lambda old: drawn.choice(TEXTS) if isinstance(old, str) else old)
+        replace_at(true, path, lambda old: drawn.choice(TEXTS) if isinstance(old, str) else old)
     return true
 
 
@@ -167,7 +167,7 @@ def numbers(drawn, true):
     """Other numbers in the place of numbers."""
     found = list(places(true))
     for path in drawn.sample(found, min(len(found), drawn.choice([1, 5, 1000]))):
-        changed_at(true, path, lambda old: drawn.choice(NUMBERS) if isinstance(old, (int, float)) else old)
+        replace_at(true, path, lambda old: drawn.choice(NUMBERS) if isinstance(old, (int, float)) else old)
     return true
 
 
@@ -176,13 +176,13 @@ def types(drawn, true):
     for _number in range(drawn.choice([1, 2, 5])):
         path = drawn.choice(list(places(true)) or [("msg",)])
         if path == ("msg",):
-            true["msg"] = anything(drawn)
+            true["msg"] = draw_value(drawn)
         else:
-            changed_at(true, path, lambda _old: anything(drawn))
+            replace_at(true, path, lambda _old: draw_value(drawn))
     return true
 
 
-def less(drawn, true):
+def remove_keys(drawn, true):
     """Keys that are not there, empty lists."""
     for _number in range(drawn.choice([1, 3, 10])):
         found = list(places(true))
@@ -198,7 +198,7 @@ def less(drawn, true):
     return true
 
 
-def more(drawn, true):
+def add_keys(drawn, true):
     """Keys that nobody documents, and lists that repeat what is there."""
     for _number in range(drawn.choice([1, 3, 10])):
         target = true
@@ -206,7 +206,7 @@ def more(drawn, true):
         for key in path:
             target = target[key]
         if isinstance(target, dict):
-            target[drawn.choice(TEXTS)] = anything(drawn)
+            target[drawn.choice(TEXTS)] = draw_value(drawn)
         elif isinstance(target, list):
             target.extend(copy.deepcopy(target[:50]) * drawn.choice([1, 20]))
     return true
@@ -229,7 +229,7 @@ def long(drawn, true):
     return json.dumps({**true, name: "<many>"}).replace('"<many>"', many).encode()
 
 
-def no_answer(drawn, true):
+def garble(drawn, true):
     """Something else than an answer."""
     text = json.dumps(true).encode()
     return drawn.choice(
@@ -261,7 +261,7 @@ def flood_of_lines(_drawn, _true):
     return iter(lambda: b'{"changed": false}\n' * 3000, b"")
 
 
-ATTACKS = [orders, texts, numbers, types, less, more, deep, long, no_answer]
+ATTACKS = [orders, texts, numbers, types, remove_keys, add_keys, deep, long, garble]
 ENDLESS = [flood, flood_of_lines]
 
 

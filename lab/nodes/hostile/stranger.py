@@ -79,7 +79,7 @@ def answers(addresses):
     return {address: sorted(port for host, port in found if host == address) for address in addresses}
 
 
-def each(look, addresses):
+def look_in_processes(look, addresses):
     """Call `look` for all addresses at the same time, a process for each."""
     children = []
     for address in addresses:
@@ -100,7 +100,7 @@ def each(look, addresses):
 def main():
     """Look at all addresses."""
     addresses = sys.argv[3:]
-    tcp, udp = each(open_ports, addresses), answers(addresses)
+    tcp, udp = look_in_processes(open_ports, addresses), answers(addresses)
     print(json.dumps({address: {"tcp": tcp[address], "udp": udp[address]} for address in addresses}))
 
 

@@ -16,7 +16,7 @@ from std_msgs.msg import Int32
 name, *topics = sys.argv[1:]
 
 
-def heard(message, topic):
+def print_message(message, topic):
     print(f"{time.monotonic():.3f} {topic} {message._connection_header['callerid']}", flush=True)
 
 
@@ -24,7 +24,7 @@ rospy.init_node(name)
 publishers = [rospy.Publisher(topic[1:], Int32, queue_size=1) for topic in topics if topic.startswith("+")]
 for topic in topics:
     if not topic.startswith("+"):
-        rospy.Subscriber(topic, rospy.AnyMsg, heard, topic)
+        rospy.Subscriber(topic, rospy.AnyMsg, print_message, topic)
 while not rospy.is_shutdown():
     for publisher in publishers:
         publisher.publish(1)

@@ -63,7 +63,7 @@ class Speech:
         return self.said < 2 * EACH
 
 
-def say():
+def speak():
     ROSHandler.requestTopic = late(ROSHandler.requestTopic)
     threading.Thread(target=publish, daemon=True).start()
     speeches, over = {}, 0
@@ -83,6 +83,6 @@ def hear():
 
 
 rospy.init_node(f"first_words_{role}")
-{"say": say, "hear": hear}[role]()
+{"say": speak, "hear": hear}[role]()
 print("ready", flush=True)
 rospy.spin()

@@ -48,14 +48,14 @@ def fleet_values(task_vars: Mapping[str, Any], options: Sequence[str]) -> dict[s
         "robots": inventory.robots,
         "routers": inventory.routers,
         "variables": {
-            host: {**variables, **_chosen(host, task_vars["hostvars"][host], options)}
+            host: {**variables, **_read_options(host, task_vars["hostvars"][host], options)}
             for host, variables in inventory.variables.items()
         },
         **{key: plan[key] for key in ("common_network", "networks", "router")},
     }
 
 
-def _chosen(host: str, variables: Mapping[str, Any], options: Sequence[str]) -> dict[str, Any]:
+def _read_options(host: str, variables: Mapping[str, Any], options: Sequence[str]) -> dict[str, Any]:
     found = {}
     for name in options:
         try:

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from measures import held, usage
-from setups.links import SILENT, until
+from setups.links import SILENT, wait_until
 from subject import NODES, Lab, lab_of
 from systems import GIVER, HERE, MANAGED, PORT, TAKER, start_giver
 
@@ -44,7 +44,7 @@ def meet(folder: Path, say: Callable[[str], None], times: int = MEETINGS) -> lis
             for program in ("all_there.py", "at.py"):
                 text = (HERE / "programs" / program).read_text()
                 list(pool.map(lambda name, text=text, to=program: lab.run(name, f"cat > /run/{to}", stdin=text), NAMES))
-            until(
+            wait_until(
                 lambda: all(pool.map(lambda name: held(lab, name).count("/topic_") == ROBOTS * TOPICS, NAMES)),
                 120,
                 "all",
@@ -59,7 +59,7 @@ def meeting(lab: Lab, say: Callable[[str], None]) -> float:
     """
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(lambda name: lab.run(name, "nft -f -", stdin=SILENT), NAMES))
-        until(lambda: all(pool.map(lambda name: alone(lab, name), NAMES)), 120, "each robot is alone")
+        wait_until(lambda: all(pool.map(lambda name: alone(lab, name), NAMES)), 120, "each robot is alone")
         list(pool.map(lambda name: lab.start(name, "all-there", f"python3 /run/all_there.py {ROBOTS} {TOPICS}"), NAMES))
         list(pool.map(lambda name: lab.wait_until_ready(name, "all-there"), NAMES))
         before = processors(lab, pool)
@@ -67,7 +67,7 @@ def meeting(lab: Lab, say: Callable[[str], None]) -> float:
         order = f"python3 /run/at.py {at} nft delete table netdev lost"
         list(pool.map(lambda name: lab.start(name, "open-link", order), NAMES))
         assert time.monotonic() < at, "the programs that open the links were started too late"
-        until(lambda: finished(lab), 300, "all topics everywhere")
+        wait_until(lambda: finished(lab), 300, "all topics everywhere")
         took = max(float(said(lab, name).split()[1]) for name in NAMES) - at
         time.sleep(max(0.0, at + AROUND - time.monotonic()))
         after = processors(lab, pool)
@@ -130,7 +130,9 @@ def simulated(say: Callable[[str], None]) -> list[dict[str, float]]:
             time.sleep(10)
             lab.start(GIVER, "simulated", f"python3 /run/simulated.py {GROUP} {EXPORTED} {' '.join(addresses[:count])}")
             began = time.monotonic()
-            until(lambda count=count: held(lab).count("/simulated_") >= 2 * count * EXPORTED, 120, f"{count} masters")
+            wait_until(
+                lambda count=count: held(lab).count("/simulated_") >= 2 * count * EXPORTED, 120, f"{count} masters"
+            )
             there = time.monotonic() - began
             time.sleep(10)
             rows.append({"masters": count, "there": there, **steady(lab, count)})

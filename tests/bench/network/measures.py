@@ -9,7 +9,7 @@ import contextlib
 import json
 import time
 
-from setups.links import cut, mend, until
+from setups.links import cut, mend, wait_until
 from subject import NODES, Lab
 from systems import ADDRESSES, GIVER, HERE, TAKER, System, take
 
@@ -40,12 +40,12 @@ def first_messages(lab: Lab) -> list[float]:
         for host in ADDRESSES:
             lab.run(host, f"cat > /run/{program}", stdin=(HERE / "programs" / program).read_text())
     lab.start(TAKER, "waiter", f"python3 /run/waiter.py {FIRST}")
-    until(lambda: any(text == "ready" for _at, text in lab.output(TAKER, "waiter")), 60, "the subscribers")
+    wait_until(lambda: any(text == "ready" for _at, text in lab.output(TAKER, "waiter")), 60, "the subscribers")
     time.sleep(3)
     lab.start(GIVER, "maker", f"python3 /run/maker.py {FIRST}")
-    until(lambda: any(text == "done" for _at, text in lab.output(GIVER, "maker")), 120, "the publishers")
+    wait_until(lambda: any(text == "done" for _at, text in lab.output(GIVER, "maker")), 120, "the publishers")
     with contextlib.suppress(AssertionError):
-        until(lambda: len(lab.output(TAKER, "waiter")) > FIRST, 30, "the messages")
+        wait_until(lambda: len(lab.output(TAKER, "waiter")) > FIRST, 30, "the messages")
     heard = {text: at for at, text in reversed(lab.output(TAKER, "waiter"))}
     made = {text: at for at, text in lab.output(GIVER, "maker") if text != "done"}
     lab.stop(GIVER, "maker")
@@ -66,13 +66,13 @@ def losses(lab: Lab, repetitions: int) -> dict[str, list[float]]:
     gone, back = [], []
     for _number in range(repetitions):
         # A connection that has survived brings messages before the topic is registered again: it must be there to be lost.
-        until(lambda: time.monotonic() - heard() < 0.5 and "ticks" in held(lab), 60, "messages")
+        wait_until(lambda: time.monotonic() - heard() < 0.5 and "ticks" in held(lab), 60, "messages")
         began = cut(lab, GIVER)
-        until(lambda: "ticks" not in held(lab), 400, "the other robot is gone")
+        wait_until(lambda: "ticks" not in held(lab), 400, "the other robot is gone")
         gone.append(time.monotonic() - began)
         time.sleep(2)
         ended = mend(lab, GIVER)
-        until(lambda ended=ended: heard() > ended, 400, "messages again")
+        wait_until(lambda ended=ended: heard() > ended, 400, "messages again")
         back.append(first_after(lab, ended) - ended)
     lab.stop(GIVER, "ticks")
     lab.stop(TAKER, "listener")

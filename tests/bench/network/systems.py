@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from machines.layout import Extra
-from setups.links import until
+from setups.links import wait_until
 from subject import NODES, Lab, lab_of
 
 HERE = Path(__file__).parent
@@ -63,7 +63,7 @@ def running(system: System, fkie: Path | None = None) -> Iterator[Lab]:
         for host in ADDRESSES if system.upstream else ():
             replace(lab, host)
         for host, other in ((GIVER, "bob_pc"), (TAKER, "ana_pc")):
-            until(lambda host=host, other=other: other in listed(lab, host), 60, f"{host} knows the other master")
+            wait_until(lambda host=host, other=other: other in listed(lab, host), 60, f"{host} knows the other master")
         start_giver(
             lab, GIVER, GIVER
         )  # by its name, as the roscore: to multimaster_fkie, a node at another host is not the robot's
@@ -101,5 +101,7 @@ def take(lab: Lab, *words: object) -> list[object]:
     lab.run(TAKER, "cat > /run/taker.py", stdin=text)
     arguments = " ".join(map(str, words))
     lab.start(TAKER, "taker", f"python3 /run/taker.py {ADDRESSES[GIVER]} {PORT} {arguments}")
-    until(lambda: lab.run(TAKER, "systemctl is-active taker", check=False).strip() != "active", 1800, "all changes")
+    wait_until(
+        lambda: lab.run(TAKER, "systemctl is-active taker", check=False).strip() != "active", 1800, "all changes"
+    )
     return [json.loads(line) for line in lab.run(TAKER, "cat /run/taker.out").splitlines() if line]

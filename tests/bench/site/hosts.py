@@ -53,7 +53,7 @@ class Comparison:
 
     def __init__(self) -> None:
         (host, *_others) = hosts_of(read_inventory(ROOT / "inventory" / "single_computer"), {})
-        containers.up(LAB, [host])
+        containers.bring_up(LAB, [host])
         self.container = containers.container(LAB, host.name)
         self.inventory = containers.write_inventory(LAB, [host])
         self.before = self.on("cat", "/etc/hosts")
@@ -123,7 +123,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repetitions", type=int, default=20, help="turns (default: %(default)s)")
     options = parser.parse_args()
-    with containers.removed_at_the_end(LAB):
+    with containers.remove_at_end(LAB):
         comparison = Comparison()
         comparison.turn(list(TASKS))  # the first login takes longer
         runs = []

@@ -451,8 +451,8 @@ def lab_of(layout: str, lab: str) -> Bench:
     WORK.mkdir(parents=True, exist_ok=True)
     inventory = ROOT / "inventory" / layout
     hosts = hosts_of(read_inventory(inventory), {})
-    containers.down(lab)
-    containers.up(lab, hosts)
+    containers.take_down(lab)
+    containers.bring_up(lab, hosts)
     inventories = [inventory, containers.write_inventory(lab, hosts), WORK / "conventional.yml"]
     inventories[-1].write_text("{}\n")
     return Bench(lab, [host.name for host in hosts], inventories)
@@ -481,7 +481,7 @@ def main() -> int:
     parser.add_argument("--stages", type=int, default=0, metavar="N", help="N runs of site.yml and verify.yml alone")
     parser.add_argument("--keep", action="store_true", help="leave the lab up")
     options = parser.parse_args()
-    removed = contextlib.nullcontext() if options.keep else containers.removed_at_the_end(options.name)
+    removed = contextlib.nullcontext() if options.keep else containers.remove_at_end(options.name)
     try:
         with removed:
             on_lab = lab_of(options.layout, options.name)

@@ -19,13 +19,13 @@ import seeded  # noqa: E402
 from catalogue import Fault  # noqa: E402
 from machines.layout import Host  # noqa: E402
 from machines.podman import LabError  # noqa: E402
-from rehearsals.rehearsal import Rehearsed  # noqa: E402
+from rehearsals.rehearsal import Rehearsable  # noqa: E402
 
 import lab  # noqa: E402
 
 
 def rehearsal():
-    return rehearse.Rehearsal("unit", rehearse.Prepared(Rehearsed({}, (), {}, {}), [], []), Path("/nowhere"))
+    return rehearse.Rehearsal("unit", rehearse.Preparation(Rehearsable({}, (), {}, {}), [], []), Path("/nowhere"))
 
 
 def test_a_mistake_ends_it_before_anything_starts(tmp_path):
@@ -46,24 +46,24 @@ def test_a_mistake_ends_it_before_anything_starts(tmp_path):
 
 
 def test_the_command_line():
-    options = rehearse.parsed(
+    options = rehearse.parse_options(
         ["--inventory", "inventory/x", "--faults", "sync_dead, no_forwarding", "--suites", "a=trixie"]
     )
     assert options.inventory == Path.cwd() / "inventory/x"
     assert (options.faults, options.suites) == (["sync_dead", "no_forwarding"], ["a=trixie"])
-    assert rehearse.parsed(["--inventory", "~/fleet"]).inventory == Path.home() / "fleet"
+    assert rehearse.parse_options(["--inventory", "~/fleet"]).inventory == Path.home() / "fleet"
     with pytest.raises(LabError, match="INVENTORY is not set; expected the folder"):
-        rehearse.parsed(["--inventory", ""])
+        rehearse.parse_options(["--inventory", ""])
     with pytest.raises(SystemExit):
-        rehearse.parsed(["--inventory", "x", "--name", "a.b"])
+        rehearse.parse_options(["--inventory", "x", "--name", "a.b"])
 
 
 @pytest.mark.parametrize("manager, full", [("ifupdown", 0), ("networkd", 0), ("networkmanager", 1), ("netplan", 1)])
 def test_the_full_image_is_taken_where_a_manager_or_a_fault_needs_it(manager, full):
     hosts = [Host("a", ()), Host("b", (), manager)]
     fault = Fault("clock", "", (), (), (), (), (), quick=False)
-    assert rehearse.Prepared(Rehearsed({}, (), {}, {}), hosts, []).full == bool(full)
-    assert rehearse.Prepared(Rehearsed({}, (), {}, {}), hosts, [fault]).full
+    assert rehearse.Preparation(Rehearsable({}, (), {}, {}), hosts, []).full == bool(full)
+    assert rehearse.Preparation(Rehearsable({}, (), {}, {}), hosts, [fault]).full
 
 
 def test_what_cannot_go_on_ends_the_steps(monkeypatch):
@@ -91,12 +91,12 @@ def test_a_step_of_the_lab_that_fails_is_told_and_the_others_go_on(monkeypatch, 
 def test_the_path_of_the_report_is_the_last_line():
     run = rehearsal()
     run.seconds, run.report = {"site.yml": 12.0, "verify.yml": 3.0}, Path("/reports/reboot.html")
-    assert rehearse.told(run).splitlines()[-2:] == [
+    assert rehearse.summarize(run).splitlines()[-2:] == [
         "rehearse: 0 computers, 15 s: all went well",
         "/reports/reboot.html",
     ]
     run.wrong, run.report = ["verify.yml"], None
-    text = rehearse.told(run)
+    text = rehearse.summarize(run)
     assert text.endswith("1 of 2 steps failed") and re.search("^  FAILED +3.0 s   verify.yml$", text, re.MULTILINE)
 
 

@@ -41,7 +41,7 @@ def noted(mistake):
         "routers": mistake.routers(),
         "networks": [],
     }
-    return list(rehearsal.rehearsed(values).notes)
+    return list(rehearsal.make_rehearsable(values).notes)
 
 
 def of(*who):

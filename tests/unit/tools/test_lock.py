@@ -59,7 +59,7 @@ def imports(path):
 def test_the_lab_and_the_plugins_of_the_controller_import_packages_of_the_lab_alone():
     of_faults = [
         ROOT / "tests/faults" / name for name in ("catalogue.py", "judge.py")
-    ]  # lab/rehearsals/injected.py reads these
+    ]  # lab/rehearsals/cast.py reads these
     files = [*(ROOT / "lab").glob("*.py"), *(ROOT / "lab").glob("*/*.py"), *of_faults]
     files += [
         path

@@ -12,7 +12,7 @@ import pytest
 from tools import test as runner
 
 
-def suite(*command, judge=runner.one_test, cores=1.0, name="one", limit=60.0):
+def suite(*command, judge=runner.judge_status, cores=1.0, name="one", limit=60.0):
     return runner.Suite("group", name, command, judge, cores, limit=limit)
 
 
@@ -48,12 +48,12 @@ def test_all_tests_on_real_systems_are_in_a_suite_with_the_lab_that_they_use():
 
 
 def test_suites_are_found_by_group_and_by_name():
-    assert {found.group for found in runner.chosen(["systems"])} == {"systems"}
-    assert [found.label for found in runner.chosen(["molecule:routes"])] == ["molecule:routes"]
-    assert {"lint:mypy", "unit:pytest"} < {found.label for found in runner.chosen(["check"])}
-    assert not {found.group for found in runner.chosen([])} & runner.ON_REQUEST
+    assert {found.group for found in runner.choose_suites(["systems"])} == {"systems"}
+    assert [found.label for found in runner.choose_suites(["molecule:routes"])] == ["molecule:routes"]
+    assert {"lint:mypy", "unit:pytest"} < {found.label for found in runner.choose_suites(["check"])}
+    assert not {found.group for found in runner.choose_suites([])} & runner.ON_REQUEST
     with pytest.raises(SystemExit, match="no suite sistems"):
-        runner.chosen(["sistems"])
+        runner.choose_suites(["sistems"])
 
 
 def test_every_suite_can_run_at_all():
@@ -87,7 +87,9 @@ def test_a_suite_that_cannot_run_costs_no_other_its_result(reports, tmp_path, ca
 
 
 def test_a_lab_that_cannot_be_removed_fails_its_suite(reports):
-    found = runner.Runner([runner.Suite("group", "one", ("true",), runner.one_test, labs=("none",))])  # no lab.py here
+    found = runner.Runner(
+        [runner.Suite("group", "one", ("true",), runner.judge_status, labs=("none",))]
+    )  # no lab.py here
     found.run()
     (outcome,) = found.outcomes.values()
     assert outcome.failed == ("group:one",)
@@ -118,7 +120,7 @@ def test_a_suite_that_hangs_is_ended_with_all_that_it_started(reports):
 
 
 def test_the_failed_cases_of_pytest_are_named(reports, tmp_path):
-    judged = suite("pytest", judge=runner.pytest_cases)
+    judged = suite("pytest", judge=runner.judge_pytest)
     assert judged.judge(judged, 4, "") == (0, ("group:one",))
     judged.report.write_text(
         '<testsuites><testsuite><testcase classname="tests.unit.test_a" name="test_x"/>'
@@ -129,7 +131,7 @@ def test_the_failed_cases_of_pytest_are_named(reports, tmp_path):
 
 
 def test_the_failed_sanity_tests_are_named():
-    judged = suite("ansible-test", judge=runner.sanity_tests)
+    judged = suite("ansible-test", judge=runner.judge_sanity)
     output = (
         'Running sanity test "pep8"\nRunning sanity test "import" on Python 3.8\nRunning sanity test "shebang"\n'
         "FATAL: The 1 sanity test(s) listed below (out of 3) failed. See error output above for details.\n"

@@ -43,7 +43,7 @@ def machine(*networks, available=10000):
 
 
 def test_the_inventory_has_the_robots_and_nothing_else():
-    found = rehearsal.rehearsed(values())
+    found = rehearsal.make_rehearsable(values())
     assert found.inventory == {
         "robots": {
             "children": {
@@ -56,7 +56,7 @@ def test_the_inventory_has_the_robots_and_nothing_else():
 
 
 def test_a_device_that_is_no_computer_gets_a_stand_in():
-    found = rehearsal.rehearsed({**values(), "router": {"name": "", "address": "192.168.1.1"}})
+    found = rehearsal.make_rehearsable({**values(), "router": {"name": "", "address": "192.168.1.1"}})
     assert {name: extra.addresses for name, extra in found.devices.items()} == {
         "device-gateway-ana": ("192.168.1.201", "192.168.11.1"),
         "device-router": ("192.168.1.1",),
@@ -73,7 +73,7 @@ def test_a_device_that_is_no_computer_gets_a_stand_in():
     ],
 )
 def test_what_containers_cannot_have_is_said(variable, value, instead):
-    found = rehearsal.rehearsed(values(**{variable: value}))
+    found = rehearsal.make_rehearsable(values(**{variable: value}))
     assert found.inventory["robots"]["children"]["ana"]["hosts"]["ana-nav"][variable] == instead
     (note,) = [note for note in found.notes if variable in note]
     assert note.startswith(f"ana-nav: {variable} is '{value}'; ") and f"'{instead}'" in note
@@ -84,19 +84,21 @@ def test_what_containers_cannot_have_is_said(variable, value, instead):
     [("multimaster_provider", "bundled"), ("multimaster_ros_setup", "debian"), ("multimaster_routes", "default")],
 )
 def test_what_containers_can_have_stays(variable, value):
-    found = rehearsal.rehearsed(values(**{variable: value}))
+    found = rehearsal.make_rehearsable(values(**{variable: value}))
     assert found.inventory["robots"]["children"]["ana"]["hosts"]["ana-nav"][variable] == value
     assert not [note for note in found.notes if variable in note]
 
 
 def test_a_roscore_that_something_else_starts():
-    found = rehearsal.rehearsed(values(multimaster_roscore="existing", multimaster_roscore_port=11411))
+    found = rehearsal.make_rehearsable(values(multimaster_roscore="existing", multimaster_roscore_port=11411))
     assert found.roscores == {"ana-nav": 11411}
 
 
 def test_a_declaration_that_leaves_nobody_out_has_no_note():
     for exports in ([], [{"topics": ["/pose"]}], [{"topics": ["/pose"], "to": ["bob"]}]):
-        assert not [note for note in rehearsal.rehearsed(values(multimaster_exports=exports)).notes if "gives" in note]
+        assert not [
+            note for note in rehearsal.make_rehearsable(values(multimaster_exports=exports)).notes if "gives" in note
+        ]
 
 
 def test_what_is_left_aside():
@@ -119,7 +121,7 @@ def test_what_is_left_aside():
             }
         }
     }
-    assert rehearsal.left_aside(listing, ["a", "b", "c"], ["group_vars/all/vault.yml"]) == [
+    assert rehearsal.list_unused(listing, ["a", "b", "c"], ["group_vars/all/vault.yml"]) == [
         "group_vars/all/vault.yml: an encrypted file",
         "ansible_become_password (encrypted): of b",
         "ansible_host: of all 3 computers",
@@ -128,7 +130,7 @@ def test_what_is_left_aside():
 
 
 def test_a_machine_that_can_rehearse_it():
-    found = rehearsal.rehearsed(values())
+    found = rehearsal.make_rehearsable(values())
     assert rehearsal.impossible(values(), found.devices, machine("10.0.0.0/8"), SUITES) == []
     assert rehearsal.overlaps(values(), machine("10.0.0.0/8")) == []
 

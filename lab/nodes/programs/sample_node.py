@@ -3,7 +3,7 @@
 
 """A rospy node with one of each: a publisher, a subscriber, a service, a parameter that it listens to.
 
-    all_sorts.py NAME
+    sample_node.py NAME
 
 It prints when it hears of a publisher's message on /NAME/in, and when the parameter /NAME/word has changed.
 """

@@ -12,7 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[4] / "lab"))
 
 from machines.podman import LabError  # noqa: E402
-from rehearsals.reading import environment, read  # noqa: E402
+from rehearsals.inventory_files import environment, read  # noqa: E402
 from rehearsals.rehearsal import OPTIONS  # noqa: E402
 
 INI = """

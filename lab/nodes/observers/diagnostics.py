@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Listens to /diagnostics, and prints all of its texts as JSON: told.py SECONDS. An ordinary rospy node.
+"""Listens to /diagnostics, and prints all of its texts as JSON: diagnostics.py SECONDS. An ordinary rospy node.
 
 A list of messages, each a list of (level, name, message, [[key, value], ...]).
 """
@@ -27,7 +27,7 @@ def take(message):
     )
 
 
-rospy.init_node("told", anonymous=True)
+rospy.init_node("diagnostics_listener", anonymous=True)
 rospy.Subscriber("/diagnostics", DiagnosticArray, take)
 time.sleep(float(sys.argv[1]))
 print(json.dumps(heard))

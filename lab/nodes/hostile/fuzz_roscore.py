@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Calls that anybody may make to a roscore, out of a seed: any method, any value, any bytes; and kill -9 in between.
 
-    fuzzed_roscore.py CALLS [SEED]
+    fuzz_roscore.py CALLS [SEED]
 
 It starts the roscore itself. A third of the callers are strangers, who come by another address than the loopback, a third are local
 users without rights, a third are of root. After each kill the roscore must answer within START seconds, the nodes that live must be
@@ -68,7 +68,7 @@ def name(rng):
     return "/" + "n" * rng.choice([100, 511, 512, 513, 5000, 70000])
 
 
-def escaped(text):
+def escape(text):
     return (
         "".join(letter if letter >= " " or letter in "\t\n\r" else "?" for letter in text)
         .replace("&", "&amp;")
@@ -92,9 +92,9 @@ def leaf(rng):
         lambda: (
             f"<dateTime.iso8601>{rng.choice(['20260101T00:00:00', '', 'x', '&lt;/value&gt;', '20260101T00:00:00Z'])}</dateTime.iso8601>"
         ),
-        lambda: f"<string>{escaped(rng.choice(URIS + NAMES))}</string>",
-        lambda: f"<string>{escaped(chr(rng.randrange(32, 0xD7FF)) * rng.randrange(200))}</string>",
-        lambda: escaped(
+        lambda: f"<string>{escape(rng.choice(URIS + NAMES))}</string>",
+        lambda: f"<string>{escape(chr(rng.randrange(32, 0xD7FF)) * rng.randrange(200))}</string>",
+        lambda: escape(
             rng.choice(["", "[" * rng.randrange(100000), "&<>" * rng.randrange(3000), '{"imports": {}}', "a" * 300])
         ),
         lambda: (
@@ -114,13 +114,13 @@ def value(rng, depth=0):
             value(rng, depth + 1) for _part in range(rng.randrange(5))
         )
     if kind < 0.92:
-        return mapping(rng, depth)
+        return make_struct(rng, depth)
     return deep(rng)
 
 
-def mapping(rng, depth):
+def make_struct(rng, depth):
     members = "".join(
-        f"<member><name>{escaped(key(rng))}</name>{value(rng, depth + 1)}</member>" for _part in range(rng.randrange(6))
+        f"<member><name>{escape(key(rng))}</name>{value(rng, depth + 1)}</member>" for _part in range(rng.randrange(6))
     )
     if rng.random() < 0.03:
         members += rng.choice(["<member>" + leaf(rng) + leaf(rng) + "</member>", "<member><name>x</name></member>"])
@@ -159,7 +159,7 @@ def large(rng):
 
 
 def string(text):
-    return f"<value><string>{escaped(text)}</string></value>"
+    return f"<value><string>{escape(text)}</string></value>"
 
 
 # Calls
@@ -230,7 +230,7 @@ def document(rng, own):
     method = (
         rng.choice(METHODS)
         if rng.random() < 0.97
-        else escaped(rng.choice(["", "\n", "x" * 70000, "system.", "a.b.c", "\u00fc"]))
+        else escape(rng.choice(["", "\n", "x" * 70000, "system.", "a.b.c", "\u00fc"]))
     )
     given = arguments(rng, method, own)
     params = given.replace("</value><value>", "</value></param><param><value>") if rng.random() < 0.1 else split(given)
@@ -242,7 +242,7 @@ def split(given):
     return f"<param>{given}</param>"
 
 
-def broken(rng, data):
+def break_bytes(rng, data):
     data = bytearray(data[:200000])
     for _change in range(rng.randrange(1, 6)):
         at = rng.randrange(len(data))
@@ -271,7 +271,7 @@ def request(rng, own):
     body = document(rng, own)
     kind = rng.random()
     if kind < 0.12:
-        body = broken(rng, body)
+        body = break_bytes(rng, body)
     elif kind < 0.14:
         body = rng.choice(
             [LAUGHS, LAUGHS.decode().encode("utf-16"), rng.randbytes(500), b"", b"<" * 200000, b"<a " + b"x" * 300000]
@@ -298,7 +298,7 @@ def request(rng, own):
     return f"{verb} {path} HTTP/1.{rng.randrange(2)}\r\nContent-Length: {length}\r\n{more}\r\n".encode() + body
 
 
-def judged(data):
+def judge_answer(data):
     """What kind of answer it was."""
     if not data:
         return "nothing"
@@ -428,7 +428,7 @@ class Test:
             if number is None:
                 return
             rng = random.Random(f"{self.seed} {number}")
-            answer = judged(
+            answer = judge_answer(
                 send(request(rng, who != "stranger"), self.stranger if who == "stranger" else "127.0.0.1", rng)
             )
             with self.lock:
@@ -510,7 +510,7 @@ def stranger_address():
 def send(data, address, rng):
     """Send a request; what comes back. Some callers go before they have read it."""
     try:
-        with connected(address) as connection:
+        with connect(address) as connection:
             try:
                 connection.sendall(data)
                 if rng.random() < 0.05:
@@ -529,7 +529,7 @@ def send(data, address, rng):
         return b""
 
 
-def connected(address):
+def connect(address):
     """A connection, as soon as there is a roscore."""
     while True:
         try:
@@ -547,7 +547,7 @@ def user(calls, seed, at):
     counts = collections.Counter()
     for number in range(calls):
         rng = random.Random(f"{seed} user {at} {number}")
-        counts["user: " + judged(send(request(rng, True), "127.0.0.1", rng))] += 1
+        counts["user: " + judge_answer(send(request(rng, True), "127.0.0.1", rng))] += 1
     print(json.dumps(counts))
 
 

@@ -76,7 +76,7 @@ FILES = (
 )
 
 
-class Filtered(Lab):
+class FilterLab(Lab):
     """The lab, and what a stranger finds in it."""
 
     def __init__(self, name, inventory, filters, mounts=()):
@@ -138,13 +138,13 @@ class Filtered(Lab):
                 self.run(to, f"cat >/run/{Path(name).name}", stdin=(ROOT / "lab/nodes" / name).read_text())
             words = json.dumps([[protocol, *packet] for packet in packets])
             self.run(STRANGER, f"python3 /run/forger.py eth0 {mac} {HEARS}", stdin=words)
-            own = [place for place in self.own_places(host) if place != "::1"]
+            own = [place for place in self.list_own_places(host) if place != "::1"]
             self.run(host, f"python3 /run/self_talker.py eth0 {HEARS} {' '.join(own)}; sleep 0.5")
             return self.run(host, "cat /run/hearer.out").splitlines()[1:]
         finally:
             self.stop(host, "hearer")
 
-    def own_places(self, host):
+    def list_own_places(self, host):
         """The addresses of a robot, and the groups at which it waits."""
         local = self.run(host, "ip -6 -o address show dev eth0 scope link").split()[3].partition("/")[0]
         return [self.addresses[host], "127.0.0.1", GROUP, local, "::1", GROUP6]
@@ -153,7 +153,7 @@ class Filtered(Lab):
         """No robot takes a packet from a wire that has the robot's own address, or one of the loopback interface, as its source."""
         for host, address in self.addresses.items():
             member = next(other for other in self.addresses.values() if other != address)
-            four, six = (self.own_places(host)[start : start + 3] for start in (0, 3))
+            four, six = (self.list_own_places(host)[start : start + 3] for start in (0, 3))
             own = [(source, place) for places in (four, six) for source in places[:2] for place in places]
             packets = [
                 *own,
@@ -204,7 +204,7 @@ class Filtered(Lab):
 
 
 @contextlib.contextmanager
-def filtered_lab(name, inventory, filters, mounts=()):
+def make_filter_lab(name, inventory, filters, mounts=()):
     """The lab with the owners' own packet filters, until the end of the block."""
-    with containers.removed_at_the_end(name):
-        yield Filtered(name, inventory, filters, mounts)
+    with containers.remove_at_end(name):
+        yield FilterLab(name, inventory, filters, mounts)

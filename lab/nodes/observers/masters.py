@@ -3,7 +3,7 @@
 
 """Prints each change of list_masters, with the time of the kernel's steady clock, which all containers share.
 
-listed.py [LOOKS-A-SECOND] : lines are "TIME + NAME URI MONITOR-URI online", "TIME - NAME URI MONITOR-URI offline" ...
+masters.py [LOOKS-A-SECOND] : lines are "TIME + NAME URI MONITOR-URI online", "TIME - NAME URI MONITOR-URI offline" ...
 """
 
 import sys

@@ -15,7 +15,7 @@ sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "rehearse"), str(ROOT / 
 import catalogue  # noqa: E402
 import seeded  # noqa: E402
 from machines.podman import LabError  # noqa: E402
-from rehearsals.injected import LITERAL, PARTS, cast_of, injected, judged  # noqa: E402
+from rehearsals.cast import LITERAL, PARTS, cast_faults, cast_of, judge_report  # noqa: E402
 
 ALL = {path.stem for path in catalogue.FOLDER.glob("*.yml")}
 
@@ -39,25 +39,25 @@ def test_gateways_that_run_the_roscore_are_preferred():
 
 def test_the_fleets_own_values_are_in_the_commands():
     cast = shipped("multi_computer", multimaster_multicast_port=11999)
-    (fault,) = injected(["no_return_route"], cast)
+    (fault,) = cast_faults(["no_return_route"], cast)
     assert [(step.where, step.what) for step in fault.inject] == [
         ("tibi-visio", "ip route show exact 192.168.12.0/24 >/run/fault.route; ip route del 192.168.12.0/24")
     ]
     assert fault.at == ("tibi-visio",)
-    assert cast.told("ip a del <tibi-arm>/24; <tibi-gate.common> <port> <group> 192.168.1.77") == (
+    assert cast.translate("ip a del <tibi-arm>/24; <tibi-gate.common> <port> <group> 192.168.1.77") == (
         "ip a del 192.168.12.100/24; 192.168.1.203 11999 224.0.0.1 192.168.1.254"
     )
-    assert cast.told("echo 192.168.1.88 dabo-gate >>/etc/hosts") == "echo 192.168.1.254 tibi-visio >>/etc/hosts"
-    assert cast.told("tcp dport 11611 drop 192.168.12.0/24") == "tcp dport 11611 drop 192.168.11.0/24"
-    assert cast.told("192.168.111.77 1116110") == "192.168.111.77 1116110"
+    assert cast.translate("echo 192.168.1.88 dabo-gate >>/etc/hosts") == "echo 192.168.1.254 tibi-visio >>/etc/hosts"
+    assert cast.translate("tcp dport 11611 drop 192.168.12.0/24") == "tcp dport 11611 drop 192.168.11.0/24"
+    assert cast.translate("192.168.111.77 1116110") == "192.168.111.77 1116110"
 
 
 def test_a_report_is_compared_with_the_fault():
-    (fault,) = injected(["no_forwarding"], shipped("multi_computer"))
+    (fault,) = cast_faults(["no_forwarding"], shipped("multi_computer"))
     finding = {"kind": "forwarding", "mode": "off", "place": "car-visio", "sentence": "car-visio forwards nothing"}
-    assert judged(fault, {"findings": [finding]}) == (True, "first: car-visio forwards nothing")
-    assert judged(fault, {"findings": [{**finding, "place": "tibi-visio"}]})[0] is False
-    assert judged(fault, {}) == (False, "nothing was named: ")
+    assert judge_report(fault, {"findings": [finding]}) == (True, "first: car-visio forwards nothing")
+    assert judge_report(fault, {"findings": [{**finding, "place": "tibi-visio"}]})[0] is False
+    assert judge_report(fault, {}) == (False, "nothing was named: ")
 
 
 @pytest.mark.parametrize("layout", ["single_computer", "multi_computer"])
@@ -65,7 +65,7 @@ def test_each_fault_is_made_or_refused_in_one_sentence(layout):
     made = set()
     for name in ALL:
         try:
-            (fault,) = injected([name], shipped(layout))
+            (fault,) = cast_faults([name], shipped(layout))
         except LabError as problem:
             assert re.fullmatch(rf"FAULTS has {name}, which [^.]+; leave it out\.", str(problem))
             continue
@@ -98,4 +98,4 @@ def test_literals_of_the_catalogue_are_known():
 )
 def test_what_cannot_be_made_is_refused(name, words):
     with pytest.raises(LabError, match=re.escape(words)):
-        injected([name], shipped("single_computer"))
+        cast_faults([name], shipped("single_computer"))

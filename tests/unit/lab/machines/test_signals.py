@@ -16,7 +16,7 @@ import pytest
 LAB = Path(__file__).resolve().parents[4] / "lab"
 sys.path.insert(0, str(LAB))
 
-from machines.deferred import ENDING, deferred  # noqa: E402
+from machines.signals import ENDING, defer_signals  # noqa: E402
 
 # Says when it is within the block, and what was done there in spite of the signals.
 PROGRAM = """
@@ -24,13 +24,13 @@ import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts what runs in the background without it
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 sys.path.insert(0, sys.argv[1])
-from machines.deferred import deferred, ended_in_order
-with ended_in_order():
+from machines.signals import defer_signals, exit_on_signals
+with exit_on_signals():
     try:
-        with deferred():
+        with defer_signals():
             print("within", flush=True)
             time.sleep(0.3)
-            with deferred():
+            with defer_signals():
                 time.sleep(0.2)
             print("done", flush=True)
         time.sleep(30)
@@ -54,13 +54,13 @@ def test_what_must_not_be_broken_off_ends_first(seed):
 
 def test_handlers_are_as_before_and_another_thread_has_none():
     before = [signal.getsignal(number) for number in ENDING]
-    with deferred():
+    with defer_signals():
         assert [signal.getsignal(number) for number in ENDING] != before
     assert [signal.getsignal(number) for number in ENDING] == before
     seen = []
 
     def elsewhere():
-        with deferred():
+        with defer_signals():
             seen.append([signal.getsignal(number) for number in ENDING])
 
     thread = threading.Thread(target=elsewhere)
@@ -73,7 +73,7 @@ def test_a_signal_within_the_block_counts_after_it():
     came = []
     before = signal.signal(signal.SIGHUP, lambda number, _frame: came.append(number))
     try:
-        with deferred():
+        with defer_signals():
             os.kill(os.getpid(), signal.SIGHUP)
             assert came == []
         assert came == [signal.SIGHUP]

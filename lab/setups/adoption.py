@@ -8,7 +8,7 @@ import json
 
 def adopt(lab, folder, *options):
     """Run adopt.yml with nothing but the connection variables of the lab; returns status and output."""
-    return _with(
+    return _use_inventory(
         lab,
         lab.connection,
         lambda: lab.play("playbooks/adopt.yml", *options, variables={"adopt_inventory": str(folder)}),
@@ -17,17 +17,17 @@ def adopt(lab, folder, *options):
 
 def site_check(lab, folder):
     """Run site.yml in check mode on an adopted inventory."""
-    return _with(lab, folder, lambda: lab.play("site.yml", "--check", "--diff"))
+    return _use_inventory(lab, folder, lambda: lab.play("site.yml", "--check", "--diff"))
 
 
 def plan(lab, inventory):
     """The plan of an inventory, as data."""
-    status, output = _with(lab, inventory, lambda: lab.module("localhost", "fleet_plan", {"group": "robots"}))
+    status, output = _use_inventory(lab, inventory, lambda: lab.module("localhost", "fleet_plan", {"group": "robots"}))
     assert status == 0, output
     return json.loads(output.partition("=>")[2])
 
 
-def _with(lab, inventory, work):
+def _use_inventory(lab, inventory, work):
     before, lab.inventory = lab.inventory, inventory
     try:
         return work()

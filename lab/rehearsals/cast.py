@@ -39,7 +39,7 @@ KNOWN = {
 LITERAL = re.compile("|".join(rf"(?<![\d.]){re.escape(text)}(?![\d.])" for text in KNOWN) + r"|(?<=\s)dabo-gate(?=\s)")
 
 
-class _Unfilled(dict[str, str]):
+class _Placeholders(dict[str, str]):
     """Placeholders that stay as they are."""
 
     def __contains__(self, name: object) -> bool:
@@ -57,14 +57,14 @@ class Cast:
     robots: Mapping[str, str]
     variables: Mapping[str, Mapping[str, Any]]  # of the fleet's computers
 
-    def told(self, text: str) -> str:
+    def translate(self, text: str) -> str:
         """A command of the catalogue in the words of this fleet."""
         return re.sub(f"{PLACEHOLDER.pattern}|{LITERAL.pattern}", self._value, text)
 
     def _value(self, found: re.Match[str]) -> str:
         name, common, prefix = found.groups()
         if found[0] in KNOWN:
-            return self._known(*KNOWN[found[0]])
+            return self._translate_literal(*KNOWN[found[0]])
         if name in ("group", "port"):
             own = next(iter(self.variables.values()))
             default = {"group": "226.0.0.0", "port": "11511"}[name]
@@ -77,7 +77,7 @@ class Cast:
         address = own["multimaster_common_address"] if common and gateway else own["multimaster_address"]
         return address + (f"/{_network(own, common=bool(common)).prefixlen}" if prefix else "")
 
-    def _known(self, robot: str, what: str) -> str:
+    def _translate_literal(self, robot: str, what: str) -> str:
         own = self.variables[self.computers[f"{robot}-pc" if robot == "kobuki" else f"{robot}-gate"]] if robot else {}
         if what == "network":
             return str(_network(own))
@@ -130,7 +130,7 @@ def _master(hosts: Sequence[str], own: Mapping[str, Any]) -> str:
     return str(own.get("multimaster_master") or hosts[0])
 
 
-def injected(names: Iterable[str], cast: Cast, folder: Path = FOLDER) -> list[Fault]:
+def cast_faults(names: Iterable[str], cast: Cast, folder: Path = FOLDER) -> list[Fault]:
     """Read faults for this fleet. Raises LabError with a sentence for each that cannot be made."""
     known = [path.stem for path in sorted(folder.glob("*.yml"))]
     found, problems = [], []
@@ -140,7 +140,7 @@ def injected(names: Iterable[str], cast: Cast, folder: Path = FOLDER) -> list[Fa
                 f"FAULTS has {name}, which is no fault of the catalogue; expected some of {', '.join(known)}."
             )
             continue
-        fault = read(folder / f"{name}.yml", _Unfilled())
+        fault = read(folder / f"{name}.yml", _Placeholders())
         missing = sorted(_parts(fault) - {*cast.computers, *cast.robots})
         if any(step.where == LAB for step in (*fault.inject, *fault.undo)):
             problems.append(
@@ -148,7 +148,7 @@ def injected(names: Iterable[str], cast: Cast, folder: Path = FOLDER) -> list[Fa
             )
         elif missing:
             problems.append(
-                f"FAULTS has {name}, which needs {' and '.join(map(_needed, missing))}, and the fleet has none that is free; leave it out."
+                f"FAULTS has {name}, which needs {' and '.join(map(_describe_part, missing))}, and the fleet has none that is free; leave it out."
             )
         else:
             found.append(_recast(fault, cast))
@@ -157,7 +157,7 @@ def injected(names: Iterable[str], cast: Cast, folder: Path = FOLDER) -> list[Fa
     return found
 
 
-def _needed(part: str) -> str:
+def _describe_part(part: str) -> str:
     if part.startswith("kobuki"):
         return "a robot beside those with a gateway"
     return (
@@ -168,7 +168,7 @@ def _needed(part: str) -> str:
 def _parts(fault: Fault) -> set[str]:
     """The computers and robots of the catalogue that a fault is about."""
 
-    def mentioned() -> Iterator[str]:
+    def list_places() -> Iterator[str]:
         for step in (*fault.inject, *fault.settled, *fault.undo):
             yield step.where
             yield from (part for part in PARTS if part in step.what)
@@ -177,12 +177,12 @@ def _parts(fault: Fault) -> set[str]:
                 yield {"": "", "kobuki": "kobuki-pc"}.get(robot, f"{robot}-gate")
         yield from (place for place in fault.at if place in (*PARTS, "kobuki", "tibi", "dabo"))
 
-    return set(mentioned()) - {"", LAB}
+    return set(list_places()) - {"", LAB}
 
 
 def _recast(fault: Fault, cast: Cast) -> Fault:
     def steps(of: Sequence[Step]) -> tuple[Step, ...]:
-        return tuple(Step(cast.computers[step.where], cast.told(step.what)) for step in of)
+        return tuple(Step(cast.computers[step.where], cast.translate(step.what)) for step in of)
 
     places = {**cast.computers, **cast.robots}
     return replace(
@@ -194,7 +194,7 @@ def _recast(fault: Fault, cast: Cast) -> Fault:
     )
 
 
-def judged(fault: Fault, document: Mapping[str, Any]) -> tuple[bool, str]:
+def judge_report(fault: Fault, document: Mapping[str, Any]) -> tuple[bool, str]:
     """Say whether a report names the part of a fault first, and what it names."""
     named = judge.named(document)
     verdict = judge.verdict(fault, named)

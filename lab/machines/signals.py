@@ -17,7 +17,7 @@ ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
 @contextlib.contextmanager
-def deferred() -> Iterator[None]:
+def defer_signals() -> Iterator[None]:
     """Signals that come within the block count after it. What is done there must end within a time by itself.
 
     Python takes signals in the main thread alone, so in another thread there is nothing to do.
@@ -38,17 +38,17 @@ def deferred() -> Iterator[None]:
             os.kill(os.getpid(), number)
 
 
-def _ended_already(_number: int, _frame: FrameType | None) -> None:
+def _ignore(_number: int, _frame: FrameType | None) -> None:
     """The program is about to end. (What is ignored would be ignored by the commands that it starts as well.)"""
 
 
 @contextlib.contextmanager
-def ended_in_order() -> Iterator[None]:
+def exit_on_signals() -> Iterator[None]:
     """SIGTERM and SIGHUP end the program as an exception does, unless they are handled already. Further ones change nothing."""
 
     def end(number: int, _frame: FrameType | None) -> None:
         for other in mine:
-            signal.signal(other, _ended_already)
+            signal.signal(other, _ignore)
         sys.exit(128 + number)
 
     main = threading.current_thread() is threading.main_thread()

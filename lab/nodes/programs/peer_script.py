@@ -9,13 +9,13 @@ The script is JSON on standard input: the own "address", the "group" and "port" 
 that failed and what was seen, and ends with status 1.
 
   send: HEX                    from the port of discovery, to: real, group (default), from: PORT for another source port
-  datagram: HEX                arrives from the real node's port, via: unicast or group; a dot stands for any digit
+  expect_datagram: HEX         arrives from the real node's port, via: unicast or group; a dot stands for any digit
                                stamp: TEXT, the time that the record carries
-  no_datagram: HEX             does not arrive, via: ..., for: SECONDS
+  expect_no_datagram: HEX      does not arrive, via: ..., for: SECONDS
   serve: {PORT: {METHOD: ...}} answers of XML-RPC servers from now on (a method that is missing is a fault)
   close: PORT                  that server is gone
-  called: METHOD               at a server since the last send or serve, port: N, params: PATTERN, path: TEXT
-  not_called: METHOD           port: N, for: SECONDS
+  expect_call: METHOD          at a server since the last send or serve, port: N, params: PATTERN, path: TEXT
+  expect_no_call: METHOD       port: N, for: SECONDS
   call: METHOD                 uri: TEXT, params: [...], answer: PATTERN (of the result) or fault: PATTERN (of its text),
                                asked again until it fits; offer_gzip: true, packed: BOOLEAN
   http: METHOD PATH            to uri: TEXT; status: NUMBER
@@ -42,7 +42,7 @@ PATIENCE = 10.0  # seconds that a step waits, unless it says `within`
 COMPRESS = 1400  # bytes from which upstream packs its answers
 
 
-class Failed(Exception):
+class StepFailure(Exception):
     """A step did not find what it wants."""
 
 
@@ -61,14 +61,14 @@ def fits(wanted, found, known):
     return wanted == "*" or wanted == found
 
 
-def filled(value, known):
+def fill(value, known):
     """A step with the remembered texts in it."""
     if isinstance(value, str):
         return re.sub(r"\$(\w+)", lambda match: known.get(match[1], match[0]), value)
     if isinstance(value, list):
-        return [filled(item, known) for item in value]
+        return [fill(item, known) for item in value]
     if isinstance(value, dict):
-        return {filled(key, known): filled(item, known) for key, item in value.items()}
+        return {fill(key, known): fill(item, known) for key, item in value.items()}
     return value
 
 
@@ -144,11 +144,11 @@ class Peer:
         opened = self._socket(self.address, options["from"]) if "from" in options else self.sockets["unicast"]
         opened.sendto(_bytes(data), (self.group if to == "group" else self.real, self.port))
 
-    def datagram(self, pattern, via, stamp=None, within=PATIENCE):
-        self._wait(lambda: self._found(pattern, via, stamp), within, self.datagrams)
+    def expect_datagram(self, pattern, via, stamp=None, within=PATIENCE):
+        self._wait(lambda: self._has_datagram(pattern, via, stamp), within, self.datagrams)
 
-    def no_datagram(self, pattern, via, **options):
-        self._never(lambda: self._found(pattern, via), options["for"], self.datagrams)
+    def expect_no_datagram(self, pattern, via, **options):
+        self._expect_never(lambda: self._has_datagram(pattern, via), options["for"], self.datagrams)
 
     def serve(self, servers):
         self.calls.clear()
@@ -160,21 +160,21 @@ class Peer:
     def close(self, port):
         self.servers.pop(port).close()
 
-    def called(self, method, within=PATIENCE, **wanted):
-        self._wait(lambda: self._asked(method, wanted), within, self.calls)
+    def expect_call(self, method, within=PATIENCE, **wanted):
+        self._wait(lambda: self._has_call(method, wanted), within, self.calls)
 
-    def not_called(self, method, port, **options):
-        self._never(lambda: self._asked(method, {"port": port}), options["for"], self.calls)
+    def expect_no_call(self, method, port, **options):
+        self._expect_never(lambda: self._has_call(method, {"port": port}), options["for"], self.calls)
 
     def call(self, method, uri, params=(), offer_gzip=True, within=PATIENCE, **wanted):
         got = {}
 
-        def asked():
+        def ask():
             got.clear()
             got.update(self._call(uri, method, params, offer_gzip))
             return all(key in got and fits(value, got[key], self.known) for key, value in wanted.items())
 
-        self._wait(asked, within, got)
+        self._wait(ask, within, got)
 
     def http(self, request, uri, status):
         method, path = request.split()
@@ -182,14 +182,14 @@ class Peer:
         connection.request(method, path, b"<methodCall><methodName>masterContacts</methodName></methodCall>")
         found = connection.getresponse().status
         if found != status:
-            raise Failed(found)
+            raise StepFailure(found)
 
     def pause(self, seconds):
         time.sleep(seconds)
 
     # What they are made of
 
-    def _found(self, pattern, via, stamp=None):
+    def _has_datagram(self, pattern, via, stamp=None):
         return any(
             re.fullmatch(re.sub(r"\s", "", pattern), heard["hex"])
             and heard["via"] == via
@@ -198,7 +198,7 @@ class Peer:
             for heard in list(self.datagrams)
         )
 
-    def _asked(self, method, wanted):
+    def _has_call(self, method, wanted):
         return any(
             call["method"] == method and all(fits(value, call[key], self.known) for key, value in wanted.items())
             for call in list(self.calls)
@@ -221,21 +221,21 @@ class Peer:
         deadline = time.monotonic() + seconds
         while not look():
             if time.monotonic() > deadline:
-                raise Failed(seen)
+                raise StepFailure(seen)
             time.sleep(0.05)
 
-    def _never(self, look, seconds, seen):
+    def _expect_never(self, look, seconds, seen):
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             if look():
-                raise Failed(seen)
+                raise StepFailure(seen)
             time.sleep(0.05)
 
     def leave(self):
         """The end of every exchange: nobody answers any more, and says so."""
         for server in self.servers.values():
             server.close()
-        self.send(filled("52020000 ffffffff ffffffff $port 0000 ffffffff ffffffff", self.known))
+        self.send(fill("52020000 ffffffff ffffffff $port 0000 ffffffff ffffffff", self.known))
 
 
 def _bytes(text):
@@ -254,10 +254,10 @@ def main():
     try:
         for number, step in enumerate(steps, 1):
             verb, *_rest = step
-            options = filled(step, peer.known)
+            options = fill(step, peer.known)
             try:
                 getattr(peer, verb)(options.pop(verb), **options)
-            except Failed as failure:
+            except StepFailure as failure:
                 print(f"step {number} failed: {json.dumps(step)}\nseen: {failure}")
                 return 1
     finally:

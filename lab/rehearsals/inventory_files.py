@@ -29,7 +29,7 @@ SECONDS = 300.0
 
 
 @dataclass(frozen=True)
-class Reading:
+class Inventory:
     """An inventory as it was read."""
 
     listing: dict[str, Any]  # what `ansible-inventory --list` prints: names and values, templates as they stand there
@@ -37,18 +37,18 @@ class Reading:
     encrypted: tuple[str, ...]  # files that were left aside
 
 
-def read(inventory: Path, work: Path, options: Iterable[str]) -> Reading:
+def read(inventory: Path, work: Path, options: Iterable[str]) -> Inventory:
     """Read an inventory; `work` is a folder of ours."""
     if not inventory.exists():
         raise LabError(f"The inventory {inventory} does not exist; expected a folder or a file: correct INVENTORY.")
     links = work / "read"
     shutil.rmtree(links, ignore_errors=True)
-    encrypted = tuple(_linked(inventory.resolve(), links))
+    encrypted = tuple(_link_files(inventory.resolve(), links))
     source = links if inventory.is_dir() else links / inventory.name
     if not source.exists():
         raise LabError(f"The inventory {inventory} is encrypted as a whole; expected hosts that can be read.")
     try:
-        return Reading(read_inventory(source), _values(source, work / "values.json", options), encrypted)
+        return Inventory(read_inventory(source), _values(source, work / "values.json", options), encrypted)
     except LabError as problem:
         raise LabError(
             str(problem).replace(str(links), str(inventory if inventory.is_dir() else inventory.parent))
@@ -57,7 +57,7 @@ def read(inventory: Path, work: Path, options: Iterable[str]) -> Reading:
         shutil.rmtree(links, ignore_errors=True)
 
 
-def _linked(inventory: Path, links: Path) -> Iterator[str]:
+def _link_files(inventory: Path, links: Path) -> Iterator[str]:
     """Make the folder of links; yields the encrypted files."""
     base = inventory if inventory.is_dir() else inventory.parent
     tops = [inventory] if inventory.is_dir() else [inventory, *(base / name for name in BESIDE)]
