@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, systemctl, units
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access, wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access, packet_filter
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, nftables, ufw
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run as hosts_run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
@@ -136,7 +136,7 @@ def of_systemctl(name, there):
 
 def of_a_program(name, _there):
     """contract.py: what a command prints, here of a real one."""
-    return raised(contract.do, ["sh", "-c", 'printf "%s" "$1" >&2; exit 1', "sh", name.replace("\0", "|")])
+    return raised(contract.run_or_fail, ["sh", "-c", 'printf "%s" "$1" >&2; exit 1', "sh", name.replace("\0", "|")])
 
 
 def of_a_route(name, _there):
@@ -225,11 +225,11 @@ PLACES = {
     },
     "a missing file": lambda name, _there: problem.unreadable(OSError(2, "No such file", name)),
     "a file that is not written": lambda name, _there: problem.sentence(OSError(13, "Permission denied", f"/x/{name}")),
-    "nft": lambda name, _there: nftables._why_not(name),
-    "ufw": lambda name, _there: raised(ufw._rule, f"a {name} b c d e f g h"),
+    "nft": lambda name, _there: nftables._explain_failure(name),
+    "ufw": lambda name, _there: raised(ufw._parse_rule, f"a {name} b c d e f g h"),
     "a program with a port": lambda name, _there: access.Access(
-        [], [access.Way(access.Connection(5986, "10.0.0.5", "1"), name)]
-    ).refusal(wanted.Wanted((), (), ())),
+        [], [access.Session(access.Connection(5986, "10.0.0.5", "1"), name)]
+    ).refusal(packet_filter.PacketFilter((), (), ())),
     "a profile": lambda name, _there: raised(networkmanager.lines_of, 4, f"{{ {name} }}", "7a9f2a3e"),
     "interfaces": lambda name, _there: routes_wanted._names(["eth0", name]),
     "a member of the group": lambda name, _there: multicast.listed(

@@ -20,8 +20,6 @@ LATER = set(
     plugins/filter
     plugins/module_utils/_client
     plugins/module_utils/_computer
-    plugins/module_utils/_firewall
-    plugins/module_utils/_firewall/backends
     plugins/module_utils/_hosts
     plugins/module_utils/_machine
     plugins/module_utils/_module

@@ -3,8 +3,8 @@
 
 """One run of the module firewall, over the rules of every back end, its files at boot and the record.
 
-The record names the files and the back ends before the first change. Our rules carry a mark of their own in each back end,
-so after a killed run the next one finds them by it.
+The record names the files and the back ends before the first change. Our rules carry a mark of their own in each back end.
+After a killed run, the next run finds them by this mark.
 """
 
 import os
@@ -22,12 +22,16 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     intent,
     outcome,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access, wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.contract import BackEnd, Rules
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.table import (
     AUTO,
     BACKENDS,
     CHOICES,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import (
+    PacketFilter,
+    read_options,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
@@ -46,22 +50,22 @@ OPTIONS: typing.Dict[str, typing.Any] = {
 _WORDS = re.compile(r'[\s,{}"]+')
 
 
-class End(typing.NamedTuple):
-    """A back end, with our rules in it before and after the run."""
+class Ruleset(typing.NamedTuple):
+    """Our rules in one back end, before and after the run."""
 
     back_end: BackEnd
     before: Rules
     after: Rules
-    wanted: typing.Optional[wanted.Wanted]  # None where nothing of ours is to be there
+    packet_filter: typing.Optional[PacketFilter]  # None where the back end shall have no rule of ours
 
     @property
-    def loads(self) -> bool:
-        """True where the run time changes."""
+    def changes(self) -> bool:
+        """True where the rules change at run time."""
         return self.before != self.after
 
 
-def booted() -> bool:
-    """True where systemd runs this computer."""
+def has_systemd() -> bool:
+    """True where systemd runs on this computer."""
     return os.path.isdir("/run/systemd/system")
 
 
@@ -70,91 +74,111 @@ class Run(ModuleRun):
 
     def __init__(self, options: typing.Mapping[str, typing.Any], memory: typing.Optional[Data] = None) -> None:
         """Read and plan; changes nothing. Raises Problem for options, rules or files that cannot be used."""
-        self.access = access.look()
-        self.wanted = wanted.read(options, self.access.ssh)
-        back_ends = [kind(booted()) for kind in BACKENDS.values()]
-        self.chosen = self._choose(options["backend"], back_ends)
+        self.access = access.read_access()
+        self.packet_filter = read_options(options, self.access.ssh)
+        back_ends = [kind(has_systemd()) for kind in BACKENDS.values()]
+        self.back_end = self._choose_back_end(options["backend"], back_ends)
         try:
-            self.ends = [self._end(back_end) for back_end in back_ends]
+            self.rulesets = [self._plan_ruleset(back_end) for back_end in back_ends]
             self.record = files.record_of("files", "firewall", options["records"])
             self.remembered = self.record.load()
-            listed = self.chosen.files(self.wanted) if self.chosen and self.wanted else []
-            self.listed = files.parse_files(listed)
-            self.machine = files.read(self.listed, self.remembered, self.record)
-            self.plan = files.plan_files(self.listed, self.remembered, self.machine)
+            own_files = self.back_end.plan_files(self.packet_filter) if self.back_end and self.packet_filter else []
+            wanted_files = files.parse_files(own_files)
+            self.machine = files.read(wanted_files, self.remembered, self.record)
+            self.plan = files.plan_files(wanted_files, self.remembered, self.machine)
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
-        self.after = self._after()
-        self.disordered = not all(end.back_end.in_order(end.wanted) for end in self.ends)
+        self.record_after = self._plan_record()
+        ready_for_boot = all(ruleset.back_end.is_ready_for_boot(ruleset.packet_filter) for ruleset in self.rulesets)
         self.changed = bool(
-            self.runtime_changes or files.changes(self.plan) or self.disordered or self.after != self.remembered
+            self.runtime_changes
+            or files.changes(self.plan)
+            or not ready_for_boot
+            or self.record_after != self.remembered
         )
 
-    def _choose(self, name: str, back_ends: typing.Iterable[BackEnd]) -> typing.Optional[BackEnd]:
-        """The back end that has the rules, None where none are wanted. Raises Problem."""
-        if self.wanted is None:
+    def _choose_back_end(self, name: str, back_ends: typing.Iterable[BackEnd]) -> typing.Optional[BackEnd]:
+        """The back end for the rules, None where no packet filter is wanted. Raises Problem."""
+        if self.packet_filter is None:
             return None
         if name == AUTO:
-            return next(back_end for back_end in back_ends if back_end.active())
-        chosen = next(back_end for back_end in back_ends if back_end.name == name)
-        if not chosen.active():
+            return next(back_end for back_end in back_ends if back_end.is_active())
+        back_end = next(back_end for back_end in back_ends if back_end.name == name)
+        if not back_end.is_active():
             raise Problem(
                 f"backend is {name}, which is not active here, expected it to filter packets: turn it on, or set backend to auto."
             )
-        return chosen
+        return back_end
 
-    def _end(self, back_end: BackEnd) -> End:
-        mine = self.wanted if back_end is self.chosen else None
-        return End(back_end, back_end.read(), back_end.rules(mine) if mine else [], mine)
+    def _plan_ruleset(self, back_end: BackEnd) -> Ruleset:
+        packet_filter = self.packet_filter if back_end is self.back_end else None
+        after = back_end.plan_rules(packet_filter) if packet_filter else []
+        return Ruleset(back_end, back_end.read_rules(), after, packet_filter)
 
-    def _after(self) -> Data:
-        """The record after the run, empty where nothing is ours any more."""
-        names = [self.chosen.name] if self.chosen else []
-        after = dict(self.plan.after, back_ends=names)
-        return after if any(after.values()) else {}
+    def _plan_record(self) -> Data:
+        """The record after the run, empty where nothing of ours is left."""
+        record = dict(self.plan.after, back_ends=[self.back_end.name] if self.back_end else [])
+        return record if any(record.values()) else {}
 
     # For the shell of the modules
 
     @property
     def refusals(self) -> typing.List[str]:
         """The sentences that prevent the plan."""
-        found = [self.access.refusal(self.wanted)] if self.wanted else []
-        found += [end.back_end.refusal() for end in self.ends if end.loads]
-        return [sentence for sentence in found if sentence]
+        sentences = [self.access.refusal(self.packet_filter)] if self.packet_filter else []
+        sentences += [ruleset.back_end.refusal() for ruleset in self.rulesets if ruleset.changes]
+        return [sentence for sentence in sentences if sentence]
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
         """The rules at run time and the files that change, for `diff`."""
-        found = []
-        for end in self.ends:
-            if end.loads:
-                texts = [("".join(f"{line}\n" for line in lines)).encode("utf-8") for lines in (end.before, end.after)]
-                found.append(difference(f"{end.back_end.name} (our rules at run time)", texts[0], texts[1]))
-        return found + files.differences(self.plan, self.machine)
+        differences = []
+        for ruleset in self.rulesets:
+            if ruleset.changes:
+                texts = [
+                    ("".join(f"{line}\n" for line in lines)).encode("utf-8")
+                    for lines in (ruleset.before, ruleset.after)
+                ]
+                differences.append(difference(f"{ruleset.back_end.name} (our rules at run time)", texts[0], texts[1]))
+        return differences + files.differences(self.plan, self.machine)
 
     def result(self) -> Fields:
         """The return values of the module."""
-        members = self.wanted.members if self.wanted else ()
-        networks = self.wanted.networks if self.wanted else ()
+        members = self.packet_filter.members if self.packet_filter else ()
+        networks = self.packet_filter.networks if self.packet_filter else ()
         return {
-            "backend": self.chosen.name if self.chosen else None,
-            "members": [self._item(member) for member in members],
-            "networks": [self._item(network) for network in networks],
-            "open_ports": [f"{port}/{name}" for name in ("tcp", "udp") for port in self.wanted.open(name)]
-            if self.wanted
+            "backend": self.back_end.name if self.back_end else None,
+            "members": [self._describe_address(member) for member in members],
+            "networks": [self._describe_address(network) for network in networks],
+            "open_ports": [
+                f"{port}/{name}" for name in ("tcp", "udp") for port in self.packet_filter.list_open_ports(name)
+            ]
+            if self.packet_filter
             else [],
-            "removed": [end.back_end.name for end in self.ends if end.before and end.wanted is None],
+            "removed": [
+                ruleset.back_end.name for ruleset in self.rulesets if ruleset.before and ruleset.packet_filter is None
+            ],
             "notes": self._notes(),
         }
 
-    def _item(self, address: str) -> Fields:
-        """The result for an address: whether our rules had it before."""
-        before = {word for end in self.ends if end.wanted for line in end.before for word in _WORDS.split(line)}
+    def _describe_address(self, address: str) -> Fields:
+        """The result for an address. It is "ok" where our rules had the address before."""
+        before = {
+            word
+            for ruleset in self.rulesets
+            if ruleset.packet_filter
+            for line in ruleset.before
+            for word in _WORDS.split(line)
+        }
         return {"address": address, "changed": address not in before, "state": "ok" if address in before else "changed"}
 
     def _notes(self) -> typing.List[str]:
         names = self.remembered.get("back_ends", [])
-        lost = [end.back_end.name for end in self.ends if end.wanted and not end.before and end.back_end.name in names]
+        lost = [
+            ruleset.back_end.name
+            for ruleset in self.rulesets
+            if ruleset.packet_filter and not ruleset.before and ruleset.back_end.name in names
+        ]
         return [f"Our rules in {name} had been removed by hand since." for name in lost] + self.plan.notes
 
     def failure(self, problem: Problem) -> Fields:
@@ -165,13 +189,15 @@ class Run(ModuleRun):
         """The sentences of `msg`."""
         be = "would be" if check_mode else "were"
         sentences = [
-            f"Our rules in {end.back_end.name} {be} removed." for end in self.ends if end.before and end.wanted is None
+            f"Our rules in {ruleset.back_end.name} {be} removed."
+            for ruleset in self.rulesets
+            if ruleset.before and ruleset.packet_filter is None
         ]
-        if self.chosen and self.wanted:
+        if self.back_end and self.packet_filter:
             state = f"{be} changed" if self.changed else "were right"
             sentences.append(
-                f"The rules of {self.chosen.name} {state}: {len(self.wanted.members)} addresses are let in, "
-                f"{len(self.wanted.networks)} networks behind this computer are protected."
+                f"The rules of {self.back_end.name} {state}: {len(self.packet_filter.members)} addresses are let in, "
+                f"{len(self.packet_filter.networks)} networks behind this computer are protected."
             )
         return " ".join((sentences or ["No packet filter is ours."]) + self._notes())
 
@@ -180,33 +206,39 @@ class Run(ModuleRun):
     @property
     def runtime_changes(self) -> bool:
         """True where rules change at run time."""
-        return any(end.loads for end in self.ends)
+        return any(ruleset.changes for ruleset in self.rulesets)
 
     @property
     def memory(self) -> Data:
-        """What the confirming run has to know: nothing, since our rules carry their mark."""
+        """The memory for the confirming run: it is empty, since our rules carry their mark."""
         return {}
 
     @property
-    def _changing(self) -> typing.List[End]:
-        """The back ends whose rules change, the one that gets them first."""
-        return sorted((end for end in self.ends if end.loads), key=lambda end: end.wanted is None)
+    def _rulesets_to_change(self) -> typing.List[Ruleset]:
+        """The rulesets that change, that of the chosen back end first."""
+        return sorted(
+            (ruleset for ruleset in self.rulesets if ruleset.changes), key=lambda ruleset: ruleset.packet_filter is None
+        )
 
     def undo_commands(self) -> typing.List[typing.List[str]]:
         """The commands that restore the rules as this run found them."""
-        return [command for end in self._changing for command in end.back_end.undo_commands(end.before)]
+        return [
+            command
+            for ruleset in self._rulesets_to_change
+            for command in ruleset.back_end.undo_commands(ruleset.before)
+        ]
 
     def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
-        """The files to restore with them."""
-        return [file for end in self._changing for file in end.back_end.undo_files()]
+        """The files to restore together with the rules."""
+        return [file for ruleset in self._rulesets_to_change for file in ruleset.back_end.undo_files()]
 
     def undo_last(self) -> typing.List[typing.List[str]]:
-        """The commands after that."""
-        return [command for end in self._changing for command in end.back_end.undo_last()]
+        """The commands after the files."""
+        return [command for ruleset in self._rulesets_to_change for command in ruleset.back_end.undo_last()]
 
     def apply_runtime(self) -> None:
         """Change the rules at run time alone. Raises Problem, with everything as it was before."""
-        carry_out([self._step(end, end.back_end.try_out) for end in self._changing])
+        carry_out([self._rules_step(ruleset, ruleset.back_end.try_out) for ruleset in self._rulesets_to_change])
 
     # The change
 
@@ -216,39 +248,43 @@ class Run(ModuleRun):
             if not self.remembered:
                 self.record.tidy()
             return
-        names = {*self.remembered.get("back_ends", []), *self.after.get("back_ends", [])}
+        names = {*self.remembered.get("back_ends", []), *self.record_after.get("back_ends", [])}
         steps = [intent(self.record, dict(self.plan.intent, back_ends=sorted(names)), self.remembered)]
-        # Undone last, when the files are as before; done after them.
-        steps += [self._step(end, lambda _wanted: None) for end in self._touched]
-        steps += [self._prepare(end) for end in self._touched]
+        # These steps do nothing. They are undone last, when the files are as before.
+        steps += [self._rules_step(ruleset, lambda _filter: None) for ruleset in self._rulesets_to_apply]
+        steps += [self._prepare_step(ruleset) for ruleset in self._rulesets_to_apply]
         steps += files.steps(self.plan, self.machine)
-        steps += [self._load(end) for end in self._touched]
-        carry_out([*steps, outcome(self.record, self.after)])
+        steps += [self._load_step(ruleset) for ruleset in self._rulesets_to_apply]
+        carry_out([*steps, outcome(self.record, self.record_after)])
 
     @property
-    def _touched(self) -> typing.List[End]:
-        """The back ends with something to do: the one that has the rules first."""
+    def _rulesets_to_apply(self) -> typing.List[Ruleset]:
+        """The rulesets with something to do, that of the chosen back end first."""
         names = self.remembered.get("back_ends", [])
-        found = [end for end in self.ends if end.wanted or end.loads or end.back_end.name in names]
-        return sorted(found, key=lambda end: end.wanted is None)
+        touched = [
+            ruleset
+            for ruleset in self.rulesets
+            if ruleset.packet_filter or ruleset.changes or ruleset.back_end.name in names
+        ]
+        return sorted(touched, key=lambda ruleset: ruleset.packet_filter is None)
 
-    def _step(self, end: End, do: typing.Callable[[typing.Optional[wanted.Wanted]], None]) -> Step:
-        what = f"the rules of {end.back_end.name}"
-        return Step(what, lambda: do(end.wanted), lambda: end.back_end.restore(end.before))
+    def _rules_step(self, ruleset: Ruleset, do: typing.Callable[[typing.Optional[PacketFilter]], None]) -> Step:
+        name = f"the rules of {ruleset.back_end.name}"
+        return Step(name, lambda: do(ruleset.packet_filter), lambda: ruleset.back_end.restore(ruleset.before))
 
-    def _prepare(self, end: End) -> Step:
-        return Step(end.back_end.name, lambda: end.back_end.prepare(end.wanted), do_nothing)
+    def _prepare_step(self, ruleset: Ruleset) -> Step:
+        return Step(ruleset.back_end.name, lambda: ruleset.back_end.prepare(ruleset.packet_filter), do_nothing)
 
-    def _load(self, end: End) -> Step:
-        return Step(f"the rules of {end.back_end.name}", lambda: self._loaded(end), do_nothing)
+    def _load_step(self, ruleset: Ruleset) -> Step:
+        return Step(f"the rules of {ruleset.back_end.name}", lambda: self._load_and_check(ruleset), do_nothing)
 
-    def _loaded(self, end: End) -> None:
-        """Load the rules, and see that they are there. Raises Problem."""
-        end.back_end.load(end.wanted)
-        now = end.back_end.read()
-        if now != end.after:
-            differing = sorted(set(now) ^ set(end.after))[:3]
+    def _load_and_check(self, ruleset: Ruleset) -> None:
+        """Load the rules, and check that the back end has them. Raises Problem."""
+        ruleset.back_end.load(ruleset.packet_filter)
+        now = ruleset.back_end.read_rules()
+        if now != ruleset.after:
+            differing = sorted(set(now) ^ set(ruleset.after))[:3]
             raise Problem(
-                f"{end.back_end.name} holds other rules than it was given ({'; '.join(map(quote, differing))}), expected the same: see what "
-                "else changes them."
+                f"{ruleset.back_end.name} has other rules than were loaded ({'; '.join(map(quote, differing))}), expected the same: find "
+                "out which program changes them."
             )

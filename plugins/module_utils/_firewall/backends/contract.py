@@ -4,26 +4,26 @@
 """The contract of a back end: one program that filters packets.
 
 A back end is a file in this folder with a class BackEnd(contract.BackEnd), and a row in table.py. Its rules are lines of
-text in the words of the program, those of this collection only: rules of others are neither read nor touched. For one run
-the module calls, in this order:
+text in the words of the program. They are those of this collection only: rules of others are neither read nor touched. For one
+run the module calls, in this order:
 
-    active()          does the program filter the packets of this computer now?
-    read()            which rules are ours at run time?
-    rules(wanted)     which are wanted, in the same words?
-    files(wanted)     which files does it read at boot that are ours whole?
-    in_order(wanted)  is everything else right that the next boot needs?
-    refusal()         would a change of the rules lose something of others?
-    prepare(wanted)   before the files change
-    load(wanted)      after the files have changed: run time and boot as wanted
-    restore(before)   if something fails: after the files of before are back
+    is_active()             does the program filter the packets of this computer now?
+    read_rules()            which rules are ours at run time?
+    plan_rules(filter)      which rules are wanted, in the same words?
+    plan_files(filter)      which files of ours does the program read at boot?
+    is_ready_for_boot(...)  is everything else right that the next boot needs?
+    refusal()               would a change of the rules lose something of others?
+    prepare(filter)         before the files change
+    load(filter)            after the files have changed: make run time and boot as planned
+    restore(before)         if something fails, after the former files are back
 
-With the dead-man's switch try_out(wanted) comes first, which changes the run time alone. `wanted` is None for nothing.
+With the dead-man's switch, try_out(filter) comes first: it changes the run time alone. The filter is None where no rules are wanted.
 """
 
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import PacketFilter
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
@@ -43,29 +43,29 @@ class BackEnd:
     name = ""  # the value of the option `backend`
 
     def __init__(self, booted: bool) -> None:
-        """`booted`: systemd runs here, so units can be told."""
+        """`booted`: systemd runs here, so units can be started and stopped."""
         self.booted = booted
 
     # For every back end to write
 
-    def active(self) -> bool:
+    def is_active(self) -> bool:
         """True where this program filters the packets of this computer now."""
         raise NotImplementedError
 
-    def read(self) -> Rules:
-        """Our rules at run time, none where the program is not there. Raises Problem."""
+    def read_rules(self) -> Rules:
+        """Our rules at run time, an empty list where the program is not installed. Raises Problem."""
         raise NotImplementedError
 
-    def rules(self, wanted: Wanted) -> Rules:
-        """The wanted rules as `read` shows them. Raises Problem where this computer cannot have them."""
+    def plan_rules(self, packet_filter: PacketFilter) -> Rules:
+        """The wanted rules in the words of `read_rules`. Raises Problem where this computer cannot have them."""
         raise NotImplementedError
 
-    def load(self, wanted: typing.Optional[Wanted]) -> None:
-        """Make run time and boot as wanted; the files are there already. Raises Problem or OSError."""
+    def load(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+        """Make run time and boot as planned; the files are there already. Raises Problem or OSError."""
         raise NotImplementedError
 
-    def try_out(self, wanted: typing.Optional[Wanted]) -> None:
-        """Make the run time alone as wanted. Raises Problem or OSError; the caller restores then."""
+    def try_out(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+        """Make the run time alone as planned. Raises Problem or OSError; then the caller restores."""
         raise NotImplementedError
 
     def restore(self, before: Rules) -> None:
@@ -74,19 +74,19 @@ class BackEnd:
 
     # For a back end to override where its program needs it
 
-    def files(self, wanted: Wanted) -> typing.List[File]:
-        """The files that are ours whole, and that are read at boot."""
+    def plan_files(self, packet_filter: PacketFilter) -> typing.List[File]:
+        """The files of ours that the program reads at boot."""
         return []
 
-    def in_order(self, wanted: typing.Optional[Wanted]) -> bool:
-        """True where nothing but rules and files could be missing at the next boot."""
+    def is_ready_for_boot(self, packet_filter: typing.Optional[PacketFilter]) -> bool:
+        """True where the next boot finds all that it needs beside rules and files, for example a unit that is enabled."""
         return True
 
     def refusal(self) -> str:
-        """The sentence that says why the rules cannot be changed now, empty where they can. Raises Problem."""
+        """The sentence why the rules cannot be changed now, empty where they can. Raises Problem."""
         return ""
 
-    def prepare(self, wanted: typing.Optional[Wanted]) -> None:
+    def prepare(self, packet_filter: typing.Optional[PacketFilter]) -> None:
         """Do what comes before the files change. Raises Problem."""
 
     def undo_commands(self, before: Rules) -> typing.List[Command]:
@@ -94,31 +94,31 @@ class BackEnd:
         return []
 
     def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
-        """The files that it restores then, None for a file that was not there."""
+        """The files that the switch restores then; None for a file that was not there."""
         return []
 
     def undo_last(self) -> typing.List[Command]:
-        """The commands after that."""
+        """The commands of the switch after the files."""
         return []
 
 
-def ask(argv: typing.Sequence[str]) -> commands.Answer:
+def run_command(argv: typing.Sequence[str]) -> commands.Answer:
     """Run a command with a limit of time."""
     return commands.run(argv, limit=_LIMIT)
 
 
-def do(argv: typing.Sequence[str]) -> str:
-    """Run a command; returns what it printed. Raises Problem with what it said."""
-    answer = ask(argv)
+def run_or_fail(argv: typing.Sequence[str]) -> str:
+    """Run a command; returns its output. Raises Problem with its message."""
+    answer = run_command(argv)
     output = answer.output.decode("utf-8", "replace")
     if answer.status != 0:
-        said = quote((answer.error + " " + output).strip(), LINE) or f"status {answer.status}"
+        message = quote((answer.error + " " + output).strip(), LINE) or f"status {answer.status}"
         raise Problem(
-            f"{quote(' '.join(argv))} failed ({said}), expected it to change the packet filter: see what it says."
+            f"{quote(' '.join(argv))} failed ({message}), expected it to change the packet filter: see what it says."
         )
     return output
 
 
-def program(name: str) -> str:
-    """The path of a program, empty where there is none."""
+def find_program(name: str) -> str:
+    """The path of a program, "" where it is not installed."""
     return shutil.which(name, path=commands.BASE_PATH) or ""

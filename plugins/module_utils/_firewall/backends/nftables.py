@@ -3,19 +3,23 @@
 
 """nftables: a table of our own, replaced in one transaction, and loaded at boot by a unit of our own.
 
-Of TCP, only packets that begin a connection are dropped. So no connection that is there already is touched, also where the
+Of TCP, only packets that begin a connection are dropped. So every connection that is there already stays, also where the
 kernel has not followed it from its beginning, or sees one direction of it only.
 
-A packet with an address of the computer itself as its source is dropped where it comes from a wire: the kernel checks that of IPv4
-alone, and not everywhere (accept_local). What the computer sends to itself has no wire: the loopback interface, and the copies
-of its own multicast, for which the kernel's `fib` names an interface in the hook prerouting alone.
+A packet with an address of the computer itself as its source is dropped where it comes from a wire. The kernel itself checks this
+for IPv4 alone, and not everywhere (accept_local). Packets from the computer to itself come from no wire: those of the loopback
+interface, and the copies of its own multicast. For these copies, `fib` names an interface in the hook prerouting alone.
 """
 
 import os
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import FIRST, LAST, Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import (
+    FIRST,
+    LAST,
+    PacketFilter,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
@@ -26,7 +30,7 @@ RULES_FILE = "/etc/rosfleet-multimaster/firewall.nft"
 UNIT_FILE = "/etc/systemd/system/" + UNIT
 
 # Both lines are needed: the first makes sure that there is a table to delete.
-_GONE = f"table inet {TABLE}\ndelete table inet {TABLE}\n"
+_DELETE = f"table inet {TABLE}\ndelete table inet {TABLE}\n"
 # A table without a name in use, to learn how nft writes rules on this computer, and whether its kernel takes them.
 _SCRATCH = f'nft "$1" && nft -s list table inet {TABLE}'
 
@@ -60,119 +64,123 @@ class BackEnd(contract.BackEnd):
 
     name = "nftables"
 
-    def active(self) -> bool:
+    def is_active(self) -> bool:
         return True
 
-    def read(self) -> contract.Rules:
-        if not contract.program("nft"):
+    def read_rules(self) -> contract.Rules:
+        if not contract.find_program("nft"):
             return []
-        answer = contract.ask(["nft", "-s", "list", "table", "inet", TABLE])
+        answer = contract.run_command(["nft", "-s", "list", "table", "inet", TABLE])
         return answer.output.decode("utf-8", "replace").splitlines() if answer.status == 0 else []
 
-    def rules(self, wanted: Wanted) -> contract.Rules:
-        if not contract.program("nft"):
+    def plan_rules(self, packet_filter: PacketFilter) -> contract.Rules:
+        if not contract.find_program("nft"):
             raise Problem(
                 "There is no nft, expected it for the packet filter, since neither ufw nor firewalld is active: install it "
                 "(apt-get install nftables), or turn one of the two on."
             )
-        answer = contract.ask(["unshare", "--net", "sh", "-c", _SCRATCH, "sh", text(wanted)])
+        answer = contract.run_command(["unshare", "--net", "sh", "-c", _SCRATCH, "sh", render_table(packet_filter)])
         if answer.status != 0:
-            raise Problem(_why_not(" ".join(answer.error.split())[:200]))
+            raise Problem(_explain_failure(" ".join(answer.error.split())[:200]))
         return answer.output.decode("utf-8", "replace").splitlines()
 
-    def files(self, wanted: Wanted) -> typing.List[contract.File]:
-        nft = contract.program("nft") or "/usr/sbin/nft"
+    def plan_files(self, packet_filter: PacketFilter) -> typing.List[contract.File]:
+        nft = contract.find_program("nft") or "/usr/sbin/nft"
         unit = _UNIT.format(header=contract.HEADER, nft=nft, file=RULES_FILE, table=TABLE)
-        rules = f"# {contract.HEADER}\n{_GONE}{text(wanted)}"
+        rules = f"# {contract.HEADER}\n{_DELETE}{render_table(packet_filter)}"
         return [
             {"path": RULES_FILE, "content": rules, "mode": "0644"},
             {"path": UNIT_FILE, "content": unit, "mode": "0644"},
         ]
 
-    def in_order(self, wanted: typing.Optional[Wanted]) -> bool:
+    def is_ready_for_boot(self, packet_filter: typing.Optional[PacketFilter]) -> bool:
         if not self.booted:
             return True
-        if wanted is None:
+        if packet_filter is None:
             return not os.path.lexists(UNIT_FILE)
         unit = systemd.show([UNIT], ["ActiveState", "UnitFileState", "NeedDaemonReload"]).units
         right = {"ActiveState": "active", "UnitFileState": "enabled", "NeedDaemonReload": "no"}
         return unit == [right]
 
-    def prepare(self, wanted: typing.Optional[Wanted]) -> None:
-        if self.booted and wanted is None and os.path.lexists(UNIT_FILE):
-            contract.do(["systemctl", "disable", "--now", UNIT])
+    def prepare(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+        if self.booted and packet_filter is None and os.path.lexists(UNIT_FILE):
+            contract.run_or_fail(["systemctl", "disable", "--now", UNIT])
 
-    def load(self, wanted: typing.Optional[Wanted]) -> None:
-        self.try_out(wanted)
+    def load(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+        self.try_out(packet_filter)
         if self.booted:
-            contract.do(["systemctl", "daemon-reload"])
-            if wanted is not None:
-                contract.do(["systemctl", "enable", "--now", UNIT])
+            contract.run_or_fail(["systemctl", "daemon-reload"])
+            if packet_filter is not None:
+                contract.run_or_fail(["systemctl", "enable", "--now", UNIT])
             else:
-                contract.ask(["systemctl", "reset-failed", UNIT])
+                contract.run_command(["systemctl", "reset-failed", UNIT])
 
-    def try_out(self, wanted: typing.Optional[Wanted]) -> None:
-        contract.do(["nft", _GONE + ("" if wanted is None else text(wanted))])
+    def try_out(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+        contract.run_or_fail(["nft", _DELETE + ("" if packet_filter is None else render_table(packet_filter))])
 
     def restore(self, before: contract.Rules) -> None:
         if self.booted:
-            contract.do(["systemctl", "daemon-reload"])
+            contract.run_or_fail(["systemctl", "daemon-reload"])
             if os.path.lexists(UNIT_FILE) and before:
-                contract.do(["systemctl", "enable", "--now", UNIT])
+                contract.run_or_fail(["systemctl", "enable", "--now", UNIT])
             elif not os.path.lexists(UNIT_FILE):
-                contract.ask(["systemctl", "disable", UNIT])
+                contract.run_command(["systemctl", "disable", UNIT])
         for command in self.undo_commands(before):
-            contract.do(command)
+            contract.run_or_fail(command)
 
     def undo_commands(self, before: contract.Rules) -> typing.List[contract.Command]:
-        return [["nft", _GONE + "\n".join(before)]]
+        return [["nft", _DELETE + "\n".join(before)]]
 
 
-def _why_not(said: str) -> str:
+def _explain_failure(message: str) -> str:
     """The sentence for a computer on which the rules could not be tried."""
-    if said.startswith("unshare"):
+    if message.startswith("unshare"):
         return (
-            f"The rules of the packet filter could not be tried in a network namespace of their own ({quote(said, LINE)}), expected root with the "
+            f"The rules of the packet filter could not be tried in a network namespace of their own ({quote(message, LINE)}), expected root with the "
             "right to make one, as on a computer or in a container with CAP_SYS_ADMIN: give it that right, or set "
             "multimaster_firewall to none."
         )
     return (
-        f"This computer does not take the packet filter (nft says: {quote(said, LINE)}), expected a kernel with nftables (nf_tables, nft_ct, "
+        f"This computer does not take the packet filter (nft says: {quote(message, LINE)}), expected a kernel with nftables (nf_tables, nft_ct, "
         "nft_fib_inet): use such a kernel, or set multimaster_firewall to none."
     )
 
 
-def text(wanted: Wanted) -> str:
-    """The table, without what was there before."""
-    sets, known = "", ""
+def render_table(packet_filter: PacketFilter) -> str:
+    """The table as nft reads it."""
+    sets, accepts = "", ""
     for version, kind in ((4, "ip"), (6, "ip6")):
-        members = wanted.of_version(version)
+        members = packet_filter.list_members(version)
         if members:
             elements = ", ".join(members)
             sets += f"\tset members{version} {{\n\t\ttype ipv{version}_addr\n\t\tflags interval\n\t\telements = {{ {elements} }}\n\t}}\n"
-            known += f"\t\t{kind} saddr @members{version} accept\n"
+            accepts += f"\t\t{kind} saddr @members{version} accept\n"
     for protocol in ("tcp", "udp"):
-        ports = ", ".join(str(port) for port in wanted.open(protocol))
-        known += f"\t\t{protocol} dport {{ {ports} }} accept\n" if ports else ""
-    known += "\t\tct state established,related accept\n"
-    chains = _chain("prerouting", _forged())
-    chains += _chain("input", '\t\tiifname "lo" accept\n\t\tfib saddr type local accept\n' + known + _drops(""))
-    if wanted.networks:
-        chains += _chain("forward", known + _drops(f"ip daddr {{ {', '.join(wanted.networks)} }} "))
+        ports = ", ".join(str(port) for port in packet_filter.list_open_ports(protocol))
+        accepts += f"\t\t{protocol} dport {{ {ports} }} accept\n" if ports else ""
+    accepts += "\t\tct state established,related accept\n"
+    chains = _render_chain("prerouting", _antispoof_rules())
+    chains += _render_chain(
+        "input", '\t\tiifname "lo" accept\n\t\tfib saddr type local accept\n' + accepts + _drop_rules("")
+    )
+    if packet_filter.networks:
+        chains += _render_chain(
+            "forward", accepts + _drop_rules(f"ip daddr {{ {', '.join(packet_filter.networks)} }} ")
+        )
     return f"table inet {TABLE} {{\n{sets}{chains}}}\n"
 
 
-def _chain(hook: str, rules: str) -> str:
+def _render_chain(hook: str, rules: str) -> str:
     return f"\tchain {hook} {{\n\t\ttype filter hook {hook} priority 0; policy accept;\n{rules}\t}}\n"
 
 
-def _forged() -> str:
-    """The rules against packets that come from outside with an address of this computer, to itself or to be passed on."""
+def _antispoof_rules() -> str:
+    """The rules against packets from outside whose source is an address of this computer, to it or through it."""
     own = "fib saddr type local fib saddr . iif oif missing"
     return "".join(f"\t\t{own} {protocol} dport {FIRST}-{LAST} drop\n" for protocol in ("tcp", "udp"))
 
 
-def _drops(destination: str) -> str:
+def _drop_rules(destination: str) -> str:
     return (
         f"\t\t{destination}tcp dport {FIRST}-{LAST} tcp flags & (syn | ack) == syn drop\n"
         f"\t\t{destination}udp dport {FIRST}-{LAST} drop\n"

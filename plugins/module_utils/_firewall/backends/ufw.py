@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""ufw: rules with our comment at the top of ufw's own, by ufw(8); the rules of others stay below them.
+"""ufw: rules with our comment, above the rules of others, by ufw(8).
 
-ufw keeps its rules in files that it writes itself. This file only reads them, but for the dead-man's switch: it puts them
-back as they were until the change is confirmed.
+ufw keeps its rules in files that it writes itself. This file only reads them. One case is different: until a change under the
+dead-man's switch is confirmed, it restores them as they were.
 """
 
 import os
@@ -14,7 +14,11 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import FIRST, LAST, Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import (
+    FIRST,
+    LAST,
+    PacketFilter,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
@@ -27,7 +31,7 @@ _COMMENT = " comment=" + contract.MARK.encode().hex()
 _RANGE = f"{FIRST}:{LAST}"
 
 
-class Rule(typing.NamedTuple):
+class UfwRule(typing.NamedTuple):
     """A rule as the files of ufw have it in their comments."""
 
     action: str  # allow or deny, with "route:" before it for packets that are passed on
@@ -38,7 +42,7 @@ class Rule(typing.NamedTuple):
 
     @property
     def text(self) -> str:
-        """The rule as `read` shows it."""
+        """The rule as `read_rules` returns it."""
         return f"{self.action} {self.protocol} {self.port} {self.destination} any {self.source} in"
 
     @property
@@ -47,12 +51,12 @@ class Rule(typing.NamedTuple):
         return 6 if ":" in self.source else 4
 
     @property
-    def lets(self) -> bool:
-        """True where it lets packets in."""
+    def is_allow(self) -> bool:
+        """True where the rule lets packets in."""
         return self.action.endswith("allow")
 
     def command(self, *verb: str) -> contract.Command:
-        """The command of ufw for it; `verb` is prepend, insert and a position, or delete."""
+        """The command of ufw for the rule; `verb` is prepend, insert and a position, or delete."""
         route, action = (["route"], self.action[6:]) if self.action.startswith("route:") else ([], self.action)
         protocol = ["proto", self.protocol] if self.protocol != "any" else []
         port = ["port", self.port] if self.port != "any" else []
@@ -61,15 +65,15 @@ class Rule(typing.NamedTuple):
         return words if force else [*words, "comment", contract.MARK]
 
 
-def _rule(text: str) -> Rule:
-    """The rule of a line that `read` shows. Raises Problem for one that this file has not written."""
+def _parse_rule(text: str) -> UfwRule:
+    """The rule in a line of `read_rules`. Raises Problem for a rule that this file has not written."""
     words = text.split()
     if len(words) != 7 or words[4] != "any" or words[6] != "in":
         raise Problem(
             f"ufw has a rule with the comment {contract.MARK} that this module has not written ({quote(text)}); expected its own ones "
             "only: give it another comment, or remove it."
         )
-    return Rule(words[0], words[1], words[2], words[3], words[5])
+    return UfwRule(words[0], words[1], words[2], words[3], words[5])
 
 
 class BackEnd(contract.BackEnd):
@@ -77,59 +81,57 @@ class BackEnd(contract.BackEnd):
 
     name = "ufw"
 
-    def active(self) -> bool:
+    def is_active(self) -> bool:
         enabled = re.search(r"(?mi)^[ \t]*ENABLED=[\"']?yes", commands.text(SETTINGS))
-        if not enabled or not contract.program("ufw"):
+        if not enabled or not contract.find_program("ufw"):
             return False
-        return "Status: active" in contract.ask(["ufw", "status"]).output.decode("utf-8", "replace")
+        return "Status: active" in contract.run_command(["ufw", "status"]).output.decode("utf-8", "replace")
 
-    def read(self) -> contract.Rules:
-        if not contract.program("ufw"):
+    def read_rules(self) -> contract.Rules:
+        if not contract.find_program("ufw"):
             return []
-        return sorted(text for texts in self._tuples(ours=True).values() for text in texts)
+        return sorted(text for texts in self._read_tuples(ours=True).values() for text in texts)
 
-    def rules(self, wanted: Wanted) -> contract.Rules:
-        return sorted(rule.text for rule in rules(wanted, self._versions()))
+    def plan_rules(self, packet_filter: PacketFilter) -> contract.Rules:
+        return sorted(rule.text for rule in list_rules(packet_filter, self._list_versions()))
 
-    def in_order(self, wanted: typing.Optional[Wanted]) -> bool:
-        return not self._misplaced()
+    def is_ready_for_boot(self, packet_filter: typing.Optional[PacketFilter]) -> bool:
+        return not self._find_misplaced()
 
-    def load(self, wanted: typing.Optional[Wanted]) -> None:
-        planned = [] if wanted is None else rules(wanted, self._versions())
-        missing = self._without_the_others(planned)
-        # Who gets in comes first and goes last, so nobody of the fleet is kept out meanwhile.
-        for rule in reversed([rule for rule in missing if rule.lets]):
-            contract.do(rule.command("prepend"))
-        for rule in [rule for rule in missing if not rule.lets]:
-            contract.do(rule.command(*self._below(rule.version)))
+    def load(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+        planned = [] if packet_filter is None else list_rules(packet_filter, self._list_versions())
+        missing = self._delete_others(planned)
+        # Rules that allow come first and go last, so no member of the fleet is kept out meanwhile.
+        for rule in reversed([rule for rule in missing if rule.is_allow]):
+            contract.run_or_fail(rule.command("prepend"))
+        for rule in [rule for rule in missing if not rule.is_allow]:
+            contract.run_or_fail(rule.command(*self._choose_position(rule.version)))
 
-    def _without_the_others(self, planned: typing.List[Rule]) -> typing.List[Rule]:
-        """Delete our rules that are not planned or not in their place; returns those of the plan that are missing then."""
-        texts = {rule.text for rule in planned}
-        misplaced = self._misplaced()
-        there = [_rule(text) for text in self.read()]
-        for rule in sorted(there, key=lambda rule: rule.lets):
-            if rule.text not in texts or rule.text in misplaced:
-                contract.do(rule.command("delete"))
-        stays = {rule.text for rule in there if rule.text in texts and rule.text not in misplaced}
-        return [rule for rule in planned if rule.text not in stays]
+    def _delete_others(self, planned: typing.List[UfwRule]) -> typing.List[UfwRule]:
+        """Delete our rules that are not planned or not in their place; returns the planned rules that are then missing."""
+        good = {rule.text for rule in planned} - self._find_misplaced()
+        current = [_parse_rule(text) for text in self.read_rules()]
+        for rule in sorted(current, key=lambda rule: rule.is_allow):
+            if rule.text not in good:
+                contract.run_or_fail(rule.command("delete"))
+        return [rule for rule in planned if rule.text not in good & {other.text for other in current}]
 
-    def try_out(self, wanted: typing.Optional[Wanted]) -> None:
+    def try_out(self, packet_filter: typing.Optional[PacketFilter]) -> None:
         before = self.undo_files()
         try:
-            self.load(wanted)
+            self.load(packet_filter)
         finally:
             for path, content in before:
-                _put_back(path, content)
+                _restore_file(path, content)
 
     def restore(self, before: contract.Rules) -> None:
-        """Bring back what can be brought back with the words of ufw; the next run finds the rest."""
-        for rule in [_rule(text) for text in self.read()]:
+        """Restore our rules with commands of ufw. Their order may differ: the next run corrects it."""
+        for rule in [_parse_rule(text) for text in self.read_rules()]:
             if rule.text not in before:
-                contract.do(rule.command("delete"))
-        missing = [_rule(text) for text in before if text not in self.read()]
-        for rule in sorted(missing, key=lambda rule: rule.lets):
-            contract.do(rule.command("prepend"))
+                contract.run_or_fail(rule.command("delete"))
+        missing = [_parse_rule(text) for text in before if text not in self.read_rules()]
+        for rule in sorted(missing, key=lambda rule: rule.is_allow):
+            contract.run_or_fail(rule.command("prepend"))
 
     def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
         return [(path, atomic.read_bytes(path)) for path in FILES.values() if os.path.exists(path)]
@@ -139,71 +141,88 @@ class BackEnd(contract.BackEnd):
 
     # The files of ufw
 
-    def _versions(self) -> typing.List[int]:
-        off = re.search(r"(?mi)^[ \t]*IPV6=[\"']?no", commands.text(DEFAULTS))
-        return [4] if off else [4, 6]
+    def _list_versions(self) -> typing.List[int]:
+        without_ipv6 = re.search(r"(?mi)^[ \t]*IPV6=[\"']?no", commands.text(DEFAULTS))
+        return [4] if without_ipv6 else [4, 6]
 
-    def _tuples(self, ours: bool) -> typing.Dict[int, typing.List[str]]:
+    def _read_tuples(self, ours: bool) -> typing.Dict[int, typing.List[str]]:
         """The rules of each version in their order: ours without the comment, or all."""
-        found = {version: _TUPLE.findall(commands.text(path)) for version, path in FILES.items()}
+        tuples = {version: _TUPLE.findall(commands.text(path)) for version, path in FILES.items()}
         if not ours:
-            return found
-        own = {version: [text for text in texts if text.endswith(_COMMENT)] for version, texts in found.items()}
+            return tuples
+        own = {version: [text for text in texts if text.endswith(_COMMENT)] for version, texts in tuples.items()}
         return {version: [text[: -len(_COMMENT)] for text in texts] for version, texts in own.items()}
 
-    def _misplaced(self) -> typing.Set[str]:
-        """Our rules that keep out and stand before one of ours that lets in."""
-        found = set()
-        for texts in self._tuples(ours=True).values():
-            lets = [number for number, text in enumerate(texts) if _rule(text).lets]
-            found |= {text for number, text in enumerate(texts) if lets and number < lets[-1] and number not in lets}
-        return found
+    def _find_misplaced(self) -> typing.Set[str]:
+        """Our rules that deny and stand before one of ours that allows."""
+        misplaced = set()
+        for texts in self._read_tuples(ours=True).values():
+            allows = [number for number, text in enumerate(texts) if _parse_rule(text).is_allow]
+            misplaced |= {
+                text for number, text in enumerate(texts) if allows and number < allows[-1] and number not in allows
+            }
+        return misplaced
 
-    def _below(self, version: int) -> typing.Tuple[str, ...]:
-        """Where a rule goes that keeps out: below our last one that lets in. ufw counts all rules of IPv4 first."""
-        everything = self._tuples(ours=False)
-        ours = [number for number, text in enumerate(everything[version]) if text.endswith(_COMMENT)]
-        lets = [number for number in ours if _rule(everything[version][number][: -len(_COMMENT)]).lets]
-        if not lets:
+    def _choose_position(self, version: int) -> typing.Tuple[str, ...]:
+        """The position of a rule that denies: below our last one that allows. ufw counts all rules of IPv4 first."""
+        tuples = self._read_tuples(ours=False)
+        ours = [number for number, text in enumerate(tuples[version]) if text.endswith(_COMMENT)]
+        allows = [number for number in ours if _parse_rule(tuples[version][number][: -len(_COMMENT)]).is_allow]
+        if not allows:
             return ("prepend",)
-        place = lets[-1] + 1
-        if place >= len(everything[version]):
+        place = allows[-1] + 1
+        if place >= len(tuples[version]):
             return ()
-        return ("insert", str(place + 1 + (len(everything[4]) if version == 6 else 0)))
+        return ("insert", str(place + 1 + (len(tuples[4]) if version == 6 else 0)))
 
 
-def rules(wanted: Wanted, versions: typing.Iterable[int]) -> typing.List[Rule]:
-    """The wanted rules in their order."""
-    lets, keeps = [], []
+def list_rules(packet_filter: PacketFilter, versions: typing.Iterable[int]) -> typing.List[UfwRule]:
+    """The wanted rules in their order: those that allow come first."""
+    allows, denies = [], []
     for version in versions:
         anybody = ANYBODY[version]
         for protocol in ("tcp", "udp"):
-            lets += [Rule("allow", protocol, _RANGE, anybody, member) for member in wanted.of_version(version)]
-            lets += [Rule("allow", protocol, port, anybody, anybody) for port in _opened(wanted, protocol)]
-            keeps += [Rule("deny", protocol, ports, anybody, anybody) for ports in _closed(wanted, protocol)]
-    # A switch asks from any address who listens to which group; ufw's default refuses that.
-    lets.append(Rule("allow", "igmp", "any", ANYBODY[4], ANYBODY[4]))
-    for network in wanted.networks:
-        for member in wanted.of_version(4):
+            allows += [
+                UfwRule("allow", protocol, _RANGE, anybody, member) for member in packet_filter.list_members(version)
+            ]
+            allows += [
+                UfwRule("allow", protocol, port, anybody, anybody) for port in _list_open_ports(packet_filter, protocol)
+            ]
+            denies += [
+                UfwRule("deny", protocol, ports, anybody, anybody)
+                for ports in _list_closed_ranges(packet_filter, protocol)
+            ]
+    # A switch sends its IGMP queries from any address; ufw's default refuses them.
+    allows.append(UfwRule("allow", "igmp", "any", ANYBODY[4], ANYBODY[4]))
+    for network in packet_filter.networks:
+        for member in packet_filter.list_members(4):
             if member != network:
-                ways = ((network, member), (member, network))
-                lets += [Rule("route:allow", destination=there, source=here) for there, here in ways]
+                allows.append(UfwRule("route:allow", destination=network, source=member))
+                allows.append(UfwRule("route:allow", destination=member, source=network))
         for protocol in ("tcp", "udp"):
-            lets += [Rule("route:allow", protocol, port, network, ANYBODY[4]) for port in _opened(wanted, protocol)]
-            keeps += [Rule("route:deny", protocol, ports, network, ANYBODY[4]) for ports in _closed(wanted, protocol)]
-    return [*dict.fromkeys(lets), *dict.fromkeys(keeps)]
+            allows += [
+                UfwRule("route:allow", protocol, port, network, ANYBODY[4])
+                for port in _list_open_ports(packet_filter, protocol)
+            ]
+            denies += [
+                UfwRule("route:deny", protocol, ports, network, ANYBODY[4])
+                for ports in _list_closed_ranges(packet_filter, protocol)
+            ]
+    return [*dict.fromkeys(allows), *dict.fromkeys(denies)]
 
 
-def _opened(wanted: Wanted, protocol: str) -> typing.List[str]:
-    """The ports that are opened. Those of ssh are not: the rules of others about them have the last word."""
-    return [str(port.number) for port in wanted.open_ports if port.protocol == protocol]
+def _list_open_ports(packet_filter: PacketFilter, protocol: str) -> typing.List[str]:
+    """The ports that a rule opens. Those of ssh have no rule: the rules of others decide about them."""
+    return [str(port.number) for port in packet_filter.open_ports if port.protocol == protocol]
 
 
-def _closed(wanted: Wanted, protocol: str) -> typing.List[str]:
-    return [str(first) if first == last else f"{first}:{last}" for first, last in wanted.closed(protocol)]
+def _list_closed_ranges(packet_filter: PacketFilter, protocol: str) -> typing.List[str]:
+    return [
+        str(first) if first == last else f"{first}:{last}" for first, last in packet_filter.list_closed_ranges(protocol)
+    ]
 
 
-def _put_back(path: str, content: typing.Optional[bytes]) -> None:
+def _restore_file(path: str, content: typing.Optional[bytes]) -> None:
     status = os.stat(path)
     if content is not None and atomic.read_bytes(path) != content:
         atomic.write_by_rename(path, content, stat.S_IMODE(status.st_mode), (status.st_uid, status.st_gid))

@@ -10,13 +10,13 @@ import subprocess
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access, wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access, packet_filter
 
-WANTED = wanted.Wanted(("192.168.1.0/24", "fd00::/8"), (), (wanted.Port("tcp", 2222),))
+WANTED = packet_filter.PacketFilter(("192.168.1.0/24", "fd00::/8"), (), (packet_filter.Port("tcp", 2222),))
 
 
 def way(port, peer, program):
-    return access.Way(access.Connection(port, peer, "1"), program)
+    return access.Session(access.Connection(port, peer, "1"), program)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_a_process_that_serves_a_connection_is_found_among_the_ancestors():
     """This process serves a real connection, and starts one that looks."""
     program = f"import sys; sys.path[:0] = {sys.path!r}\n" + (
         "from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access\n"
-        "print([(way.connection.port, way.connection.peer) for way in access.look().ways])"
+        "print([(way.connection.port, way.connection.peer) for way in access.read_access().sessions])"
     )
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
@@ -55,7 +55,7 @@ def test_a_process_that_serves_a_connection_is_found_among_the_ancestors():
 
 
 @pytest.fixture
-def told(tmp_path, monkeypatch):
+def ssh_ports(tmp_path, monkeypatch):
     """The ports of ssh for a value of SSH_CONNECTION. Root listens on 2022 and 3022, a user on 5000; each serves 10.0.0.5."""
     monkeypatch.setattr(access.systemd, "show", lambda *_arguments: access.systemd.Shown([]))
     rows = [row(port, "00000000:0000", "0A", uid) for port, uid in ((2022, 0), (3022, 0), (5000, 1000), (65535, 0))]
@@ -69,7 +69,7 @@ def told(tmp_path, monkeypatch):
 
     def ports(value):
         monkeypatch.setitem(os.environ, "SSH_CONNECTION", value)
-        return access.look(str(tmp_path)).ssh
+        return access.read_access(str(tmp_path)).ssh
 
     return ports
 
@@ -79,9 +79,9 @@ def row(port, peer, state, uid):
     return f"0: 0100A8C0:{port:04X} {peer} {state} 00000000:00000000 00:00000000 00000000 {uid} 0 12345 1"
 
 
-def test_the_port_that_ssh_names_stays_open(told):
-    assert told("10.0.0.5 40000 192.168.1.229 2022") == [2022]
-    assert told("fe80::1%eth0 40000 fe80::2%eth0 6022") == [6022]
+def test_the_port_that_ssh_names_stays_open(ssh_ports):
+    assert ssh_ports("10.0.0.5 40000 192.168.1.229 2022") == [2022]
+    assert ssh_ports("fe80::1%eth0 40000 fe80::2%eth0 6022") == [6022]
 
 
 @pytest.mark.parametrize(
@@ -97,12 +97,12 @@ def test_the_port_that_ssh_names_stays_open(told):
         "10.0.0.5 40000 192.168.1.229 4000",  # nothing listens there
     ],
 )
-def test_what_the_environment_alone_says_opens_nothing(told, value):
-    assert told(value) == []
+def test_what_the_environment_alone_says_opens_nothing(ssh_ports, value):
+    assert ssh_ports(value) == []
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_no_other_text_opens_a_port_or_ends_the_module(told, seed):
+def test_no_other_text_opens_a_port_or_ends_the_module(ssh_ports, seed):
     """Addresses and ports as they are and as they are not, drawn by a generator: the port opens for the real connection alone."""
     drawn = random.Random(seed)
     addresses = [
@@ -136,7 +136,7 @@ def test_no_other_text_opens_a_port_or_ends_the_module(told, seed):
         words = [drawn.choice(kind) for kind in (addresses, numbers, addresses, numbers)]
         drawn.shuffle(words) if drawn.random() < 0.2 else None
         value = " ".join(words[: drawn.choice((4, 4, 4, 4, 3, 2))] + ["2022"] * drawn.choice((0, 0, 0, 1)))
-        found = told(value)
+        found = ssh_ports(value)
         assert set(found) <= {2022}
         assert not found or value.split()[0].split("%")[0] == "10.0.0.5" and int(value.split()[3]) == 2022
 
@@ -147,9 +147,9 @@ def test_a_real_connection_that_the_environment_names(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         monkeypatch.setitem(os.environ, "SSH_CONNECTION", f"127.0.0.1 40000 127.0.0.1 {port}")
-        assert port not in access.look().ssh
+        assert port not in access.read_access().ssh
         with socket.create_connection(("127.0.0.1", port)), server.accept()[0]:
-            assert port in access.look().ssh
+            assert port in access.read_access().ssh
 
 
 def test_ports_on_which_systemd_listens_for_ssh(monkeypatch):
@@ -158,8 +158,8 @@ def test_ports_on_which_systemd_listens_for_ssh(monkeypatch):
         {"ActiveState": "inactive", "Listen": "0.0.0.0:2300 (Stream)"},
     ]
     monkeypatch.setattr(access.systemd, "show", lambda *_arguments: access.systemd.Shown(units))
-    assert 2200 in access.look().ssh
-    assert 2300 not in access.look().ssh
+    assert 2200 in access.read_access().ssh
+    assert 2300 not in access.read_access().ssh
 
 
 def test_a_program_of_a_user_that_calls_itself_sshd_opens_nothing(monkeypatch):
@@ -169,5 +169,5 @@ def test_a_program_of_a_user_that_calls_itself_sshd_opens_nothing(monkeypatch):
         {"port": 5555, "user": "root", "pid": 12},
     ]
     monkeypatch.setattr(access.ports, "holders", lambda *_arguments: holders)
-    monkeypatch.setattr(access, "_name", lambda pid, _proc: {10: "sshd", 11: "sshd", 12: "other"}[pid])
-    assert access._listeners({2222, 4444, 5555}, "/proc") == {2222}
+    monkeypatch.setattr(access, "_read_process_name", lambda pid, _proc: {10: "sshd", 11: "sshd", 12: "other"}[pid])
+    assert access._find_ssh_servers({2222, 4444, 5555}, "/proc") == {2222}

@@ -47,10 +47,10 @@ def until(step):
             os.kill(os.getpid(), signal.SIGKILL)
         return step(*arguments, **options)
     return counted
-for module, name in [(contract, "do"), *((atomic, name) for name in ("write_by_rename", "remove", "make_folders", "remove_folder_if_empty"))]:
+for module, name in [(contract, "run_or_fail"), *((atomic, name) for name in ("write_by_rename", "remove", "make_folders", "remove_folder_if_empty"))]:
     setattr(module, name, until(getattr(module, name)))
 root = sys.argv[1]
-run.booted = lambda: False
+run.has_systemd = lambda: False
 run.BACKENDS = {"nftables": nftables.BackEnd}
 nftables.RULES_FILE = root + "/etc/rosfleet-multimaster/firewall.nft"
 nftables.UNIT_FILE = root + "/etc/systemd/system/multimaster-firewall.service"

@@ -10,9 +10,9 @@ import xml.etree.ElementTree as ET
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, firewalld
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Port, Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import PacketFilter, Port
 
-WANTED = Wanted(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))
+WANTED = PacketFilter(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))
 LISTING = """\
 public (active)
   target: default
@@ -28,7 +28,7 @@ OWN = "\n\nrosfleet-input (active)\n  priority: -14000\n"
 
 
 def test_rules_in_the_words_of_firewall_cmd():
-    rules = firewalld.BackEnd(False).rules(WANTED)
+    rules = firewalld.BackEnd(False).plan_rules(WANTED)
     for rule in (
         'rosfleet-input: rule priority="-2" family="ipv4" source address="10.5.0.1" port port="1024-65535" protocol="tcp" accept',
         'rosfleet-input: rule priority="-2" family="ipv6" source address="fd00::1" port port="1024-65535" protocol="udp" accept',
@@ -42,7 +42,7 @@ def test_rules_in_the_words_of_firewall_cmd():
 
 
 def test_ports_of_ssh_are_neither_opened_nor_closed():
-    rules = firewalld.BackEnd(False).rules(WANTED._replace(open_ports=(), ssh=(2222,)))
+    rules = firewalld.BackEnd(False).plan_rules(WANTED._replace(open_ports=(), ssh=(2222,)))
     assert not any('"2222"' in rule for rule in rules)
     for ports in ("1024-2221", "2223-65535"):
         assert f'rosfleet-input: rule priority="-1" port port="{ports}" protocol="tcp" drop' in rules
@@ -50,13 +50,13 @@ def test_ports_of_ssh_are_neither_opened_nor_closed():
 
 
 def test_files_hold_the_same_rules():
-    files = {file["path"]: ET.fromstring(file["content"]) for file in firewalld.BackEnd(False).files(WANTED)}
+    files = {file["path"]: ET.fromstring(file["content"]) for file in firewalld.BackEnd(False).plan_files(WANTED)}
     assert sorted(files) == [
         "/etc/firewalld/policies/rosfleet-forward.xml",
         "/etc/firewalld/policies/rosfleet-input.xml",
     ]
     counted = sum(len(root.findall("rule")) for root in files.values())
-    assert counted == len(firewalld.BackEnd(False).rules(WANTED))
+    assert counted == len(firewalld.BackEnd(False).plan_rules(WANTED))
     root = files["/etc/firewalld/policies/rosfleet-input.xml"]
     assert root.attrib == {"target": "CONTINUE", "priority": "-14000"}
     assert root.find("egress-zone").attrib == {"name": "HOST"}
@@ -64,11 +64,11 @@ def test_files_hold_the_same_rules():
 
 
 def test_names_are_as_short_as_firewalld_wants_them():
-    assert all(len(policy) <= 17 for policy in firewalld.policies(WANTED))
+    assert all(len(policy) <= 17 for policy in firewalld.plan_policies(WANTED))
 
 
 def test_without_networks_nothing_is_said_about_what_passes():
-    assert list(firewalld.policies(WANTED._replace(networks=()))) == ["rosfleet-input"]
+    assert list(firewalld.plan_policies(WANTED._replace(networks=()))) == ["rosfleet-input"]
 
 
 @pytest.mark.parametrize(
@@ -80,8 +80,8 @@ def test_without_networks_nothing_is_said_about_what_passes():
 )
 def test_what_a_reload_would_lose_is_named(monkeypatch, tmp_path, permanent, refused):
     monkeypatch.setattr(firewalld, "FOLDER", str(tmp_path))
-    monkeypatch.setattr(firewalld.BackEnd, "active", lambda _self: True)
-    monkeypatch.setattr(contract, "do", lambda argv: permanent if "--permanent" in argv else LISTING + OWN)
+    monkeypatch.setattr(firewalld.BackEnd, "is_active", lambda _self: True)
+    monkeypatch.setattr(contract, "run_or_fail", lambda argv: permanent if "--permanent" in argv else LISTING + OWN)
     sentence = firewalld.BackEnd(False).refusal()
     assert ("ports: 8080/tcp" in sentence) is refused
     assert bool(sentence) is refused
@@ -89,7 +89,7 @@ def test_what_a_reload_would_lose_is_named(monkeypatch, tmp_path, permanent, ref
 
 def test_a_firewalld_without_policies_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr(firewalld, "FOLDER", str(tmp_path / "policies"))
-    monkeypatch.setattr(firewalld.BackEnd, "active", lambda _self: True)
+    monkeypatch.setattr(firewalld.BackEnd, "is_active", lambda _self: True)
     assert (
         firewalld.BackEnd(False).refusal().startswith(f"firewalld has no {tmp_path}/policies, expected firewalld 0.9")
     )

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, nftables
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Port, Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import PacketFilter, Port
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 
@@ -32,40 +32,40 @@ CARELESS = [
 ]
 STRANGER, VICTIM, INNER, MEMBER = "10.9.0.1", "10.9.0.2", "10.8.0.9", "10.9.0.77"
 GLOBAL = {"stranger": "fd00:9::1", "victim": "fd00:9::2", "inner": "fd00:8::9"}
-WANTED = Wanted((VICTIM, MEMBER, "10.8.0.1", INNER), ("10.8.0.0/24",), ())
+WANTED = PacketFilter((VICTIM, MEMBER, "10.8.0.1", INNER), ("10.8.0.0/24",), ())
 
 
-SMALL = Wanted(("10.5.0.1",), (), ())
+SMALL = PacketFilter(("10.5.0.1",), (), ())
 
 
 def test_a_computer_without_nft(monkeypatch):
-    monkeypatch.setattr(contract, "program", lambda _name: "")
+    monkeypatch.setattr(contract, "find_program", lambda _name: "")
     with pytest.raises(Problem, match=r"^There is no nft, expected it .* install it \(apt-get install nftables\)"):
-        nftables.BackEnd(False).rules(SMALL)
+        nftables.BackEnd(False).plan_rules(SMALL)
 
 
 def test_a_kernel_without_nftables(monkeypatch):
     said = "Error: Could not process rule: Operation not supported\n" + "table inet rosfleet_multimaster\n" * 100
-    monkeypatch.setattr(contract, "program", lambda name: "/usr/sbin/" + name)
-    monkeypatch.setattr(contract, "ask", lambda _argv: Answer(1, b"", said))
+    monkeypatch.setattr(contract, "find_program", lambda name: "/usr/sbin/" + name)
+    monkeypatch.setattr(contract, "run_command", lambda _argv: Answer(1, b"", said))
     with pytest.raises(Problem, match="^This computer does not take the packet filter") as found:
-        nftables.BackEnd(False).rules(SMALL)
+        nftables.BackEnd(False).plan_rules(SMALL)
     assert 'nft says: "Error: Could not process rule: Operation not supported' in str(found.value)
     assert "set multimaster_firewall to none" in str(found.value) and len(str(found.value)) < 500
 
 
 def test_a_container_that_may_make_no_network_namespace(monkeypatch):
     """The real unshare, without the right: as another user, or with a limit."""
-    ask = contract.ask
-    monkeypatch.setattr(contract, "program", lambda name: "/usr/sbin/" + name)
+    ask = contract.run_command
+    monkeypatch.setattr(contract, "find_program", lambda name: "/usr/sbin/" + name)
     restricted = ["setpriv", "--bounding-set=-sys_admin", "--inh-caps=-all"] if os.geteuid() == 0 else []
     if restricted and not (shutil.which("setpriv") and may_drop(restricted)):
         pytest.skip("setpriv cannot take the right away here")
-    monkeypatch.setattr(contract, "ask", lambda argv: ask([*restricted, *argv]))
+    monkeypatch.setattr(contract, "run_command", lambda argv: ask([*restricted, *argv]))
     with pytest.raises(
         Problem, match='could not be tried in a network namespace of their own ."unshare: unshare failed'
     ):
-        nftables.BackEnd(False).rules(SMALL)
+        nftables.BackEnd(False).plan_rules(SMALL)
 
 
 def may_drop(restricted):
@@ -166,7 +166,7 @@ def wires():
 
 @contextlib.contextmanager
 def filtered(victim, wanted=WANTED):
-    victim("nft -f -", nftables.text(wanted))
+    victim("nft -f -", nftables.render_table(wanted))
     try:
         yield
     finally:
@@ -248,7 +248,7 @@ def test_any_source_comes_in_only_where_the_rules_let_it(wires, seed):
     drawn = random.Random(seed)
     network = f"10.{drawn.randrange(20, 200)}.{drawn.randrange(256)}"
     members, prefix = [f"{network}.0/25", MEMBER], f"fd{drawn.randrange(256):02x}:{drawn.randrange(1, 65535):x}:"
-    wanted = Wanted((*members, f"{prefix}:/64"), (), (Port("tcp", 8080),), (2222,))
+    wanted = PacketFilter((*members, f"{prefix}:/64"), (), (Port("tcp", 8080),), (2222,))
     sources = {4: [MEMBER, f"{network}.{drawn.randrange(128)}"], 6: [f"{prefix}:{drawn.randrange(1, 65535):x}"]}
     let_in = {*sources[4], *sources[6]}
     for _turn in range(40):

@@ -8,10 +8,10 @@ tests/long/test_firewall.py has the real ufw.
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, ufw
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.wanted import Port, Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import PacketFilter, Port
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
-WANTED = Wanted(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))
+WANTED = PacketFilter(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))
 OTHERS = "allow tcp 22 0.0.0.0/0 any 0.0.0.0/0 in"
 ALLOW = "allow tcp 1024:65535 0.0.0.0/0 any 10.5.0.1 in"
 DENY = "deny tcp 1024:65535 0.0.0.0/0 any 0.0.0.0/0 in"
@@ -24,10 +24,10 @@ def machine(tmp_path, monkeypatch):
     files = {4: str(tmp_path / "user.rules"), 6: str(tmp_path / "user6.rules")}
     monkeypatch.setattr(ufw, "FILES", files)
     monkeypatch.setattr(ufw, "DEFAULTS", str(tmp_path / "defaults"))
-    monkeypatch.setattr(contract, "program", lambda name: "/usr/sbin/" + name)
+    monkeypatch.setattr(contract, "find_program", lambda name: "/usr/sbin/" + name)
     (tmp_path / "defaults").write_text("IPV6=no\n")
     asked = []
-    monkeypatch.setattr(contract, "do", lambda argv: asked.append(" ".join(argv)))
+    monkeypatch.setattr(contract, "run_or_fail", lambda argv: asked.append(" ".join(argv)))
 
     def hold(*texts):
         text = "".join(f"### tuple ### {rule}\n-A ufw-user-input ...\n\n" for rule in texts)
@@ -38,8 +38,8 @@ def machine(tmp_path, monkeypatch):
 
 
 def test_rules_let_in_first_and_keep_out_last():
-    found = ufw.rules(WANTED, [4, 6])
-    assert [rule.lets for rule in found] == sorted((rule.lets for rule in found), reverse=True)
+    found = ufw.list_rules(WANTED, [4, 6])
+    assert [rule.is_allow for rule in found] == sorted((rule.is_allow for rule in found), reverse=True)
     texts = [rule.text for rule in found]
     assert ALLOW in texts and DENY in texts
     assert "allow udp 1024:65535 ::/0 any fd00::1 in" in texts
@@ -51,7 +51,7 @@ def test_rules_let_in_first_and_keep_out_last():
 
 
 def test_ports_of_ssh_are_neither_opened_nor_closed():
-    texts = [rule.text for rule in ufw.rules(WANTED._replace(open_ports=(), ssh=(2222,)), [4])]
+    texts = [rule.text for rule in ufw.list_rules(WANTED._replace(open_ports=(), ssh=(2222,)), [4])]
     assert DENY not in texts and not any(" tcp 2222 " in text for text in texts)
     for ports in ("1024:2221", "2223:65535"):
         assert f"deny tcp {ports} 0.0.0.0/0 any 0.0.0.0/0 in" in texts
@@ -60,23 +60,23 @@ def test_ports_of_ssh_are_neither_opened_nor_closed():
 
 
 def test_the_words_of_ufw():
-    rule = ufw.Rule("route:deny", "udp", "1024:65535", "10.6.0.0/24", "0.0.0.0/0")
+    rule = ufw.UfwRule("route:deny", "udp", "1024:65535", "10.6.0.0/24", "0.0.0.0/0")
     words = "from 0.0.0.0/0 to 10.6.0.0/24 port 1024:65535"
     assert " ".join(rule.command("insert", "3")) == (
         f"ufw route insert 3 deny proto udp {words} comment rosfleet.multimaster"
     )
     assert " ".join(rule.command("delete")) == f"ufw --force route delete deny proto udp {words}"
-    assert ufw._rule(rule.text) == rule
+    assert ufw._parse_rule(rule.text) == rule
 
 
 def test_only_ours_are_read(machine):
     machine(OTHERS, ALLOW + OURS, ALLOW + " comment=78")
-    assert ufw.BackEnd(False).read() == [ALLOW]
+    assert ufw.BackEnd(False).read_rules() == [ALLOW]
 
 
 def test_a_robot_that_is_new_goes_on_top(machine):
     asked = machine(ALLOW + OURS, DENY + OURS, OTHERS)
-    ufw.BackEnd(False).load(Wanted(("10.5.0.1", "10.5.0.2"), (), ()))
+    ufw.BackEnd(False).load(PacketFilter(("10.5.0.1", "10.5.0.2"), (), ()))
     news = [line for line in asked if "10.5.0.2" in line]
     assert news == [
         f"ufw prepend allow proto {protocol} from 10.5.0.2 to 0.0.0.0/0 port 1024:65535 comment rosfleet.multimaster"
@@ -87,18 +87,18 @@ def test_a_robot_that_is_new_goes_on_top(machine):
 
 def test_a_rule_that_keeps_out_goes_below_ours_and_above_those_of_others(machine):
     machine(ALLOW + OURS, OTHERS)
-    assert ufw.BackEnd(False)._below(4) == ("insert", "2")
+    assert ufw.BackEnd(False)._choose_position(4) == ("insert", "2")
     machine(OTHERS, ALLOW + OURS)
-    assert ufw.BackEnd(False)._below(4) == ()
+    assert ufw.BackEnd(False)._choose_position(4) == ()
     machine(OTHERS)
-    assert ufw.BackEnd(False)._below(4) == ("prepend",)
+    assert ufw.BackEnd(False)._choose_position(4) == ("prepend",)
 
 
 def test_a_rule_in_the_wrong_place_is_moved(machine):
     asked = machine(DENY + OURS, ALLOW + OURS, OTHERS)
     back_end = ufw.BackEnd(False)
-    assert not back_end.in_order(WANTED)
-    back_end.load(Wanted(("10.5.0.1",), (), ()))
+    assert not back_end.is_ready_for_boot(WANTED)
+    back_end.load(PacketFilter(("10.5.0.1",), (), ()))
     assert asked[0] == "ufw --force delete deny proto tcp from 0.0.0.0/0 to 0.0.0.0/0 port 1024:65535"
 
 
@@ -111,12 +111,12 @@ def test_the_rules_that_keep_out_go_first(machine):
 def test_a_strange_rule_with_our_comment_is_named(machine):
     machine("limit tcp 22 0.0.0.0/0 any 0.0.0.0/0 in_eth0 x" + OURS)
     with pytest.raises(Problem, match="ufw has a rule with the comment rosfleet.multimaster that this module has not"):
-        ufw.BackEnd(False).in_order(None)
+        ufw.BackEnd(False).is_ready_for_boot(None)
 
 
 def test_a_trial_leaves_the_files_as_they_were(machine, tmp_path, monkeypatch):
     machine(OTHERS)
     before = (tmp_path / "user.rules").read_bytes()
-    monkeypatch.setattr(contract, "do", lambda _argv: (tmp_path / "user.rules").write_text("new"))
-    ufw.BackEnd(False).try_out(Wanted(("10.5.0.1",), (), ()))
+    monkeypatch.setattr(contract, "run_or_fail", lambda _argv: (tmp_path / "user.rules").write_text("new"))
+    ufw.BackEnd(False).try_out(PacketFilter(("10.5.0.1",), (), ()))
     assert (tmp_path / "user.rules").read_bytes() == before
