@@ -23,9 +23,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module impor
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import VALUE, plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import multicast
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import options as route_options
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan as routes_plan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run as routes_run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import wanted as routes_wanted
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl_run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
@@ -142,19 +142,19 @@ def of_a_program(name, _there):
 def of_a_route(name, _there):
     """_routes: words of a route that somebody else has made."""
     route = kernel.Route("0.0.0.0/0", "192.168.11.101", "eth0", 0)
-    foreign = kernel.Held(route._replace(gateway="192.168.11.1"), "boot", ("default", "dev", name), ())
-    planned = routes_plan.plan([route], {route.key: [foreign]}, {}, False, {"eth0"})
+    foreign = kernel.KernelRoute(route._replace(gateway="192.168.11.1"), "boot", ("default", "dev", name), ())
+    planned = routes_plan.plan_routes([route], {route.key: [foreign]}, {}, False, {"eth0"})
     return planned.results[0].problem
 
 
 def of_a_route_that_stays(name, _there):
     item = {"state": "left", "before": f"default dev {name}", "after": None, "destination": "default"}
-    return routes_run._sentence(item)
+    return routes_run._write_sentence(item)
 
 
 def of_an_interface(name, _there):
     own = network.Address("10.0.0.1", 24, "inet")
-    return routes_wanted._addresses({name: network.Interface(name, addresses=(own,))})
+    return route_options._list_addresses({name: network.Interface(name, addresses=(own,))})
 
 
 def of_the_roscore(name, there):
@@ -230,8 +230,8 @@ PLACES = {
     "a program with a port": lambda name, _there: access.Access(
         [], [access.Session(access.Connection(5986, "10.0.0.5", "1"), name)]
     ).refusal(packet_filter.PacketFilter((), (), ())),
-    "a profile": lambda name, _there: raised(networkmanager.lines_of, 4, f"{{ {name} }}", "7a9f2a3e"),
-    "interfaces": lambda name, _there: routes_wanted._names(["eth0", name]),
+    "a profile": lambda name, _there: raised(networkmanager.parse_lines, 4, f"{{ {name} }}", "7a9f2a3e"),
+    "interfaces": lambda name, _there: route_options._list_names(["eth0", name]),
     "a member of the group": lambda name, _there: multicast.listed(
         {"memberships": [{"interface": name, "group": "226.0.0.0"}]}, "226.0.0.0"
     ),
@@ -269,7 +269,7 @@ def test_a_foreign_name_stands_in_quotes_on_one_line(place, there):
 
 @pytest.mark.parametrize("word", WORDS)
 def test_a_name_that_is_a_word_of_ours_stands_in_quotes(word):
-    assert quote(word) == f'"{word}"' and routes_wanted._names([word]) == f'"{word}"'
+    assert quote(word) == f'"{word}"' and route_options._list_names([word]) == f'"{word}"'
     assert str(Registration("publisher", word, word, "http://b:1/")) == f'publisher "{word}" of "{word}"'
 
 

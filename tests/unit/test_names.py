@@ -25,8 +25,6 @@ LATER = set(
     plugins/module_utils/_module
     plugins/module_utils/_multicast
     plugins/module_utils/_process
-    plugins/module_utils/_routes
-    plugins/module_utils/_routes/managers
     plugins/module_utils/_sysctl
     plugins/module_utils/_verify
     plugins/module_utils/_watch

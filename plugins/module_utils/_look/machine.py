@@ -19,7 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import tables
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import read_tables
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding
 
 MOST_TABLES = 32  # other tables of routes that are read
@@ -39,7 +39,7 @@ def routing() -> typing.Dict[str, typing.Any]:
     """Read the main table, the rules that lead to other tables, and these tables."""
     rules = network.policy_rules()
     asked = sorted({match.group(1) for match in re.finditer(r"\blookup (\S+)", "\n".join(rules))} - {"main", "local"})
-    numbers = tables() if asked else {}
+    numbers = read_tables() if asked else {}
     known = ((name, int(name) if name.isdigit() else numbers.get(name)) for name in asked[:MOST_TABLES])
     others = [{"table": name, "routes": table(number)} for name, number in known if number is not None]
     return {"routes": table(MAIN), "rules": rules, "tables": others}
@@ -48,7 +48,7 @@ def routing() -> typing.Dict[str, typing.Any]:
 def table(number: int) -> typing.List[typing.Dict[str, typing.Any]]:
     """List the routes of a table as plain data."""
     names = ("destination", "gateway", "device", "metric", "source", "type")
-    held = [entry.route._asdict() for entry in Kernel().read(4, number)]
+    held = [entry.route._asdict() for entry in Kernel().read_routes(4, number)]
     return [{name: route[name] for name in names} for route in held]
 
 

@@ -10,20 +10,23 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, of_mode
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, text_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.contract import Machine, Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, format_route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.contract import (
+    Machine,
+    PlannedTexts,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import AUTO, BACKENDS, NONE
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.options import RouteRequest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import BootRecord, Place
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.wanted import Item
 
 
-def _check_expressible(name: str, cannot: typing.Tuple[str, ...], routes: typing.List[Route]) -> None:
+def _check_expressible(name: str, inexpressible: typing.Tuple[str, ...], routes: typing.List[Route]) -> None:
     """Raises Problem for what a back end has no word for."""
     for route in routes:
-        found = [field for field in cannot if getattr(route, field)]
+        found = [field for field in inexpressible if getattr(route, field)]
         if found:
             raise Problem(
-                f"routes: {text_of(route)}: the backend {name} has no word for {', '.join(found)}, so the route would come back without "
+                f"routes: {format_route(route)}: the backend {name} has no word for {', '.join(found)}, so the route would come back without "
                 "it at boot: remove it, or set backend to none for this route."
             )
 
@@ -42,38 +45,38 @@ class Boot:
         self.pending = record.pending
         self.folders = list(record.folders)
         self.backends = collections.OrderedDict(
-            (name, kind(machine, root, self._recorded_texts(name))) for name, kind in BACKENDS.items()
+            (name, kind(machine, root, self._list_texts(name))) for name, kind in BACKENDS.items()
         )
         self.before = {name: backend.read() for name, backend in self.backends.items()}
         self.owned: typing.Dict[str, typing.Set[str]] = {}
-        self.wanted: typing.Dict[str, Wanted] = {}
+        self.wanted: typing.Dict[str, PlannedTexts] = {}
         self.modes: typing.Dict[str, int] = {}  # those of files of ours that somebody has changed
         #: back end -> its places that change, or that a killed run has not told its manager about
         self.changes: typing.Dict[str, typing.List[str]] = {}
         self.routes: typing.Dict[str, typing.List[Route]] = {}
 
-    def _recorded_texts(self, backend: str) -> typing.Dict[str, typing.List[str]]:
+    def _list_texts(self, backend: str) -> typing.Dict[str, typing.List[str]]:
         return {name: place.texts for name, place in self.recorded.items() if place.backend == backend}
 
     # The back end of a route
 
-    def owner(self, interface: str) -> str:
+    def find_owner(self, interface: str) -> str:
         """The back end that owns an interface, "" for none."""
         for name, backend in self.backends.items():
             if name not in self.owned:
-                self.owned[name] = backend.owns()
+                self.owned[name] = backend.list_interfaces()
             if interface in self.owned[name]:
                 return name
         return ""
 
-    def backend_of(self, item: Item, overrides: typing.Mapping[str, str]) -> str:
+    def choose_backend(self, item: RouteRequest, overrides: typing.Mapping[str, str]) -> str:
         """The back end of a route: its own, else that of its interface (`overrides`), else the owner.
 
         Raises Problem where nothing manages the interface.
         """
         name = item.backend if item.backend != AUTO else overrides.get(item.boot_device, AUTO)
         if name == AUTO:
-            name = self.owner(item.boot_device) if item.boot_device else ""
+            name = self.find_owner(item.boot_device) if item.boot_device else ""
         if not name:
             raise Problem(
                 f"routes: {item.route.destination}: none of {', '.join(BACKENDS)} manages "
@@ -82,32 +85,34 @@ class Boot:
             )
         return name
 
-    def place(self, backend: str, interface: str) -> typing.Optional[str]:
+    def find_place(self, backend: str, interface: str) -> typing.Optional[str]:
         """The place for the routes of an interface, None with the back end `none`. Raises Problem."""
-        return None if backend == NONE else self.backends[backend].place(interface)
+        return None if backend == NONE else self.backends[backend].find_place(interface)
 
     # The plan
 
-    def want(self, choice: Choice) -> None:
+    def plan(self, choice: Choice) -> None:
         """Plan the places for these routes. Raises Problem where a manager's own tool refuses a change."""
         for name, backend in self.backends.items():
             listed = choice.get(name, {})
-            wanted: Wanted = dict.fromkeys(self.before[name])
+            wanted: PlannedTexts = dict.fromkeys(self.before[name])
             if listed or wanted:
                 wanted.update(backend.render(listed))
             self.wanted[name] = wanted
             for interface, routes in listed.items():
-                _check_expressible(name, backend.cannot, routes)
-                self.routes.setdefault(backend.place(interface), []).extend(routes)
+                _check_expressible(name, backend.inexpressible, routes)
+                self.routes.setdefault(backend.find_place(interface), []).extend(routes)
         self._compare()
         for name in self.changes:
             self.backends[name].check(self.wanted[name])
-        self.folders += [folder for folder in self._missing() if folder not in self.folders]
+        self.folders += [folder for folder in self._find_missing_folders() if folder not in self.folders]
 
     def _compare(self) -> None:
         """Find the places that change."""
         for name, wanted in self.wanted.items():
-            modes = {place: self.backends[name].wrong_mode(place) for place, text in wanted.items() if text is not None}
+            modes = {
+                place: self.backends[name].find_wrong_mode(place) for place, text in wanted.items() if text is not None
+            }
             self.modes.update({place: mode for place, mode in modes.items() if mode is not None})
             before = self.before[name]
             differ = {place for place, text in wanted.items() if text != before.get(place) or place in self.modes}
@@ -139,7 +144,7 @@ class Boot:
                 found.append(of_mode(place, self.modes[place], self.backends[name].mode))
         return found
 
-    def _missing(self) -> typing.List[str]:
+    def _find_missing_folders(self) -> typing.List[str]:
         """The missing folders of the wanted files, outermost first."""
         missing: typing.List[str] = []
         for wanted in self.wanted.values():
@@ -153,7 +158,7 @@ class Boot:
 
     # The record
 
-    def interim(self) -> BootRecord:
+    def interim_record(self) -> BootRecord:
         """The record before the change. It has both texts of every place, since a killed run leaves either."""
         places = dict(self.recorded)
         for name, changed in self.changes.items():
@@ -164,7 +169,7 @@ class Boot:
                 places[place] = entry._replace(texts=entry.texts + new)
         return BootRecord(places, self.changes, self.folders)
 
-    def final(self) -> BootRecord:
+    def final_record(self) -> BootRecord:
         """The record after the change."""
         places = {
             place: Place(name, [text], self.routes.get(place, []))

@@ -59,23 +59,23 @@ class Route(typing.NamedTuple):
     @property
     def way(self) -> typing.Tuple[typing.Any, ...]:
         """The key and the way. `on_link` is no part of it: it only allows a gateway that the kernel would refuse."""
-        return self.key + (self.type, self.gateway, self.device, self.source, *self.finer)
+        return self.key + (self.type, self.gateway, self.device, self.source, *self.refinements)
 
     @property
-    def finer(self) -> typing.Tuple[typing.Any, ...]:
+    def refinements(self) -> typing.Tuple[typing.Any, ...]:
         """What the kernel decides itself where nobody does."""
         return (self.scope, *(getattr(self, name) for name in PATH))
 
     def fits(self, other: "Route") -> bool:
         """True where the other route goes this way, whatever it says beyond a route that leaves the finer points open."""
-        return self.way == other.way or (not any(self.finer) and self.way == _coarse(other).way)
+        return self.way == other.way or (not any(self.refinements) and self.way == _drop_refinements(other).way)
 
 
-def _coarse(route: Route) -> Route:
+def _drop_refinements(route: Route) -> Route:
     return route._replace(scope="", mtu=0, advmss=0, initcwnd=0)
 
 
-class Held(typing.NamedTuple):
+class KernelRoute(typing.NamedTuple):
     """A route that the kernel holds."""
 
     route: Route
@@ -92,7 +92,7 @@ class Held(typing.NamedTuple):
 # From a route to the words of `ip`
 
 
-def words_of(route: Route) -> typing.List[str]:
+def to_words(route: Route) -> typing.List[str]:
     """The words behind `ip route replace` that make a route."""
     words = [] if route.type == "unicast" else [route.type]
     words.append("default" if route.destination in DEFAULTS.values() else route.destination)
@@ -100,11 +100,11 @@ def words_of(route: Route) -> typing.List[str]:
         words += ["via", route.gateway]
     if route.device:
         words += ["dev", route.device]
-    words += ["proto", PROTOCOL] + (["scope", route.scope] if route.scope else []) + _options(route)
+    words += ["proto", PROTOCOL] + (["scope", route.scope] if route.scope else []) + _option_words(route)
     return words + [word for name in PATH if getattr(route, name) for word in (name, str(getattr(route, name)))]
 
 
-def _options(route: Route) -> typing.List[str]:
+def _option_words(route: Route) -> typing.List[str]:
     """The words for source, metric, table and on_link."""
     words = ["src", route.source] if route.source else []
     if route.metric:
@@ -116,12 +116,12 @@ def _options(route: Route) -> typing.List[str]:
     return words
 
 
-def text_of(route: Route) -> str:
-    """A route of ours as `ip route` will write it, in the form of Held.text."""
+def format_route(route: Route) -> str:
+    """A route of ours as `ip route` will write it, in the form of KernelRoute.text."""
     version, length = route.version, "/128" if route.version == 6 else "/32"
     raw = {
         "type": route.type,
-        "dst": "default" if route.destination == DEFAULTS[version] else _without(route.destination, length),
+        "dst": "default" if route.destination == DEFAULTS[version] else _strip_end(route.destination, length),
         "gateway": route.gateway,
         "dev": route.device,
         "protocol": PROTOCOL,
@@ -131,19 +131,19 @@ def text_of(route: Route) -> str:
         "flags": ["onlink"] if route.on_link else [],
         "metrics": [{name: getattr(route, name) for name in PATH if getattr(route, name)}],
     }
-    return held(raw, version, route.table).text
+    return parse_route(raw, version, route.table).text
 
 
-def _without(text: str, end: str) -> str:
+def _strip_end(text: str, end: str) -> str:
     return text[: -len(end)] if text.endswith(end) else text
 
 
-def name_of(destination: str) -> str:
+def format_destination(destination: str) -> str:
     """A destination as a user writes it."""
     return "default" if destination == DEFAULTS[4] else destination
 
 
-def command(verb: str, version: int, words: typing.Iterable[str]) -> typing.List[str]:
+def build_command(verb: str, version: int, words: typing.Iterable[str]) -> typing.List[str]:
     """The command for a change. `verb` is replace, append or del."""
     return ["ip", f"-{version}", "route", verb, *words]
 
@@ -158,33 +158,33 @@ _KNOWN = {
 _PATH_METRICS = ("mtu", "advmss", "window", "rtt", "rttvar", "cwnd", "initcwnd", "initrwnd", "ssthresh", "hoplimit")
 
 
-def held(raw: Raw, version: int, table: int) -> Held:
+def parse_route(raw: Raw, version: int, table: int) -> KernelRoute:
     """A route in the form of `ip -json`, read."""
-    route = _route(raw, version, table)
+    route = _parse_fields(raw, version, table)
     protocol = raw.get("protocol", "boot")
     words = [] if route.type == "unicast" else [route.type]
     words.append(raw["dst"])
     if route.type not in NO_WAY:
-        words += _hop(raw)
+        words += _hop_words(raw)
     words += ["proto", protocol]
     if version == 4 and route.type not in NO_WAY and raw.get("scope", "global") != "global":
         words += ["scope", raw["scope"]]
-    words += _options(route)
-    metrics, inexpressible = _metrics(raw)
+    words += _option_words(route)
+    metrics, inexpressible = _metric_words(raw)
     words += metrics
     if raw.get("pref", "medium") != "medium":
         words += ["pref", raw["pref"]]
     for hop in raw.get("nexthops", []):
-        words += ["nexthop", *_hop(hop), "weight", str(hop.get("weight", 1))]
+        words += ["nexthop", *_hop_words(hop), "weight", str(hop.get("weight", 1))]
         words += ["onlink"] if "onlink" in hop.get("flags", []) else []
         inexpressible += sorted(set(hop) - _KNOWN)
-    return Held(route, protocol, tuple(words), tuple(sorted(set(raw) - _KNOWN) + inexpressible))
+    return KernelRoute(route, protocol, tuple(words), tuple(sorted(set(raw) - _KNOWN) + inexpressible))
 
 
-def _route(raw: Raw, version: int, table: int) -> Route:
+def _parse_fields(raw: Raw, version: int, table: int) -> Route:
     """The fields of a route in the form of `ip -json`."""
     kind = raw.get("type", "unicast")
-    metrics = {name: value for found in raw.get("metrics", []) for name, value in found.items()}
+    metrics = {name: value for group in raw.get("metrics", []) for name, value in group.items()}
     destination = DEFAULTS[version] if raw["dst"] == "default" else raw["dst"]
     return Route(
         destination=str(ipaddress.ip_network(destination)),
@@ -195,7 +195,7 @@ def _route(raw: Raw, version: int, table: int) -> Route:
         source=raw.get("prefsrc", ""),
         on_link="onlink" in raw.get("flags", []),
         type=kind,
-        scope=_scope(raw, version, kind),
+        scope=_read_scope(raw, version, kind),
         **{name: metrics.get(name, 0) for name in PATH},
     )
 
@@ -205,7 +205,7 @@ def usual_scope(kind: str, gateway: str) -> str:
     return "link" if kind == "unicast" and not gateway else "global"
 
 
-def _scope(raw: Raw, version: int, kind: str) -> str:
+def _read_scope(raw: Raw, version: int, kind: str) -> str:
     """The scope of a route, "" for the usual one, and where it says nothing: with IPv6, several next hops, and without a way.
 
     (NetworkManager gives a blackhole another scope than ip does.)
@@ -216,7 +216,7 @@ def _scope(raw: Raw, version: int, kind: str) -> str:
     return "" if scope == usual_scope(kind, raw.get("gateway") or raw.get("via", {}).get("host", "")) else scope
 
 
-def _hop(raw: Raw) -> typing.List[str]:
+def _hop_words(raw: Raw) -> typing.List[str]:
     """The words for the gateway and the device of a route or of one of its next hops."""
     words = []
     if "via" in raw:
@@ -228,7 +228,7 @@ def _hop(raw: Raw) -> typing.List[str]:
     return words
 
 
-def _metrics(raw: Raw) -> typing.Tuple[typing.List[str], typing.List[str]]:
+def _metric_words(raw: Raw) -> typing.Tuple[typing.List[str], typing.List[str]]:
     """The words for the metrics of the path, such as `mtu`, and the names of those without words."""
     words, inexpressible = [], []
     for metrics in raw.get("metrics", []):
@@ -247,21 +247,21 @@ _NUMBERS = ("metric", "weight", "error")
 
 def from_text(output: str) -> typing.List[Raw]:
     """The routes in the text of `ip -oneline -details route show`, in the form of `ip -json`."""
-    return [_line(line) for line in output.splitlines() if line.strip()]
+    return [_parse_line(line) for line in output.splitlines() if line.strip()]
 
 
-def _line(line: str) -> Raw:
+def _parse_line(line: str) -> Raw:
     head, *hops = [part.split() for part in line.replace("\\", " ").split("nexthop ")]
     raw: Raw = {"type": head[0], "dst": head[1], "flags": []}
-    _pairs(head[2:], raw)
+    _read_pairs(head[2:], raw)
     for words in hops:
         hop: Raw = {"flags": []}
-        _pairs(words, hop)
+        _read_pairs(words, hop)
         raw.setdefault("nexthops", []).append(hop)
     return raw
 
 
-def _pairs(words: typing.List[str], raw: Raw) -> None:
+def _read_pairs(words: typing.List[str], raw: Raw) -> None:
     """Read names and values into `raw`."""
     words = list(words)
     while words:
@@ -282,17 +282,17 @@ def _pairs(words: typing.List[str], raw: Raw) -> None:
             raw[name] = int(value) if name in _NUMBERS else value
 
 
-def _add_locks(found: typing.List[Raw], answer: Answer) -> None:
+def _add_locks(raws: typing.List[Raw], answer: Answer) -> None:
     """Add what only the text says: metrics that are locked."""
     lines = from_text(answer.output.decode("utf-8", "replace"))
-    same = len(lines) == len(found) and all(
+    same = len(lines) == len(raws) and all(
         line["dst"] == raw.get("dst") and line.get("metric", 0) == raw.get("metric", 0)
-        for line, raw in zip(lines, found)
+        for line, raw in zip(lines, raws)
     )
-    for raw in found if not same else ():
+    for raw in raws if not same else ():
         if "metrics" in raw:
             raw["metrics"] = [*raw["metrics"], {"metrics that are changing": None}]
-    for line, raw in zip(lines, found) if same else ():
+    for line, raw in zip(lines, raws) if same else ():
         if "metrics" in line:
             raw["metrics"] = line["metrics"]
 
@@ -303,7 +303,7 @@ def _add_locks(found: typing.List[Raw], answer: Answer) -> None:
 class Kernel:
     """The kernel's routes, read and changed by the command ip."""
 
-    def read(self, version: int, table: int) -> typing.List[Held]:
+    def read_routes(self, version: int, table: int) -> typing.List[KernelRoute]:
         """The routes of a table. Raises Problem where they cannot be read."""
         show = ["-details", f"-{version}", "route", "show", "table", str(table)]
         answer = run(["ip", "-json", *show], limit=_LIMIT)
@@ -312,23 +312,25 @@ class Kernel:
         try:
             if answer.status != 0:
                 raise ValueError  # perhaps ip does not know the option -json; the command for text decides
-            found = json.loads(answer.output.decode("utf-8") or "[]")
-            if any("metrics" in raw for raw in found):
-                _add_locks(found, run(["ip", "-oneline", *show], limit=_LIMIT))
+            raws = json.loads(answer.output.decode("utf-8") or "[]")
+            if any("metrics" in raw for raw in raws):
+                _add_locks(raws, run(["ip", "-oneline", *show], limit=_LIMIT))
         except ValueError:
             answer = run(["ip", "-oneline", *show], limit=_LIMIT)
-            found = from_text(answer.output.decode("utf-8", "replace"))
+            raws = from_text(answer.output.decode("utf-8", "replace"))
         if answer.status != 0:
             raise Problem(
                 f"routes: the kernel's routes cannot be read ({quote(answer.error)}), expected the command ip."
             )
         # Routes for one kind of service, or for some senders only, have other keys for the kernel. They are never ours.
-        return [held(raw, version, table) for raw in found if "dst" in raw and not {"tos", "from"} & set(raw)]
+        return [parse_route(raw, version, table) for raw in raws if "dst" in raw and not {"tos", "from"} & set(raw)]
 
     def change(self, verb: str, version: int, words: typing.Iterable[str]) -> None:
         """Make one change. Raises Problem with the kernel's own words."""
-        argv = command(verb, version, words)
+        argv = build_command(verb, version, words)
         answer = run(argv, limit=_LIMIT)
         if answer.status != 0:
-            said = " ".join(answer.error.split()).replace("RTNETLINK answers: ", "").replace("Error: ", "").rstrip(".")
-            raise Problem(f"routes: the kernel refuses {quote(' '.join(argv))} ({quote(said) or 'without a word'}).")
+            message = (
+                " ".join(answer.error.split()).replace("RTNETLINK answers: ", "").replace("Error: ", "").rstrip(".")
+            )
+            raise Problem(f"routes: the kernel refuses {quote(' '.join(argv))} ({quote(message) or 'without a word'}).")

@@ -16,16 +16,16 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
     DEFAULTS,
     MAIN,
     NO_WAY,
-    Held,
+    KernelRoute,
     Key,
     Route,
-    command,
-    name_of,
-    text_of,
-    words_of,
+    build_command,
+    format_destination,
+    format_route,
+    to_words,
 )
 
-Current = typing.Dict[Key, typing.List[Held]]  # the kernel's routes
+Current = typing.Dict[Key, typing.List[KernelRoute]]  # the kernel's routes
 
 
 class Entry(typing.NamedTuple):
@@ -47,7 +47,7 @@ class Change(typing.NamedTuple):
     may_fail: bool = False  # the state may be as wanted already
 
 
-class Result(typing.NamedTuple):
+class RouteResult(typing.NamedTuple):
     """The result for one listed route."""
 
     route: Route
@@ -57,7 +57,7 @@ class Result(typing.NamedTuple):
     problem: typing.Optional[str]
 
 
-class TakenBack(typing.NamedTuple):
+class Removal(typing.NamedTuple):
     """The result for one route that is no longer listed."""
 
     route: Route
@@ -65,10 +65,10 @@ class TakenBack(typing.NamedTuple):
     after: typing.Optional[str]
     state: str  # restored, removed, left or gone
 
-    def plain(self) -> typing.Dict[str, typing.Any]:
+    def to_json(self) -> typing.Dict[str, typing.Any]:
         """The result as the module returns it."""
         return {
-            "destination": name_of(self.route.destination),
+            "destination": format_destination(self.route.destination),
             "gateway": self.route.gateway or None,
             "device": self.route.device or None,
             "metric": self.route.metric,
@@ -80,13 +80,13 @@ class TakenBack(typing.NamedTuple):
         }
 
 
-class Part(typing.NamedTuple):
+class KeyPlan(typing.NamedTuple):
     """The plan for one key."""
 
     adds: typing.List[Change]
     removals: typing.List[Change]
     after: typing.List[str]  # the routes of the key afterwards
-    result: typing.Any  # Result or TakenBack
+    result: typing.Any  # RouteResult or Removal
     interim: typing.Optional[Entry] = None  # the record on the way and afterwards; None: no new entry
     final: typing.Optional[Entry] = None
 
@@ -99,11 +99,11 @@ class Plan(typing.NamedTuple):
     interim: Entries
     final: Entries
     after: typing.Dict[Key, typing.List[str]]  # the texts of the keys that the run touches
-    results: typing.List[Result]  # in the order of the listed routes
-    taken_back: typing.List[TakenBack]
+    results: typing.List[RouteResult]  # in the order of the listed routes
+    taken_back: typing.List[Removal]
 
 
-def plan(
+def plan_routes(
     routes: typing.List[Route], current: Current, entries: Entries, replace: bool, interfaces: typing.Container[str]
 ) -> Plan:
     """The plan from the kernel's routes and the record to these routes.
@@ -113,11 +113,11 @@ def plan(
     """
     # A network on a link comes before the routes whose gateway is in it.
     listed = {
-        route.key: _one_listed(route, current.get(route.key, []), entries.get(route.key, Entry((), ())), replace)
+        route.key: _plan_listed(route, current.get(route.key, []), entries.get(route.key, Entry((), ())), replace)
         for route in sorted(routes, key=lambda route: bool(route.gateway))
     }
     taken_back = {
-        key: _one_taken_back(key, entry, current.get(key, []), interfaces)
+        key: _plan_removal(key, entry, current.get(key, []), interfaces)
         for key, entry in sorted(entries.items())
         if key not in listed
     }
@@ -129,8 +129,8 @@ def plan(
     return Plan(
         changes=changes,
         undo=_undo(routes, current, after) if changes else [],
-        interim=_with_new(entries, {key: part.interim for key, part in listed.items()}),
-        final=_with_new({}, {key: part.final for key, part in listed.items()}),
+        interim=_merge_entries(entries, {key: part.interim for key, part in listed.items()}),
+        final=_merge_entries({}, {key: part.final for key, part in listed.items()}),
         after=after,
         results=[listed[route.key].result for route in routes],
         taken_back=[part.result for part in taken_back.values()],
@@ -141,7 +141,7 @@ def _flat(lists: typing.Iterable[typing.List[Change]]) -> typing.List[Change]:
     return [change for changes in lists for change in changes]
 
 
-def _with_new(entries: Entries, new: typing.Dict[Key, typing.Optional[Entry]]) -> Entries:
+def _merge_entries(entries: Entries, new: typing.Dict[Key, typing.Optional[Entry]]) -> Entries:
     """The entries together with the new ones, where there is one."""
     return {**entries, **{key: entry for key, entry in new.items() if entry is not None}}
 
@@ -149,50 +149,45 @@ def _with_new(entries: Entries, new: typing.Dict[Key, typing.Optional[Entry]]) -
 # One listed route
 
 
-class _There(typing.NamedTuple):
-    """The kernel's routes of one key."""
-
-    same: typing.List[Held]  # those that go the wanted way
-    others: typing.List[Held]  # the rest
-    foreign: typing.List[Held]  # those of the rest that somebody else made
-
-
-def _one_listed(route: Route, there: typing.List[Held], entry: Entry, replace: bool) -> Part:
+def _plan_listed(route: Route, kernel_routes: typing.List[KernelRoute], entry: Entry, replace: bool) -> KeyPlan:
     """The plan for a listed route. `there`: the kernel's routes of its key. `entry`: the record of its key."""
-    same, others, foreign = _sorted_out(route, there, entry)
-    state, problem = _judge(route, there, foreign, replace)
+    same, others, foreign = _sort_routes(route, kernel_routes, entry)
+    state, problem = _judge(route, kernel_routes, foreign, replace)
     if state == "ok" and (others or not same):
         state = "changed"
-    before = (same or there)[0].text if there else None
-    after = same[0].text if same else text_of(route)
+    before = (same or kernel_routes)[0].text if kernel_routes else None
+    after = same[0].text if same else format_route(route)
     superfluous = others if same else others[1:]  # our route replaces the first of several
-    part = Part(
+    part = KeyPlan(
         adds=[] if same else [_make(route)],
-        removals=[remove(held) for held in superfluous],
+        removals=[remove(kernel_route) for kernel_route in superfluous],
         after=[after],
-        result=Result(route, before, after, state, problem),
+        result=RouteResult(route, before, after, state, problem),
     )
     adopted = same and not others and route.way not in _ways(entry)
-    return part if adopted else _recorded(part, route, entry, there)
+    return part if adopted else _add_record(part, route, entry, kernel_routes)
 
 
-def _sorted_out(route: Route, there: typing.List[Held], entry: Entry) -> _There:
-    same = [held for held in there if _is(held, route, entry)]
-    others = [held for held in there if held not in same]
-    return _There(same, others, [held for held in others if held.route.way not in _ways(entry)])
+def _sort_routes(
+    route: Route, kernel_routes: typing.List[KernelRoute], entry: Entry
+) -> typing.Tuple[typing.List[KernelRoute], typing.List[KernelRoute], typing.List[KernelRoute]]:
+    """The routes that go the wanted way, the other ones, and those of the other ones that are not ours."""
+    same = [kernel_route for kernel_route in kernel_routes if _is_match(kernel_route, route, entry)]
+    others = [kernel_route for kernel_route in kernel_routes if kernel_route not in same]
+    return same, others, [kernel_route for kernel_route in others if kernel_route.route.way not in _ways(entry)]
 
 
-def _is(held: Held, route: Route, entry: Entry) -> bool:
+def _is_match(kernel_route: KernelRoute, route: Route, entry: Entry) -> bool:
     """True where the kernel's route is the wanted one. What somebody else has made may say more than the wanted one does."""
-    if held.route.way not in _ways(entry):
-        return route.fits(held.route)
-    return held.route.way == route.way and held.route.on_link == _on_link(held, route, entry)
+    if kernel_route.route.way not in _ways(entry):
+        return route.fits(kernel_route.route)
+    return kernel_route.route.way == route.way and kernel_route.route.on_link == _on_link(kernel_route, route, entry)
 
 
-def _on_link(held: Held, route: Route, entry: Entry) -> bool:
+def _on_link(kernel_route: KernelRoute, route: Route, entry: Entry) -> bool:
     """Whether a route of ours is to have on_link: as wanted; what a manager has added to it may stay."""
-    made = any(other.on_link for other in entry.made if other.way == held.route.way)
-    return route.on_link or (held.route.on_link and not made)
+    made = any(other.on_link for other in entry.made if other.way == kernel_route.route.way)
+    return route.on_link or (kernel_route.route.on_link and not made)
 
 
 def _ways(entry: Entry) -> typing.Set[typing.Tuple[typing.Any, ...]]:
@@ -200,28 +195,28 @@ def _ways(entry: Entry) -> typing.Set[typing.Tuple[typing.Any, ...]]:
     return {route.way for route in entry.made}
 
 
-def _recorded(part: Part, route: Route, entry: Entry, there: typing.List[Held]) -> Part:
+def _add_record(part: KeyPlan, route: Route, entry: Entry, kernel_routes: typing.List[KernelRoute]) -> KeyPlan:
     """The plan for a route together with its record. An adopted route has none: it is not ours to take back."""
-    replaced = _replaced(entry, there)
+    replaced = _list_replaced(entry, kernel_routes)
     earlier = tuple(other for other in entry.made if other != route)
     return part._replace(interim=Entry(earlier + (route,), replaced), final=Entry((route,), replaced))
 
 
-def _replaced(entry: Entry, there: typing.List[Held]) -> typing.Tuple[typing.Tuple[str, ...], ...]:
+def _list_replaced(entry: Entry, kernel_routes: typing.List[KernelRoute]) -> typing.Tuple[typing.Tuple[str, ...], ...]:
     """The routes of others that come back when ours is no longer listed."""
-    foreign = [held.words for held in there if held.route.way not in _ways(entry)]
-    ours = len(foreign) < len(there)
+    foreign = [kernel_route.words for kernel_route in kernel_routes if kernel_route.route.way not in _ways(entry)]
+    ours = len(foreign) < len(kernel_routes)
     # Where none of ours was left, the foreign routes have themselves replaced those of the record.
     earlier = entry.replaced if ours or not foreign else ()
     return earlier + tuple(words for words in foreign if words not in earlier)
 
 
 def _judge(
-    route: Route, there: typing.List[Held], foreign: typing.List[Held], replace: bool
+    route: Route, kernel_routes: typing.List[KernelRoute], foreign: typing.List[KernelRoute], replace: bool
 ) -> typing.Tuple[str, typing.Optional[str]]:
     """The state of a listed route and the sentence about it: conflict or refused where routes of others are in its place."""
-    name = text_of(route)
-    connected = [held for held in there if held.protocol == "kernel"]
+    name = format_route(route)
+    connected = [kernel_route for kernel_route in kernel_routes if kernel_route.protocol == "kernel"]
     if connected:
         return "refused", (
             f"routes: {name}: the kernel itself makes {quote(connected[0].text)} for an address of the interface, so it is never "
@@ -232,7 +227,7 @@ def _judge(
             f"routes: {name}: somebody else has made {quote(foreign[0].text)}, expected no other way with this metric: correct it "
             "there, give this one another metric, or set on_conflict to replace."
         )
-    inexpressible = sorted({word for held in foreign for word in held.inexpressible})
+    inexpressible = sorted({word for kernel_route in foreign for word in kernel_route.inexpressible})
     if inexpressible:
         return "refused", (
             f"routes: {name}: somebody else's {quote(foreign[0].text)} has {', '.join(map(quote, inexpressible))}, which cannot be given back later, "
@@ -244,24 +239,28 @@ def _judge(
 # One route taken back
 
 
-def _one_taken_back(key: Key, entry: Entry, there: typing.List[Held], interfaces: typing.Container[str]) -> Part:
+def _plan_removal(
+    key: Key, entry: Entry, kernel_routes: typing.List[KernelRoute], interfaces: typing.Container[str]
+) -> KeyPlan:
     """The plan for a route of the record that is no longer listed."""
-    ours = [held for held in there if held.route.way in _ways(entry)]
-    others = [held for held in there if held not in ours]
-    back = _usable(entry.replaced, interfaces) if ours and not others else []
-    after = [" ".join(words) for words in back] + [held.text for held in others]
-    result = TakenBack(
+    ours = [kernel_route for kernel_route in kernel_routes if kernel_route.route.way in _ways(entry)]
+    others = [kernel_route for kernel_route in kernel_routes if kernel_route not in ours]
+    back = _select_usable(entry.replaced, interfaces) if ours and not others else []
+    after = [" ".join(words) for words in back] + [kernel_route.text for kernel_route in others]
+    result = Removal(
         route=ours[0].route if ours else entry.made[-1],
-        before=there[0].text if there else None,
+        before=kernel_routes[0].text if kernel_routes else None,
         after=after[0] if after else None,
         state=_state(ours, others, back),
     )
     # The first route that comes back replaces ours. The removal of ours is for the case that it could not.
-    adds = [_put(key, words, words is back[0])._replace(may_fail=True) for words in back]
-    return Part(adds, [remove(held) for held in ours], after, result)
+    adds = [_make_again(key, words, words is back[0])._replace(may_fail=True) for words in back]
+    return KeyPlan(adds, [remove(kernel_route) for kernel_route in ours], after, result)
 
 
-def _state(ours: typing.Sequence[Held], others: typing.Sequence[Held], back: typing.Sequence[typing.Any]) -> str:
+def _state(
+    ours: typing.Sequence[KernelRoute], others: typing.Sequence[KernelRoute], back: typing.Sequence[typing.Any]
+) -> str:
     if back:
         return "restored"
     if ours:
@@ -269,11 +268,11 @@ def _state(ours: typing.Sequence[Held], others: typing.Sequence[Held], back: typ
     return "left" if others else "gone"
 
 
-def _usable(
+def _select_usable(
     replaced: typing.Iterable[typing.Tuple[str, ...]], interfaces: typing.Container[str]
 ) -> typing.List[typing.Tuple[str, ...]]:
     """The recorded routes whose interface is still there."""
-    devices = [(words, _after("dev", words)) for words in replaced]
+    devices = [(words, _find_word_after("dev", words)) for words in replaced]
     return [words for words, device in devices if device is None or device in interfaces]
 
 
@@ -281,19 +280,19 @@ def _usable(
 
 
 def _make(route: Route) -> Change:
-    return Change("replace", route.version, tuple(words_of(route)))
+    return Change("replace", route.version, tuple(to_words(route)))
 
 
-def _put(key: Key, words: typing.Tuple[str, ...], first: bool) -> Change:
+def _make_again(key: Key, words: typing.Tuple[str, ...], first: bool) -> Change:
     """One of several routes of a key: the first replaces what is there, the others are added to it."""
     return Change("replace" if first else "append", key[0], words, may_fail=not first)
 
 
-def remove(held: Held) -> Change:
+def remove(kernel_route: KernelRoute) -> Change:
     """The removal of one route and of no other with its key."""
     # The kernel does not tell routes of IPv6 apart by their type, but it does by their device.
-    lo = ("dev", "lo") if held.route.version == 6 and held.route.type in NO_WAY else ()
-    return Change("del", held.route.version, held.words + lo, may_fail=True)
+    lo = ("dev", "lo") if kernel_route.route.version == 6 and kernel_route.route.type in NO_WAY else ()
+    return Change("del", kernel_route.route.version, kernel_route.words + lo, may_fail=True)
 
 
 def _links_first(changes: typing.List[Change]) -> typing.List[Change]:
@@ -308,10 +307,13 @@ def _links_first(changes: typing.List[Change]) -> typing.List[Change]:
 def _place(change: Change) -> typing.Tuple[int, str]:
     """The key of a change, as far as its words say it."""
     words = [word for word in change.words if word not in NO_WAY]
-    return (change.version, " ".join([words[0]] + [_after(name, words) or "" for name in ("metric", "table")]))
+    return (
+        change.version,
+        " ".join([words[0]] + [_find_word_after(name, words) or "" for name in ("metric", "table")]),
+    )
 
 
-def _after(name: str, words: typing.Sequence[str]) -> typing.Optional[str]:
+def _find_word_after(name: str, words: typing.Sequence[str]) -> typing.Optional[str]:
     """The word that follows `name`, None where the words do not have it."""
     return words[words.index(name) + 1] if name in words else None
 
@@ -326,45 +328,49 @@ def _undo(
     adds: typing.List[Change] = []
     removals: typing.List[Change] = []
     for key, texts in after.items():
-        there = current.get(key, [])
-        if [held.text for held in there] == texts:
+        kernel_routes = current.get(key, [])
+        if [kernel_route.text for kernel_route in kernel_routes] == texts:
             continue
-        adds += [_put(key, held.words, held is there[0]) for held in there]
-        if not there:
+        adds += [
+            _make_again(key, kernel_route.words, kernel_route is kernel_routes[0]) for kernel_route in kernel_routes
+        ]
+        if not kernel_routes:
             removals += [
-                Change("del", key[0], tuple(words_of(route)), may_fail=True) for route in routes if route.key == key
+                Change("del", key[0], tuple(to_words(route)), may_fail=True) for route in routes if route.key == key
             ]
     return _links_first(adds) + removals
 
 
-def undo_command(change: Change) -> typing.List[str]:
+def build_undo_command(change: Change) -> typing.List[str]:
     """A change of `Plan.undo` as a command that fails only where the former state is not there afterwards."""
-    argv = command(change.verb, change.version, change.words)
+    argv = build_command(change.verb, change.version, change.words)
     if change.verb != "del":
-        return ["sh", "-c", f"{_quoted(argv)} || :"] if change.may_fail else argv
+        return ["sh", "-c", f"{_join_words(argv)} || :"] if change.may_fail else argv
     words = list(change.words)
-    filters = [word for name in ("via", "dev") if name in words for word in (name, _after(name, words) or "")]
+    filters = [word for name in ("via", "dev") if name in words for word in (name, _find_word_after(name, words) or "")]
     destination = next(word for word in words if word not in NO_WAY)
     exact = DEFAULTS[change.version] if destination == "default" else destination
     show = ["ip", f"-{change.version}", "route", "show"]
-    show += ["table", _after("table", words) or str(MAIN), "exact", exact, *filters]
-    return ["sh", "-c", f'{_quoted(argv)} 2>/dev/null || test -z "$({_quoted(show)} 2>/dev/null)"']
+    show += ["table", _find_word_after("table", words) or str(MAIN), "exact", exact, *filters]
+    return ["sh", "-c", f'{_join_words(argv)} 2>/dev/null || test -z "$({_join_words(show)} 2>/dev/null)"']
 
 
-def _quoted(argv: typing.Iterable[str]) -> str:
+def _join_words(argv: typing.Iterable[str]) -> str:
     return " ".join(shlex.quote(word) for word in argv)
 
 
 # Default routes of others
 
 
-def other_defaults(routes: typing.Iterable[Route], held: typing.Iterable[Held]) -> typing.List[Held]:
+def find_other_defaults(
+    routes: typing.Iterable[Route], kernel_route: typing.Iterable[KernelRoute]
+) -> typing.List[KernelRoute]:
     """The default routes of others beside a wanted one, in the same table. `held`: the routes that stay."""
     wanted = [route for route in routes if route.destination in DEFAULTS.values() and route.type == "unicast"]
     places = {(route.destination, route.table) for route in wanted}
     keys = {route.key for route in wanted}
     return [
         other
-        for other in held
+        for other in kernel_route
         if (other.route.destination, other.route.table) in places and other.route.key not in keys
     ]

@@ -35,13 +35,13 @@ class BootRecord(typing.NamedTuple):
     pending: typing.Dict[str, typing.List[str]]  # back end -> places that its manager has not been told about
     folders: typing.List[str]  # those that we made, outermost first
 
-    def plain(self) -> Data:
+    def to_json(self) -> Data:
         """The boot part as JSON holds it; empty parts are left out."""
         places = {
-            name: dict(place._asdict(), routes=[_plain(route) for route in place.routes])
+            name: dict(place._asdict(), routes=[_route_to_json(route) for route in place.routes])
             for name, place in self.places.items()
         }
-        return _filled(places=places, pending=self.pending, folders=self.folders)
+        return _drop_empty(places=places, pending=self.pending, folders=self.folders)
 
 
 class RoutesRecord(typing.NamedTuple):
@@ -50,16 +50,19 @@ class RoutesRecord(typing.NamedTuple):
     entries: Entries
     boot: BootRecord
 
-    def plain(self) -> Data:
+    def to_json(self) -> Data:
         """The record as JSON holds it; empty parts are left out."""
         routes = [
-            {"made": [_plain(route) for route in entry.made], "replaced": [list(words) for words in entry.replaced]}
+            {
+                "made": [_route_to_json(route) for route in entry.made],
+                "replaced": [list(words) for words in entry.replaced],
+            }
             for key, entry in sorted(self.entries.items())
         ]
-        return _filled(routes=routes, boot=self.boot.plain())
+        return _drop_empty(routes=routes, boot=self.boot.to_json())
 
 
-def read(data: Data) -> RoutesRecord:
+def read_record(data: Data) -> RoutesRecord:
     """The record in the data of its file.
 
     Raises AttributeError, IndexError, KeyError, TypeError or ValueError where the data has another shape.
@@ -71,11 +74,11 @@ def read(data: Data) -> RoutesRecord:
         )
         for item in data.get("routes", [])
     ]
-    return RoutesRecord({entry.made[0].key: entry for entry in entries}, read_boot(data.get("boot", {})))
+    return RoutesRecord({entry.made[0].key: entry for entry in entries}, read_boot_record(data.get("boot", {})))
 
 
-def read_boot(data: Data) -> BootRecord:
-    """The boot part of the record in its data. Raises as `read`."""
+def read_boot_record(data: Data) -> BootRecord:
+    """The boot part of the record in its data. Raises as `read_record`."""
     places = {
         name: Place(place["backend"], list(place["texts"]), [Route(**fields) for fields in place["routes"]])
         for name, place in data.get("places", {}).items()
@@ -83,10 +86,10 @@ def read_boot(data: Data) -> BootRecord:
     return BootRecord(places, dict(data.get("pending", {})), list(data.get("folders", [])))
 
 
-def _plain(route: Route) -> Data:
+def _route_to_json(route: Route) -> Data:
     """The fields of a route; those that earlier versions did not have only where they say something."""
     return {name: value for name, value in route._asdict().items() if value or name not in _LATER}
 
 
-def _filled(**parts: typing.Any) -> Data:
+def _drop_empty(**parts: typing.Any) -> Data:
     return {name: value for name, value in parts.items() if value}

@@ -18,24 +18,25 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.diffe
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.rights import may_change_network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan, record, wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import options as route_options
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan, record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot, Choice
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
     DEFAULTS,
     MAIN,
     NO_WAY,
     PATH,
-    Held,
     Kernel,
+    KernelRoute,
     Route,
-    command,
-    name_of,
-    text_of,
+    build_command,
+    format_destination,
+    format_route,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import CHOICES, NONE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import RoutesRecord
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import tables
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import read_tables
 
 RUN_TIME = "routes at run time"
 # Protocols of routes that managers make from their configuration; a person's `ip route add` gives "boot".
@@ -94,78 +95,86 @@ class Run(ModuleRun):
             if not os.path.isabs(options[option]):
                 raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
         self.options = options
-        self.machine = contract.machine(options["root"])
-        self.overrides = _overrides(options["backends"] or {}, self.machine.interfaces)
+        self.machine = contract.read_machine(options["root"])
+        self.overrides = _check_overrides(options["backends"] or {}, self.machine.interfaces)
         self.kernel = Kernel()
-        self._main: typing.Dict[int, typing.List[Held]] = {}
-        listed = wanted.items_of(options["routes"], self.machine.interfaces, tables(options["root"]), self._links)
+        self._main: typing.Dict[int, typing.List[KernelRoute]] = {}
+        listed = route_options.parse_routes(
+            options["routes"], self.machine.interfaces, read_tables(options["root"]), self._read_main_table
+        )
         self.routes = [item.route for item in listed]
         self.record = Record("routes", options["records"], record.SHAPE)
         self.stored = self.record.load()
-        self.recorded = self.record.parse(record.read, self.stored if memory is None else memory)
+        self.recorded = self.record.parse(record.read_record, self.stored if memory is None else memory)
         self.keys = [route.key for route in self.routes] + list(self.recorded.entries)
-        self.current = self._read()
-        wanted.check_usable(listed, self.machine.interfaces, self._near())
+        self.current = self._read_kernel()
+        route_options.check_usable(listed, self.machine.interfaces, self._list_near_routes())
         replace = options["on_conflict"] == "replace"
-        self.plan = plan.plan(self.routes, self.current, self.recorded.entries, replace, self.machine.interfaces)
-        self.taken_back = [item.plain() for item in self.plan.taken_back]
+        self.plan = plan.plan_routes(self.routes, self.current, self.recorded.entries, replace, self.machine.interfaces)
+        self.taken_back = [item.to_json() for item in self.plan.taken_back]
         self.boot = Boot(self.machine, options["root"], self.recorded.boot)
-        self.items = self._items([self._with_boot_device(item, listed) for item in listed])
+        self.items = self._plan_boot([self._choose_boot_device(item, listed) for item in listed])
         self.changed = bool(self.plan.changes or self.boot.changes)
 
-    def _links(self, version: int) -> typing.List[Route]:
+    def _read_main_table(self, version: int) -> typing.List[Route]:
         """The routes of the table main, as this run first saw them."""
         if version not in self._main:
-            self._main[version] = self.kernel.read(version, MAIN)
-        return [held.route for held in self._main[version]]
+            self._main[version] = self.kernel.read_routes(version, MAIN)
+        return [kernel_route.route for kernel_route in self._main[version]]
 
-    def _near(self) -> typing.List[Route]:
+    def _list_near_routes(self) -> typing.List[Route]:
         """The kernel's routes that may lead to a gateway: those of our tables, and of main for the other tables."""
         versions = {route.version for route in self.routes if route.gateway and route.table != MAIN}
-        return [held.route for held in _all(self.current)] + [
-            route for version in sorted(versions) for route in self._links(version)
+        return [kernel_route.route for kernel_route in _flatten(self.current)] + [
+            route for version in sorted(versions) for route in self._read_main_table(version)
         ]
 
-    def _read(self) -> plan.Current:
+    def _read_kernel(self) -> plan.Current:
         """The kernel's routes in the tables of our keys."""
         current: plan.Current = {}
         for version, table in sorted({(key[0], key[2]) for key in self.keys}):
-            for held in self.kernel.read(version, table):
-                current.setdefault(held.route.key, []).append(held)
+            for kernel_route in self.kernel.read_routes(version, table):
+                current.setdefault(kernel_route.route.key, []).append(kernel_route)
         return current
 
     # The boot part and the result per route
 
-    def _with_boot_device(self, item: wanted.Item, items: typing.List[wanted.Item]) -> wanted.Item:
+    def _choose_boot_device(
+        self, item: route_options.RouteRequest, items: typing.List[route_options.RouteRequest]
+    ) -> route_options.RouteRequest:
         """The item with an interface that brings it back: that of another listed route, else of the default route."""
         if item.boot_device:
             return item
         interfaces = self.machine.interfaces.values()
         devices = [other.boot_device for other in items if other.backend != NONE]
-        devices += [held.route.device for held in _all(self.current) if held.route.destination in DEFAULTS.values()]
+        devices += [
+            kernel_route.route.device
+            for kernel_route in _flatten(self.current)
+            if kernel_route.route.destination in DEFAULTS.values()
+        ]
         devices += sorted(link.name for link in interfaces if link.up and not link.loopback)
         return item._replace(boot_device=next((device for device in devices if device), ""))
 
-    def _items(self, items: typing.List[wanted.Item]) -> typing.List[Data]:
+    def _plan_boot(self, items: typing.List[route_options.RouteRequest]) -> typing.List[Data]:
         """The results per route, with the boot part planned."""
-        names = [self.boot.backend_of(item, self.overrides) for item in items]
+        names = [self.boot.choose_backend(item, self.overrides) for item in items]
         choice: Choice = {}
         for item, name in zip(items, names):
             if name != NONE:
                 choice.setdefault(name, {}).setdefault(item.boot_device, []).append(item.route)
-        self.boot.want(choice)
-        return [self._result(*found) for found in zip(items, names, self.plan.results)]
+        self.boot.plan(choice)
+        return [self._describe_route(*found) for found in zip(items, names, self.plan.results)]
 
-    def _result(self, item: wanted.Item, backend: str, runtime: plan.Result) -> Data:
-        place = self.boot.place(backend, item.boot_device)
+    def _describe_route(self, item: route_options.RouteRequest, backend: str, runtime: plan.RouteResult) -> Data:
+        place = self.boot.find_place(backend, item.boot_device)
         state, problem = runtime.state, runtime.problem
-        conflict = self._remade_at_boot(item.route) if backend != NONE else None
+        conflict = self._find_boot_conflict(item.route) if backend != NONE else None
         if conflict:
             state, problem = "refused", conflict
         elif state == "ok" and self.boot.is_new(backend, place, item.route):
             state = "changed"
         return {
-            "destination": name_of(item.route.destination),
+            "destination": format_destination(item.route.destination),
             "gateway": item.route.gateway or None,
             "device": item.route.device or None,
             "metric": item.route.metric,
@@ -184,17 +193,21 @@ class Run(ModuleRun):
             "problem": problem,
         }
 
-    def _remade_at_boot(self, route: Route) -> typing.Optional[str]:
+    def _find_boot_conflict(self, route: Route) -> typing.Optional[str]:
         """The sentence about somebody else's route that a manager would make again at boot, beside ours."""
         entry = self.recorded.entries.get(route.key)
         ours = {other.way for other in entry.made} if entry else set()
-        for held in self.current.get(route.key, []):
-            if held.protocol in _CONFIGURED and held.route.way not in ours and not route.fits(held.route):
-                owner = self.boot.owner(held.route.device)
+        for kernel_route in self.current.get(route.key, []):
+            if (
+                kernel_route.protocol in _CONFIGURED
+                and kernel_route.route.way not in ours
+                and not route.fits(kernel_route.route)
+            ):
+                owner = self.boot.find_owner(kernel_route.route.device)
                 if owner and not self.boot.backends[owner].takes_precedence:
                     return (
-                        f"routes: {text_of(route)}: {quote(held.text)} comes from {owner}, which would make it again at the next "
-                        f"boot, beside this one: remove it from the configuration of {quote(held.route.device)}, or give this one "
+                        f"routes: {format_route(route)}: {quote(kernel_route.text)} comes from {owner}, which would make it again at the next "
+                        f"boot, beside this one: remove it from the configuration of {quote(kernel_route.route.device)}, or give this one "
                         "another metric."
                     )
         return None
@@ -204,9 +217,9 @@ class Run(ModuleRun):
     @property
     def refusals(self) -> typing.List[str]:
         """One sentence per listed route that routes of others stand against, and one without the right to change anything."""
-        return [item["problem"] for item in self.items if item["problem"]] + self._forbidden()
+        return [item["problem"] for item in self.items if item["problem"]] + self._find_obstacles()
 
-    def _forbidden(self) -> typing.List[str]:
+    def _find_obstacles(self) -> typing.List[str]:
         files = [place for places in self.boot.changes.values() for place in places if place.startswith("/")]
         places = [os.path.join(self.options["root"], place.lstrip("/")) for place in files]
         locked = writable.obstacles([*places, self.record.path]) if self.changed else []
@@ -222,15 +235,17 @@ class Run(ModuleRun):
     @property
     def warnings(self) -> typing.List[str]:
         """The sentences about other default routes, and about routes that could not be taken back as planned."""
-        sentences = [_SECOND_DEFAULT.format(text=quote(other["text"])) for other in self.other_defaults]
-        return sentences + [_sentence(item) for item in self.taken_back if item["state"] in ("left", "lost")]
+        sentences = [_SECOND_DEFAULT.format(text=quote(other["text"])) for other in self.foreign_defaults]
+        return sentences + [_write_sentence(item) for item in self.taken_back if item["state"] in ("left", "lost")]
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
         """The routes and the files that change, for `diff`; without the routes that the kernel itself makes."""
         before, after = [], []
         for key in set(self.current) | set(self.plan.after):
-            texts = [held.text for held in self.current.get(key, []) if held.protocol != "kernel"]
+            texts = [
+                kernel_route.text for kernel_route in self.current.get(key, []) if kernel_route.protocol != "kernel"
+            ]
             before += texts
             after += self.plan.after.get(key, texts)
         lines = [("".join(f"{line}\n" for line in sorted(texts))).encode("utf-8") for texts in (before, after)]
@@ -243,7 +258,7 @@ class Run(ModuleRun):
             "routes": self.items,
             "conflicts": self.conflicts,
             "taken_back": self.taken_back,
-            "other_defaults": self.other_defaults,
+            "other_defaults": self.foreign_defaults,
         }
 
     def failure(self, problem: Problem) -> Data:
@@ -254,7 +269,7 @@ class Run(ModuleRun):
         """The sentences of `msg`."""
         changed = sum(item["changed"] for item in self.items)
         sentences = [f"{changed} of {len(self.items)} routes changed."] if self.items else []
-        sentences += [_sentence(item) for item in self.taken_back]
+        sentences += [_write_sentence(item) for item in self.taken_back]
         if self.changed and not changed and not self.taken_back:
             places = sorted(place for listed in self.boot.changes.values() for place in listed)
             sentences.append(f"{', '.join(places)} is brought up to date.")
@@ -266,20 +281,22 @@ class Run(ModuleRun):
         return [item["problem"] for item in self.items if item["state"] == "conflict"]
 
     @property
-    def other_defaults(self) -> typing.List[Data]:
+    def foreign_defaults(self) -> typing.List[Data]:
         """The default routes of others that stay beside ours."""
-        staying = _all({key: there for key, there in self.current.items() if key not in self.plan.after})
+        staying = _flatten(
+            {key: kernel_routes for key, kernel_routes in self.current.items() if key not in self.plan.after}
+        )
         return [
             {
-                "destination": name_of(held.route.destination),
-                "gateway": held.route.gateway or None,
-                "device": held.route.device or None,
-                "metric": held.route.metric,
-                "table": held.route.table,
-                "protocol": held.protocol,
-                "text": held.text,
+                "destination": format_destination(kernel_route.route.destination),
+                "gateway": kernel_route.route.gateway or None,
+                "device": kernel_route.route.device or None,
+                "metric": kernel_route.route.metric,
+                "table": kernel_route.route.table,
+                "protocol": kernel_route.protocol,
+                "text": kernel_route.text,
             }
-            for held in plan.other_defaults(self.routes, staying)
+            for kernel_route in plan.find_other_defaults(self.routes, staying)
         ]
 
     # For the dead-man's switch
@@ -292,11 +309,11 @@ class Run(ModuleRun):
     @property
     def memory(self) -> Data:
         """The record as it must be while the change is on its way: for the run that confirms `apply_runtime`."""
-        return RoutesRecord(self.plan.interim, self.recorded.boot).plain()
+        return RoutesRecord(self.plan.interim, self.recorded.boot).to_json()
 
     def undo_commands(self) -> typing.List[typing.List[str]]:
         """The commands that restore the kernel's routes as this run found them, also from half way."""
-        return [plan.undo_command(change) for change in self.plan.undo]
+        return [plan.build_undo_command(change) for change in self.plan.undo]
 
     def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
         """The files to restore together with the routes: none, since `apply_runtime` writes none."""
@@ -320,13 +337,13 @@ class Run(ModuleRun):
             self._kernel_step(),
         ]
         if self.boot.changes:
-            interim = RoutesRecord(self.plan.interim, self.boot.interim())
-            steps.append(Step(self.record.path, do=lambda: self._save(interim.plain())))
+            interim = RoutesRecord(self.plan.interim, self.boot.interim_record())
+            steps.append(Step(self.record.path, do=lambda: self._save(interim.to_json())))
             before: plan.Current = {}
-            steps.append(Step(RUN_TIME, do=lambda: before.update(self._read())))
+            steps.append(Step(RUN_TIME, do=lambda: before.update(self._read_kernel())))
             steps.append(Step("the boot part", do=lambda: self._change_boot(before), undo=self.boot.undo))
-        final = RoutesRecord(self.plan.final, self.boot.final())
-        steps.append(Step(self.record.path, do=lambda: self._save(final.plain())))
+        final = RoutesRecord(self.plan.final, self.boot.final_record())
+        steps.append(Step(self.record.path, do=lambda: self._save(final.to_json())))
         carry_out(steps)
 
     def _announce(self) -> None:
@@ -344,80 +361,80 @@ class Run(ModuleRun):
 
     def _change_kernel(self) -> None:
         for change in self.plan.changes:
-            self._do(change)
+            self._change_route(change)
         if self.plan.changes:
-            self._expect()
-            self._find_lost()
+            self._check_kernel()
+            self._mark_lost()
 
     def _restore_kernel(self) -> typing.List[str]:
         """Undo the changes of the kernel's routes; returns the commands that failed."""
         failures = []
         for change in self.plan.undo:
             try:
-                self._do(change)
+                self._change_route(change)
             except Problem:
-                failures.append(f"'{' '.join(command(change.verb, change.version, change.words))}'")
+                failures.append(f"'{' '.join(build_command(change.verb, change.version, change.words))}'")
         return failures
 
-    def _do(self, change: plan.Change) -> None:
+    def _change_route(self, change: plan.Change) -> None:
         try:
             self.kernel.change(change.verb, change.version, change.words)
         except Problem:
             if not change.may_fail:
                 raise
 
-    def _expect(self) -> None:
+    def _check_kernel(self) -> None:
         """Raises Problem where the kernel does not hold what was planned."""
-        now = self._read()
+        now = self._read_kernel()
         for route, item in zip(self.routes, self.items):
-            there = now.get(route.key, [])
-            same = [held for held in there if route.fits(held.route)]
+            kernel_routes = now.get(route.key, [])
+            same = [kernel_route for kernel_route in kernel_routes if route.fits(kernel_route.route)]
             if not same:
-                found = " and ".join(quote(held.text) for held in there) or "nothing"
+                found = " and ".join(quote(kernel_route.text) for kernel_route in kernel_routes) or "nothing"
                 raise Problem(
-                    f"routes: {text_of(route)}: the kernel holds {found} afterwards, expected this route: something else "
+                    f"routes: {format_route(route)}: the kernel holds {found} afterwards, expected this route: something else "
                     "changes it at the same time."
                 )
             item["after"] = same[0].text
-            for held in there:  # kernels differ in what `replace` leaves beside a route of IPv6
-                if held not in same:
-                    self._do(plan.remove(held))
+            for kernel_route in kernel_routes:  # kernels differ in what `replace` leaves beside a route of IPv6
+                if kernel_route not in same:
+                    self._change_route(plan.remove(kernel_route))
 
-    def _find_lost(self) -> None:
+    def _mark_lost(self) -> None:
         """Mark the routes that could not be restored, because their gateway or interface is no longer there."""
         restored = [item for item in self.taken_back if item["state"] == "restored"]
         if not restored:
             return
-        now = {held.text for held in _all(self._read())}
+        now = {kernel_route.text for kernel_route in _flatten(self._read_kernel())}
         for item in restored:
             if item["after"] not in now:
                 item.update(state="lost")
 
     def _change_boot(self, before: plan.Current) -> None:
         self.boot.apply()
-        self._settle(before)
+        self._restore_dropped(before)
 
-    def _settle(self, before: plan.Current) -> None:
+    def _restore_dropped(self, before: plan.Current) -> None:
         """Restore the routes that a manager has dropped when it was told about changed places."""
-        after = self._read()
-        for key, there in before.items():
-            for held in there:
-                if held.protocol not in _RETURNING and key not in after:
-                    self._do(plan.Change("replace", key[0], held.words))
-        self._expect()
+        after = self._read_kernel()
+        for key, kernel_routes in before.items():
+            for kernel_route in kernel_routes:
+                if kernel_route.protocol not in _RETURNING and key not in after:
+                    self._change_route(plan.Change("replace", key[0], kernel_route.words))
+        self._check_kernel()
 
 
-def _all(current: plan.Current) -> typing.List[Held]:
-    return [held for there in current.values() for held in there]
+def _flatten(current: plan.Current) -> typing.List[KernelRoute]:
+    return [kernel_route for kernel_routes in current.values() for kernel_route in kernel_routes]
 
 
-def _sentence(item: Data) -> str:
+def _write_sentence(item: Data) -> str:
     return _TAKEN_BACK[item["state"]].format(
         destination=item["destination"], **{when: quote(item[when] or "") for when in ("before", "after")}
     )
 
 
-def _overrides(backends: typing.Mapping[str, str], interfaces: typing.Container[str]) -> typing.Mapping[str, str]:
+def _check_overrides(backends: typing.Mapping[str, str], interfaces: typing.Container[str]) -> typing.Mapping[str, str]:
     """The option backends. Raises Problem for what is no interface or no back end."""
     for interface, name in backends.items():
         if interface not in interfaces:

@@ -13,20 +13,20 @@ _USUAL = {"default": 253, "main": 254, "local": 255}
 _FOLDERS = ("usr/share/iproute2", "usr/lib/iproute2", "etc/iproute2")  # a name in a later one counts
 
 
-def tables(root: str = "/") -> typing.Dict[str, int]:
+def read_tables(root: str = "/") -> typing.Dict[str, int]:
     """The numbers of the routing tables by name."""
-    found = dict(_USUAL)
+    numbers = dict(_USUAL)
     for folder in _FOLDERS:
         base = os.path.join(root, folder)
         for path in [
             os.path.join(base, "rt_tables"),
             *sorted(glob.glob(os.path.join(glob.escape(base), "rt_tables.d", "*.conf"))),
         ]:
-            found.update(_names(commands.text(path)))
-    return found
+            numbers.update(_parse_lines(commands.text(path)))
+    return numbers
 
 
-def _names(text: str) -> typing.Iterator[typing.Tuple[str, int]]:
+def _parse_lines(text: str) -> typing.Iterator[typing.Tuple[str, int]]:
     """The lines NUMBER NAME; numbers may be hexadecimal."""
     for line in text.splitlines():
         words = line.partition("#")[0].split()

@@ -7,9 +7,9 @@ A back end is a file in this folder with a class BackEnd(contract.BackEnd), and 
 and its files. It knows nothing of the kernel's routes: those are already right when it is used. For one run the module
 calls, in this order:
 
-    owns()                which interfaces does the manager configure now?
+    list_interfaces()     which interfaces does the manager configure now?
     read()                what did earlier runs leave in our places?
-    place(interface)      where do the routes of this interface go?
+    find_place(interface) where do the routes of this interface go?
     render(routes)        what is wanted in our places?
     check(wanted)         does the manager accept that?
     write(place, text)    for every place that changes
@@ -32,9 +32,9 @@ NAME = "rosfleet-multimaster"
 HEADER = "# Managed by Ansible: rosfleet.multimaster.routes writes this whole file, so changes here do not last.\n"
 
 Places = typing.Dict[str, str]  # place -> its text now
-Wanted = typing.Dict[str, typing.Optional[str]]  # place -> its wanted text, None for nothing
-Recorded = typing.Dict[str, typing.List[str]]  # place -> every text that earlier runs may have left there
-RoutesOf = typing.Dict[str, typing.List[Route]]  # interface -> its routes
+PlannedTexts = typing.Dict[str, typing.Optional[str]]  # place -> its wanted text, None for nothing
+RecordedTexts = typing.Dict[str, typing.List[str]]  # place -> every text that earlier runs may have left there
+RoutesByInterface = typing.Dict[str, typing.List[Route]]  # interface -> its routes
 
 
 class Machine(typing.NamedTuple):
@@ -44,7 +44,7 @@ class Machine(typing.NamedTuple):
     booted: bool  # this is the running system with systemd, so its managers can be asked and told
 
 
-def machine(root: str = "/") -> Machine:
+def read_machine(root: str = "/") -> Machine:
     """This machine. Raises Problem where its interfaces cannot be read."""
     try:
         found = network.interfaces()
@@ -63,9 +63,9 @@ class BackEnd:
     name = ""  # the value of the options `backend` and `backends`
     mode = 0o644  # of the files
     takes_precedence = False  # True where its routes replace routes of others at boot, too
-    cannot: typing.Tuple[str, ...] = ()  # fields of a route that its configuration cannot express
+    inexpressible: typing.Tuple[str, ...] = ()  # fields of a route that its configuration cannot express
 
-    def __init__(self, machine: Machine, root: str, recorded: Recorded) -> None:
+    def __init__(self, machine: Machine, root: str, recorded: RecordedTexts) -> None:
         """`root`: the folder that holds the files of the machine. `recorded`: two texts of a place after a killed run."""
         self.machine = machine
         self.root = root
@@ -73,7 +73,7 @@ class BackEnd:
 
     # For every back end to write
 
-    def owns(self) -> typing.Set[str]:
+    def list_interfaces(self) -> typing.Set[str]:
         """The names of the interfaces that this manager configures now."""
         raise NotImplementedError
 
@@ -81,11 +81,11 @@ class BackEnd:
         """The texts in our places now. Raises Problem where something there is not ours."""
         raise NotImplementedError
 
-    def place(self, interface: str) -> str:
+    def find_place(self, interface: str) -> str:
         """The place for the routes of an interface. Raises Problem where the manager has none."""
         raise NotImplementedError
 
-    def render(self, routes: RoutesOf) -> Wanted:
+    def render(self, routes: RoutesByInterface) -> PlannedTexts:
         """The wanted texts for these routes: of every place of `read`, and of every place of these interfaces.
 
         A route without a device (blackhole and its like) is listed with the interface that brings it back at boot.
@@ -95,7 +95,7 @@ class BackEnd:
 
     # For a back end to override where its manager needs it
 
-    def check(self, wanted: Wanted) -> None:
+    def check(self, wanted: PlannedTexts) -> None:
         """Raises Problem where the manager's own tool refuses the texts, or would not use them at boot."""
 
     def write(self, place: str, content: typing.Optional[str]) -> None:
@@ -117,7 +117,7 @@ class BackEnd:
         """The path of a file below `root`."""
         return os.path.join(self.root, place.lstrip("/"))
 
-    def own_text(self, place: str) -> typing.Optional[str]:
+    def read_own_text(self, place: str) -> typing.Optional[str]:
         """The text of a file of ours, None where there is none. Raises Problem where the file is somebody else's."""
         path = self.path(place)
         if not os.path.lexists(path):
@@ -132,7 +132,7 @@ class BackEnd:
             "set backend to none for the routes that belong there."
         )
 
-    def wrong_mode(self, place: str) -> typing.Optional[int]:
+    def find_wrong_mode(self, place: str) -> typing.Optional[int]:
         """The mode of a file of ours that is not as it was written, else None: run-parts(8) passes over a hook that is not executable."""
         path = self.path(place)
         if not place.startswith("/") or not os.path.isfile(path):

@@ -9,7 +9,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, words_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, to_words
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 
 # run-parts(8) passes over names with a dot, so the name has none.
@@ -40,17 +40,17 @@ class BackEnd(contract.BackEnd):
     mode = 0o755
     takes_precedence = True  # hooks run after everything that the stanza of an interface asks for
 
-    def owns(self) -> typing.Set[str]:
+    def list_interfaces(self) -> typing.Set[str]:
         """The interfaces that ifup has brought up, from its own list of them."""
         lines = [line for path in STATES for line in commands.text(self.path(path)).splitlines()]
         names = {line.partition("=")[0].split()[0] for line in lines if line.strip()}
         return {name for name in names if name in self.machine.interfaces}
 
     def read(self) -> contract.Places:
-        text = self.own_text(HOOK)
+        text = self.read_own_text(HOOK)
         return {} if text is None else {HOOK: text}
 
-    def place(self, interface: str) -> str:
+    def find_place(self, interface: str) -> str:
         if not os.path.isdir(self.path("/etc/network")):
             raise Problem(
                 f"routes: {interface} shall have its routes by ifupdown, and there is no /etc/network, expected ifupdown "
@@ -58,7 +58,7 @@ class BackEnd(contract.BackEnd):
             )
         return HOOK
 
-    def render(self, routes: contract.RoutesOf) -> contract.Wanted:
+    def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
         if not any(routes.values()):
             return {HOOK: None}
         # A route without a device belongs to no interface: the first interface that comes up makes it.
@@ -77,4 +77,4 @@ def _case(interface: str, routes: typing.List[Route]) -> str:
 
 
 def _line(route: Route) -> str:
-    return " ".join(["replace", f"-{route.version}", *(shlex.quote(word) for word in words_of(route))])
+    return " ".join(["replace", f"-{route.version}", *(shlex.quote(word) for word in to_words(route))])

@@ -59,52 +59,52 @@ class BackEnd(contract.BackEnd):
 
     name = "netplan"
     mode = 0o600
-    cannot = ("advmss",)
+    inexpressible = ("advmss",)
 
-    def __init__(self, machine: contract.Machine, root: str, recorded: contract.Recorded) -> None:
+    def __init__(self, machine: contract.Machine, root: str, recorded: contract.RecordedTexts) -> None:
         super().__init__(machine, root, recorded)
-        self._known: typing.Optional[typing.Dict[str, Definition]] = None
+        self._cache: typing.Optional[typing.Dict[str, Definition]] = None
 
     # The definition of an interface
 
     def _definitions(self) -> typing.Dict[str, Definition]:
         """The definitions by the interface on which they are in effect."""
-        if self._known is None:
-            self._known = dict(self._of_networkmanager())
-            self._known.update(self._of_networkd())
-        return self._known
+        if self._cache is None:
+            self._cache = dict(self._read_networkmanager())
+            self._cache.update(self._read_networkd())
+        return self._cache
 
-    def _of_networkd(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
+    def _read_networkd(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
         manager = networkd.BackEnd(self.machine, self.root, {})
         for interface in self.machine.interfaces:
             file = manager.network_file(interface)
             if file.startswith(_GENERATED):
                 name = file[len(_GENERATED) : -len(".network")]
-                kind = _setting(commands.text(self.path(f"{_GENERATED}{name}.netdev")), "Kind")
+                kind = _read_setting(commands.text(self.path(f"{_GENERATED}{name}.netdev")), "Kind")
                 wifi = os.path.exists(self.path(f"/run/netplan/wpa-{name}.conf"))
-                yield interface, Definition(_section("wifi" if wifi else kind), name, file)
+                yield interface, Definition(_choose_section("wifi" if wifi else kind), name, file)
 
-    def _of_networkmanager(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
+    def _read_networkmanager(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
         if not self.machine.booted or not glob.glob(networkmanager.NETPLANS + "*"):
             return
         for interface, active in networkmanager.active_profiles().items():
             if active.netplan:
                 text = commands.text(active.file)
-                name = _setting(text, "id")[len("netplan-") :]
-                kind = _setting(text, "type")
+                name = _read_setting(text, "id")[len("netplan-") :]
+                kind = _read_setting(text, "type")
                 if kind == "wifi":  # one profile per access point
-                    name = name[: -len("-" + _setting(text, "ssid"))]
-                yield interface, Definition(_section(kind), name, active.file)
+                    name = name[: -len("-" + _read_setting(text, "ssid"))]
+                yield interface, Definition(_choose_section(kind), name, active.file)
 
-    def owns(self) -> typing.Set[str]:
+    def list_interfaces(self) -> typing.Set[str]:
         """The interfaces that netplan configures, by what it has generated for the manager behind it."""
         return set(self._definitions())
 
     def read(self) -> contract.Places:
-        text = self.own_text(FILE)
+        text = self.read_own_text(FILE)
         return {} if text is None else {FILE: text}
 
-    def place(self, interface: str) -> str:
+    def find_place(self, interface: str) -> str:
         definition = self._definitions().get(interface)
         where = f"routes: {interface} shall have its routes by netplan, and"
         if definition is None:
@@ -124,13 +124,13 @@ class BackEnd(contract.BackEnd):
 
     # Our file
 
-    def render(self, routes: contract.RoutesOf) -> contract.Wanted:
+    def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
         sections: typing.Dict[str, typing.Dict[str, typing.List[str]]] = {}
         for interface, listed in sorted(routes.items()):
             if listed:
-                self.place(interface)
+                self.find_place(interface)
                 definition = self._definitions()[interface]
-                lines = [line for route in listed for line in _entry(route)]
+                lines = [line for route in listed for line in _render_route(route)]
                 sections.setdefault(definition.section, {}).setdefault(definition.name, []).extend(lines)
         if not sections:
             return {FILE: None}
@@ -138,10 +138,10 @@ class BackEnd(contract.BackEnd):
         for section, definitions in sorted(sections.items()):
             lines.append(f"  {section}:")
             for name, entries in sorted(definitions.items()):
-                lines += [f"    {_quoted(name)}:", "      routes:", *entries]
+                lines += [f"    {_quote_yaml(name)}:", "      routes:", *entries]
         return {FILE: contract.HEADER + "".join(f"{line}\n" for line in lines)}
 
-    def check(self, wanted: contract.Wanted) -> None:
+    def check(self, wanted: contract.PlannedTexts) -> None:
         """Run `netplan generate` on a copy of its folders with our file as wanted. Raises Problem where it refuses."""
         copy = tempfile.mkdtemp(prefix=f"{contract.NAME}-netplan-")
         try:
@@ -158,7 +158,7 @@ class BackEnd(contract.BackEnd):
             answer = commands.run(["netplan", "generate", "--root-dir", copy], limit=_LIMIT)
             if answer.status != 0:
                 raise Problem(
-                    f"routes: netplan refuses {FILE} as it would be ({quote(_said(answer).replace(copy, ''), LINE)}): correct the routes, or "
+                    f"routes: netplan refuses {FILE} as it would be ({quote(_read_error(answer).replace(copy, ''), LINE)}): correct the routes, or "
                     "set backend to none for those that its renderer cannot make."
                 )
         finally:
@@ -177,7 +177,9 @@ class BackEnd(contract.BackEnd):
             return
         answer = commands.run(["netplan", "generate"], limit=_LIMIT)
         if answer.status != 0:
-            raise Problem(f"routes: 'netplan generate' failed ({quote(_said(answer), LINE)}), expected it to work.")
+            raise Problem(
+                f"routes: 'netplan generate' failed ({quote(_read_error(answer), LINE)}), expected it to work."
+            )
         files = [definition.file for definition in self._definitions().values()]
         if any(file.startswith(networkmanager.NETPLANS) for file in files):
             # A definition of a wifi has one profile per access point.
@@ -185,28 +187,28 @@ class BackEnd(contract.BackEnd):
             answer = networkmanager.nmcli("connection", "load", *profiles)
             if answer.status != 0:
                 raise Problem(
-                    f"routes: NetworkManager cannot load what netplan has generated ({quote(_said(answer), LINE)}), expected it running."
+                    f"routes: NetworkManager cannot load what netplan has generated ({quote(_read_error(answer), LINE)}), expected it running."
                 )
         if any(file.startswith(_GENERATED) for file in files):
             networkd.BackEnd(self.machine, self.root, {}).activate(places)
 
 
-def _section(kind: str) -> str:
+def _choose_section(kind: str) -> str:
     return _SECTIONS.get(kind, "tunnels")
 
 
-def _setting(text: str, key: str) -> str:
+def _read_setting(text: str, key: str) -> str:
     """The first value of a key in a file of networkd or NetworkManager."""
     found = re.search(rf"^{re.escape(key)}=(.*)$", text, re.MULTILINE)
     return found.group(1).strip() if found else ""
 
 
-def _said(answer: commands.Answer) -> str:
+def _read_error(answer: commands.Answer) -> str:
     lines = [line for line in answer.error.splitlines() if line.strip() and "WARNING" not in line]
     return " ".join(" ".join(lines).split()).rstrip(".") or "without a word"
 
 
-def _quoted(text: str) -> str:
+def _quote_yaml(text: str) -> str:
     """A text as a scalar of YAML. These texts have no characters that need an escape."""
     return f'"{text}"'
 
@@ -228,19 +230,19 @@ _KEYS = (
 _PLAIN = {"table": 254, "on_link": False, "type": "unicast", "mtu": 0, "initcwnd": 0}
 
 
-def _entry(route: Route) -> typing.List[str]:
+def _render_route(route: Route) -> typing.List[str]:
     lines = []
     for key, field in _KEYS:
         value = getattr(route, field)
         if value == "" or (field in _PLAIN and value == _PLAIN[field]):
             continue
-        lines.append(f"{key}: {_scalar(value)}")
+        lines.append(f"{key}: {_render_scalar(value)}")
     if route.type == "unicast" and not route.gateway and not route.scope:
         lines.append("scope: link")  # else netplan asks for a gateway
     return [f"        - {lines[0]}", *(f"          {line}" for line in lines[1:])]
 
 
-def _scalar(value: typing.Any) -> typing.Any:
+def _render_scalar(value: typing.Any) -> typing.Any:
     if value is True:
         return "true"
-    return _quoted(value) if ":" in str(value) else value
+    return _quote_yaml(value) if ":" in str(value) else value

@@ -25,7 +25,7 @@ class BackEnd(contract.BackEnd):
 
     name = "networkd"
 
-    def owns(self) -> typing.Set[str]:
+    def list_interfaces(self) -> typing.Set[str]:
         """The interfaces that networkd configures with a .network file."""
         return {name for name in self.machine.interfaces if self.network_file(name)}
 
@@ -42,10 +42,10 @@ class BackEnd(contract.BackEnd):
         except OSError:
             return {}
         places = [f"{FOLDER}/{name}/{DROP_IN}" for name in names if name.endswith(".network.d")]
-        texts = {place: self.own_text(place) for place in places}
+        texts = {place: self.read_own_text(place) for place in places}
         return {place: text for place, text in texts.items() if text is not None}
 
-    def place(self, interface: str) -> str:
+    def find_place(self, interface: str) -> str:
         file = self.network_file(interface)
         where = f"routes: {interface} shall have its routes by networkd, and"
         if not file:
@@ -67,11 +67,13 @@ class BackEnd(contract.BackEnd):
             )
         return f"{FOLDER}/{os.path.basename(file)}.d/{DROP_IN}"
 
-    def render(self, routes: contract.RoutesOf) -> contract.Wanted:
-        wanted: contract.Wanted = dict.fromkeys(self.read())
+    def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
+        wanted: contract.PlannedTexts = dict.fromkeys(self.read())
         for interface, listed in sorted(routes.items()):
             if listed:
-                wanted[self.place(interface)] = contract.HEADER + "".join(_section(route) for route in listed)
+                wanted[self.find_place(interface)] = contract.HEADER + "".join(
+                    _render_section(route) for route in listed
+                )
         return wanted
 
     def activate(self, places: typing.List[str]) -> None:
@@ -107,7 +109,7 @@ _KEYS = (
 )
 
 
-def _section(route: Route) -> str:
+def _render_section(route: Route) -> str:
     values = [(key, getattr(route, field), usual) for key, field, usual in _KEYS]
     lines = [f"{key}={'yes' if value is True else value}" for key, value, usual in values if value != usual]
     return "\n[Route]\n" + "\n".join(lines) + "\n"

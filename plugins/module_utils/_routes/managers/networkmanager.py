@@ -57,15 +57,15 @@ def active_profiles() -> typing.Dict[str, Active]:
     devices = nmcli("--fields", "DEVICE,CON-UUID,STATE", "device")
     if devices.status != 0:
         return {}
-    files = dict(_fields(nmcli("--fields", "UUID,FILENAME", "connection", "show", "--active"), 2))
+    files = dict(_split_fields(nmcli("--fields", "UUID,FILENAME", "connection", "show", "--active"), 2))
     return {
         device: Active(uuid, _EXTERNAL in state, files.get(uuid, ""))
-        for device, uuid, state in _fields(devices, 3)
+        for device, uuid, state in _split_fields(devices, 3)
         if uuid and state.startswith("connected")
     }
 
 
-def _fields(answer: commands.Answer, number: int) -> typing.List[typing.List[str]]:
+def _split_fields(answer: commands.Answer, number: int) -> typing.List[typing.List[str]]:
     lines = answer.output.decode("utf-8", "replace").splitlines() if answer.status == 0 else []
     return [line.split(":", number - 1) for line in lines if line.count(":") >= number - 1]
 
@@ -74,9 +74,9 @@ class BackEnd(contract.BackEnd):
     """NetworkManager."""
 
     name = "networkmanager"
-    cannot = ("advmss",)  # before 1.46
+    inexpressible = ("advmss",)  # before 1.46
 
-    def __init__(self, machine: contract.Machine, root: str, recorded: contract.Recorded) -> None:
+    def __init__(self, machine: contract.Machine, root: str, recorded: contract.RecordedTexts) -> None:
         super().__init__(machine, root, recorded)
         self._known: typing.Optional[typing.Dict[str, Active]] = None
         self._profiles: typing.Dict[str, typing.Optional[Profile]] = {}
@@ -89,11 +89,11 @@ class BackEnd(contract.BackEnd):
             self._known = active_profiles() if self.machine.booted else {}
         return self._known
 
-    def owns(self) -> typing.Set[str]:
+    def list_interfaces(self) -> typing.Set[str]:
         """The interfaces on which NetworkManager has activated a profile, other than netplan's."""
         return {name for name, active in self._active().items() if not active.external and not active.netplan}
 
-    def place(self, interface: str) -> str:
+    def find_place(self, interface: str) -> str:
         active = self._active().get(interface)
         where = f"routes: {interface} shall have its routes by NetworkManager, and"
         if active is None:
@@ -131,32 +131,32 @@ class BackEnd(contract.BackEnd):
     def _profile(self, place: str) -> typing.Optional[Profile]:
         """A profile as it was when this run first looked, None where it is gone."""
         if place not in self._profiles:
-            self._profiles[place] = _ask(place)
+            self._profiles[place] = _read_profile(place)
         return self._profiles[place]
 
     def read(self) -> contract.Places:
         found = {}
         for place in sorted(self.recorded) if self.machine.booted else []:
             profile = self._profile(place)
-            text = _text(line for line in profile.lines if line in self._ours[place]) if profile else None
+            text = _join_lines(line for line in profile.lines if line in self._ours[place]) if profile else None
             if text is not None:
                 found[place] = text
         return found
 
-    def render(self, routes: contract.RoutesOf) -> contract.Wanted:
-        wanted: contract.Wanted = dict.fromkeys(self.read())
+    def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
+        wanted: contract.PlannedTexts = dict.fromkeys(self.read())
         for interface, listed in routes.items():
-            place = self.place(interface)
+            place = self.find_place(interface)
             profile = self._profile(place)
             if profile is None:
                 raise Problem(f"routes: the profile {place} of {interface} is gone: run again.")
             # Routes that the profile has by itself are not ours, so they are never removed from it.
             others = set(profile.lines) - self._ours.get(place, set())
-            lines = {line_of(route, profile.tables[route.version]) for route in listed}
-            wanted[place] = _text(lines - others)
+            lines = {format_line(route, profile.tables[route.version]) for route in listed}
+            wanted[place] = _join_lines(lines - others)
         return wanted
 
-    def check(self, wanted: contract.Wanted) -> None:
+    def check(self, wanted: contract.PlannedTexts) -> None:
         """Raises Problem where other settings of a profile prevent its routes at boot. (nmcli checks the routes in `write`.)"""
         for place, text in wanted.items():
             profile = self._profile(place)
@@ -179,20 +179,20 @@ class BackEnd(contract.BackEnd):
 
     def write(self, place: str, content: typing.Optional[str]) -> None:
         """Add the missing lines to the profile and remove our other ones, in one step of NetworkManager: all or nothing."""
-        profile, wanted = _ask(place), _lines(content or "")
+        profile, wanted = _read_profile(place), _lines(content or "")
         if profile is None:
             if content is None:
                 return
             raise Problem(f"routes: the profile {_uuid(place)} is gone, expected it there: run again.")
         ours = self._ours.setdefault(place, set())
-        words = _words("-", [line for line in profile.lines if line in ours and line not in wanted])
-        words += _words("+", [line for line in wanted if line not in profile.lines])
+        words = _modify_words("-", [line for line in profile.lines if line in ours and line not in wanted])
+        words += _modify_words("+", [line for line in wanted if line not in profile.lines])
         ours.update(wanted)
         if words:
             answer = nmcli("connection", "modify", "uuid", _uuid(place), *words)
             if answer.status != 0:
                 raise Problem(
-                    f"routes: NetworkManager refuses the change of the profile {_uuid(place)} ({quote(_said(answer), LINE)})."
+                    f"routes: NetworkManager refuses the change of the profile {_uuid(place)} ({quote(_read_error(answer), LINE)})."
                 )
 
     def activate(self, places: typing.List[str]) -> None:
@@ -211,7 +211,7 @@ def _uuid(place: str) -> str:
     return place[len(PREFIX) :]
 
 
-def _words(sign: str, lines: typing.Iterable[str]) -> typing.List[str]:
+def _modify_words(sign: str, lines: typing.Iterable[str]) -> typing.List[str]:
     """The words of `nmcli connection modify` that add (+) or remove (-) lines."""
     words = []
     for line in lines:
@@ -220,11 +220,11 @@ def _words(sign: str, lines: typing.Iterable[str]) -> typing.List[str]:
     return words
 
 
-def _said(answer: commands.Answer) -> str:
+def _read_error(answer: commands.Answer) -> str:
     return " ".join(answer.error.split()).replace("Error: ", "").rstrip(".") or "without a word"
 
 
-def _ask(place: str) -> typing.Optional[Profile]:
+def _read_profile(place: str) -> typing.Optional[Profile]:
     """A profile, None where it is gone, or NetworkManager with it. Raises Problem where it cannot be read."""
     names = ["connection.autoconnect"]
     names += [f"ipv{version}.{name}" for version in (4, 6) for name in ("method", "route-table", "routes")]
@@ -233,10 +233,10 @@ def _ask(place: str) -> typing.Optional[Profile]:
         return None
     if answer.status != 0:
         raise Problem(
-            f"routes: the profile {_uuid(place)} of NetworkManager cannot be read ({quote(_said(answer), LINE)}), expected NetworkManager "
+            f"routes: the profile {_uuid(place)} of NetworkManager cannot be read ({quote(_read_error(answer), LINE)}), expected NetworkManager "
             "running: start it."
         )
-    values = dict(_fields(answer, 2))
+    values = dict(_split_fields(answer, 2))
     return Profile(
         autoconnect=values.get("connection.autoconnect") != "no",
         methods={version: values.get(f"ipv{version}.method", "") for version in (4, 6)},
@@ -244,15 +244,15 @@ def _ask(place: str) -> typing.Optional[Profile]:
         lines=[
             line
             for version in (4, 6)
-            for line in lines_of(version, values.get(f"ipv{version}.routes", ""), _uuid(place))
+            for line in parse_lines(version, values.get(f"ipv{version}.routes", ""), _uuid(place))
         ],
     )
 
 
-def lines_of(version: int, value: str, uuid: str) -> typing.List[str]:
+def parse_lines(version: int, value: str, uuid: str) -> typing.List[str]:
     """The routes that nmcli prints for a profile, as lines in normal form. Raises Problem for a form that is unknown."""
     try:
-        return [_normal(version, route.split()) for route in value.split(",") if route.strip()]
+        return [_normalize(version, route.split()) for route in value.split(",") if route.strip()]
     except (ValueError, IndexError) as problem:
         raise Problem(
             f"routes: the profile {uuid} has ipv{version}.routes {quote(value)}, which is not in the form of nmcli since 1.8 "
@@ -260,7 +260,7 @@ def lines_of(version: int, value: str, uuid: str) -> typing.List[str]:
         ) from problem
 
 
-def _normal(version: int, words: typing.List[str]) -> str:
+def _normalize(version: int, words: typing.List[str]) -> str:
     """A route of nm-settings-nmcli(5): destination [next-hop] [metric] [attribute=value]..."""
     line = [str(ipaddress.ip_network(words[0], strict=False))]
     rest = words[1:]
@@ -276,7 +276,7 @@ def _normal(version: int, words: typing.List[str]) -> str:
 _SCOPES = {"global": 0, "link": 253, "host": 254}  # rtnetlink(7)
 
 
-def line_of(route: Route, profile_table: int) -> str:
+def format_line(route: Route, profile_table: int) -> str:
     """A route of ours as a line. `profile_table` is the profile's route-table: 0 for none, so for the table main."""
     words = [route.destination] + ([route.gateway] if route.gateway else [])
     words.append(str(route.metric))  # without it NetworkManager takes that of the interface, 100 and more
@@ -301,6 +301,6 @@ def _lines(text: str) -> typing.List[str]:
     return text.splitlines()
 
 
-def _text(lines: typing.Iterable[str]) -> typing.Optional[str]:
+def _join_lines(lines: typing.Iterable[str]) -> typing.Optional[str]:
     """Lines as the text of a place, None for none."""
     return "".join(f"{line}\n" for line in sorted(set(lines))) or None

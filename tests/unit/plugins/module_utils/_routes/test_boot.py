@@ -12,8 +12,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import BACKENDS
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import read_boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.wanted import Item
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.options import RouteRequest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import read_boot_record
 
 DROP_IN = "/etc/systemd/network/{}.d/90-rosfleet-multimaster.conf"
 
@@ -36,8 +36,8 @@ def machine(*names):
 
 
 def boot(tree, record=None, choice=None):
-    plan = Boot(machine("eth0", "eth1.5"), str(tree), read_boot(record or {}))
-    plan.want(choice or {})
+    plan = Boot(machine("eth0", "eth1.5"), str(tree), read_boot_record(record or {}))
+    plan.plan(choice or {})
     return plan
 
 
@@ -53,7 +53,7 @@ def test_made_found_again_and_removed_without_a_trace(tree):
     first = boot(tree, choice=CHOICE)
     assert set(first.changes) == {"ifupdown", "networkd"}
     first.apply()
-    memory = json.loads(json.dumps(first.final().plain()))
+    memory = json.loads(json.dumps(first.final_record().to_json()))
     assert (tree / "etc/network/if-up.d/rosfleet-multimaster").stat().st_mode & 0o777 == 0o755
     assert memory["folders"] == [
         "/etc/systemd",
@@ -63,10 +63,10 @@ def test_made_found_again_and_removed_without_a_trace(tree):
     ]
     second = boot(tree, memory, CHOICE)
     assert second.changes == {}
-    assert second.final().plain() == memory
+    assert second.final_record().to_json() == memory
     last = boot(tree, memory)
     last.apply()
-    assert (snapshot(tree), last.final().plain()) == (before, {})
+    assert (snapshot(tree), last.final_record().to_json()) == (before, {})
 
 
 def test_a_failure_half_way_puts_the_files_back(tree):
@@ -105,15 +105,15 @@ def test_the_finer_points_at_boot(tree):
 def test_an_interface_that_changes_hands_leaves_no_hook(tree):
     plan = boot(tree, choice={"ifupdown": {"eth0": ROUTES["eth0"]}})
     plan.apply()
-    moved = boot(tree, plan.final().plain(), {"networkd": {"eth1.5": ROUTES["eth0"]}})
+    moved = boot(tree, plan.final_record().to_json(), {"networkd": {"eth1.5": ROUTES["eth0"]}})
     moved.apply()
     assert not (tree / "etc/network/if-up.d").exists()
-    assert list(moved.final().plain()["places"]) == [DROP_IN.format("50-robot.network")]
+    assert list(moved.final_record().to_json()["places"]) == [DROP_IN.format("50-robot.network")]
 
 
 def test_what_a_killed_run_has_not_told_its_manager_is_told(tree):
     plan = boot(tree, choice=CHOICE)
-    interim = plan.interim().plain()
+    interim = plan.interim_record().to_json()
     plan.apply()
     again = boot(tree, interim, CHOICE)
     assert set(again.changes) == {"ifupdown", "networkd"}
@@ -131,10 +131,10 @@ def test_what_a_killed_run_has_not_told_its_manager_is_told(tree):
     ],
 )
 def test_who_brings_a_route_back(tree, backend, overrides, carrier, expected):
-    assert boot(tree).backend_of(Item(ROUTES["eth0"][0], carrier, backend), overrides) == expected
+    assert boot(tree).choose_backend(RouteRequest(ROUTES["eth0"][0], carrier, backend), overrides) == expected
 
 
 @pytest.mark.parametrize("carrier", ["usb0", ""])
 def test_an_interface_of_nobody_is_one_sentence(tree, carrier):
     with pytest.raises(Problem, match=r"none of .*ifupdown manages .* set backend to none"):
-        boot(tree).backend_of(Item(ROUTES["eth0"][0], carrier, "auto"), {})
+        boot(tree).choose_backend(RouteRequest(ROUTES["eth0"][0], carrier, "auto"), {})

@@ -24,18 +24,20 @@ def route(destination, gateway="", device="eth0", metric=None, **more):
 
 def held(text, version=4, table=254):
     raw = kernel.from_text(text)[0]
-    return kernel.held(raw, version, table)
+    return kernel.parse_route(raw, version, table)
 
 
 @pytest.mark.parametrize("version", [4, 6])
 def test_the_text_of_an_old_iproute2_says_the_same_as_json(version):
     raws = json.loads((FIXTURES / f"show{version}.json").read_text())
     lines = kernel.from_text((FIXTURES / f"show{version}.txt").read_text())
-    assert [kernel.held(raw, version, 254) for raw in lines] == [kernel.held(raw, version, 254) for raw in raws]
+    assert [kernel.parse_route(raw, version, 254) for raw in lines] == [
+        kernel.parse_route(raw, version, 254) for raw in raws
+    ]
 
 
 def test_the_words_of_a_route_bring_it_back_whole():
-    texts = [kernel.held(raw, 4, 100).text for raw in json.loads((FIXTURES / "show4.json").read_text())]
+    texts = [kernel.parse_route(raw, 4, 100).text for raw in json.loads((FIXTURES / "show4.json").read_text())]
     assert texts == (FIXTURES / "words4.txt").read_text().splitlines()
 
 
@@ -62,10 +64,10 @@ def test_what_is_locked_is_known_from_the_text_alone():
         b"unicast default via 10.0.0.1 dev eth0 proto boot scope global mtu lock 1400\nunicast 10.1.0.0/16 dev eth0\n"
     )
     kernel._add_locks(raws, Answer(0, text, ""))
-    assert kernel.held(raws[0], 4, 254).text == "default via 10.0.0.1 dev eth0 proto boot mtu lock 1400"
+    assert kernel.parse_route(raws[0], 4, 254).text == "default via 10.0.0.1 dev eth0 proto boot mtu lock 1400"
     raws[0]["metrics"] = [{"mtu": 1400}]
     kernel._add_locks(raws, Answer(0, b"", ""))  # the routes have changed meanwhile
-    assert kernel.held(raws[0], 4, 254).inexpressible
+    assert kernel.parse_route(raws[0], 4, 254).inexpressible
 
 
 GATEWAYS = st.sampled_from(["", "192.168.11.1", "192.168.11.2"])
@@ -85,7 +87,7 @@ GATEWAYS = st.sampled_from(["", "192.168.11.1", "192.168.11.2"])
     )
 )
 def test_a_route_of_ours_is_read_as_it_was_made(wanted):
-    words = kernel.words_of(wanted)
+    words = kernel.to_words(wanted)
     if "table" in words:  # a listing of one table does not name it
         at = words.index("table")
         del words[at : at + 2]

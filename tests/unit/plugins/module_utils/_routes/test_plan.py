@@ -20,7 +20,7 @@ def route(destination, gateway="", device="eth0", metric=None, **more):
 
 def held(text, version=4, table=254):
     raw = kernel.from_text(text)[0]
-    return kernel.held(raw, version, table)
+    return kernel.parse_route(raw, version, table)
 
 
 def holding(*texts):
@@ -32,7 +32,7 @@ def holding(*texts):
 
 
 def planned(routes, current=None, entries=None, replace=False):
-    return routes_plan.plan(routes, current or {}, entries or {}, replace, INTERFACES)
+    return routes_plan.plan_routes(routes, current or {}, entries or {}, replace, INTERFACES)
 
 
 def commands(changes):
@@ -182,6 +182,6 @@ def test_a_second_default_route_is_found():
         "unicast 10.0.0.0/8 via 10.0.0.1 dev eth2 proto dhcp scope global metric 100",
         "unicast ::/0 via fd00:11::9 dev eth0 proto static scope global metric 5",
     )
-    found = routes_plan.other_defaults(wanted, [one for there in others.values() for one in there])
+    found = routes_plan.find_other_defaults(wanted, [one for there in others.values() for one in there])
     assert [one.text for one in found] == ["default via 10.0.0.1 dev eth2 proto dhcp metric 100"]
-    assert routes_plan.other_defaults(wanted[1:], [one for there in others.values() for one in there]) == []
+    assert routes_plan.find_other_defaults(wanted[1:], [one for there in others.values() for one in there]) == []

@@ -3,7 +3,7 @@
 
 """The names of routing tables."""
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import tables
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import read_tables
 
 
 def put(root, path, text):
@@ -12,7 +12,7 @@ def put(root, path, text):
 
 
 def test_no_files_are_the_tables_of_the_kernel(tmp_path):
-    assert tables(str(tmp_path)) == {"default": 253, "main": 254, "local": 255}
+    assert read_tables(str(tmp_path)) == {"default": 253, "main": 254, "local": 255}
 
 
 def test_a_name_of_the_administrator_counts_and_other_lines_do_not(tmp_path):
@@ -20,4 +20,4 @@ def test_a_name_of_the_administrator_counts_and_other_lines_do_not(tmp_path):
     put(tmp_path, "usr/share/iproute2/rt_tables.d/a.conf", "0x10 hex # sixteen\n")
     put(tmp_path, "etc/iproute2/rt_tables", "8 site\n")
     put(tmp_path, "etc/iproute2/rt_tables.d/readme", "11 nobody\n")
-    assert tables(str(tmp_path)) == {"default": 253, "main": 254, "local": 255, "site": 8, "hex": 16}
+    assert read_tables(str(tmp_path)) == {"default": 253, "main": 254, "local": 255, "site": 8, "hex": 16}

@@ -46,7 +46,7 @@ def end(kind, tree, names=("eth0", "eth1.5"), recorded=None):
 
 
 def test_ifupdown_owns_what_ifup_brought_up(tree):
-    assert end(ifupdown, tree).owns() == {"eth0"}
+    assert end(ifupdown, tree).list_interfaces() == {"eth0"}
 
 
 def test_the_hook_of_ifupdown(tree):
@@ -73,7 +73,7 @@ def test_the_name_of_the_hook_is_one_that_run_parts_runs(tree):
 
 def test_without_ifupdown_there_is_no_place(tmp_path):
     with pytest.raises(Problem, match="expected ifupdown installed"):
-        end(ifupdown, tmp_path).place("eth0")
+        end(ifupdown, tmp_path).find_place("eth0")
 
 
 def test_a_hook_of_somebody_else_is_left(tree):
@@ -87,7 +87,7 @@ def test_a_hook_of_somebody_else_is_left(tree):
 
 
 def test_networkd_owns_what_it_configures(tree):
-    assert end(networkd, tree).owns() == {"eth1.5"}
+    assert end(networkd, tree).list_interfaces() == {"eth1.5"}
 
 
 def test_the_drop_in_of_networkd(tree):
@@ -121,4 +121,4 @@ def test_a_drop_in_of_an_earlier_file_goes(tree):
 def test_where_networkd_has_no_place_for_one_interface(tree, state, words):
     (tree / "run/systemd/netif/links/2").write_text(state)
     with pytest.raises(Problem, match=words):
-        end(networkd, tree).place("eth0")
+        end(networkd, tree).find_place("eth0")

@@ -50,10 +50,10 @@ def generated(name):
 
 def test_owns_what_netplan_has_generated_and_not_what_others_wrote(tmp_path):
     end = back_end(tmp_path, {"eth0": generated("eth0"), "eth1": "/etc/systemd/network/10-eth1.network", "lo": ""})
-    assert end.owns() == {"eth0"}
-    assert end.place("eth0") == netplan.FILE
+    assert end.list_interfaces() == {"eth0"}
+    assert end.find_place("eth0") == netplan.FILE
     with pytest.raises(Problem, match="eth1 .*nothing that netplan has generated"):
-        end.place("eth1")
+        end.find_place("eth1")
 
 
 @pytest.mark.parametrize(

@@ -92,36 +92,36 @@ def back_end(recorded=None, booted=True):
     ],
 )
 def test_a_route_is_a_line(route, line):
-    assert nm.line_of(route, 0) == line
+    assert nm.format_line(route, 0) == line
     version = 6 if line.startswith("ipv6") else 4
-    assert nm.lines_of(version, line.partition(" ")[2], UUID) == [line]
+    assert nm.parse_lines(version, line.partition(" ")[2], UUID) == [line]
 
 
 def test_a_profile_with_a_table_of_its_own_gets_the_table_main_in_words():
-    assert nm.line_of(STATIC, 100) == LINE + " table=254"
-    assert nm.line_of(STATIC._replace(table=100), 100) == LINE
+    assert nm.format_line(STATIC, 100) == LINE + " table=254"
+    assert nm.format_line(STATIC._replace(table=100), 100) == LINE
 
 
 def test_what_nmcli_prints_in_another_order_or_form_is_the_same_line():
     printed = "10.5.1.0/16 192.168.1.9 30 table=100 src=192.168.1.13, FD00:11:0::/64 fd00:1:0::201"
-    assert nm.lines_of(4, printed.split(", ", maxsplit=1)[0], UUID) == [
+    assert nm.parse_lines(4, printed.split(", ", maxsplit=1)[0], UUID) == [
         "ipv4.routes 10.5.0.0/16 192.168.1.9 30 src=192.168.1.13 table=100"
     ]
-    assert nm.lines_of(6, printed.split(", ")[1], UUID) == ["ipv6.routes fd00:11::/64 fd00:1::201"]
+    assert nm.parse_lines(6, printed.split(", ")[1], UUID) == ["ipv6.routes fd00:11::/64 fd00:1::201"]
 
 
 def test_an_unknown_form_is_named():
     with pytest.raises(Problem, match='ipv4.routes "{ ip = 10.0.0.0/8 }"'):
-        nm.lines_of(4, "{ ip = 10.0.0.0/8 }", UUID)
+        nm.parse_lines(4, "{ ip = 10.0.0.0/8 }", UUID)
 
 
 def test_owns_what_it_has_activated_itself(daemon):
-    assert back_end().owns() == {"eth0"}
-    assert back_end(booted=False).owns() == set()
+    assert back_end().list_interfaces() == {"eth0"}
+    assert back_end(booted=False).list_interfaces() == set()
 
 
 def test_place_of_an_active_profile(daemon):
-    assert back_end().place("eth0") == PLACE
+    assert back_end().find_place("eth0") == PLACE
 
 
 @pytest.mark.parametrize(
@@ -143,14 +143,14 @@ def test_a_profile_that_brings_nothing_back_is_named(active, words):
     end = back_end()
     end._known = {} if active is None else {"eth0": active}
     with pytest.raises(Problem, match="eth0 .*" + words):
-        end.place("eth0")
+        end.find_place("eth0")
 
 
 def test_a_profile_of_two_interfaces_is_refused():
     end = back_end()
     end._known = {"eth0": nm.Active(UUID, False, FILE), "wlan0": nm.Active(UUID, False, FILE)}
     with pytest.raises(Problem, match="active on wlan0 too"):
-        end.place("eth0")
+        end.find_place("eth0")
 
 
 def test_a_route_is_added_beside_those_of_others_and_taken_away_again(daemon):

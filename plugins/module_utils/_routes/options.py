@@ -17,25 +17,21 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
     PATH,
     Key,
     Route,
-    name_of,
-    text_of,
+    format_destination,
+    format_route,
     usual_scope,
 )
 
 _LARGEST = 2**32 - 1
 _LOCAL = 255  # the table local, which belongs to the kernel
 
-Given = typing.Mapping[str, typing.Any]  # one item of the option, every suboption set
+Suboptions = typing.Mapping[str, typing.Any]  # one item of the option, every suboption set
 Interfaces = typing.Mapping[str, Interface]  # by name
 Tables = typing.Mapping[str, int]  # the numbers of the routing tables that have names
 Links = typing.Callable[[int], typing.Iterable[Route]]  # version of IP -> the routes of the table main
 
 
-def _no_links(version: int) -> typing.Iterable[Route]:
-    return ()
-
-
-class Item(typing.NamedTuple):
+class RouteRequest(typing.NamedTuple):
     """One route of the option, and what the option says about the boot."""
 
     route: Route
@@ -46,61 +42,61 @@ class Item(typing.NamedTuple):
 # From the option to routes
 
 
-def items_of(
-    wanted: typing.Iterable[Given],
+def parse_routes(
+    wanted: typing.Iterable[Suboptions],
     interfaces: Interfaces,
-    tables: typing.Optional[Tables] = None,
-    links: Links = _no_links,
-) -> typing.List[Item]:
+    tables: Tables,
+    links: Links,
+) -> typing.List[RouteRequest]:
     """The routes of the option, each with its interface. A repeated item counts once.
 
     `links` is asked where no network of an interface holds a gateway, such as the other end of a point-to-point link.
     Raises Problem for an item that makes no sense, and for two items with one key.
     """
-    items: typing.List[Item] = []
-    keys: typing.Dict[Key, Item] = {}
-    for number, given in enumerate(wanted, 1):
-        where = f"routes: item {number} ({given['destination']})"
-        given = dict(given, table=_table(given["table"], where, tables or {}))
-        item = _item(given, where, interfaces, links)
+    items: typing.List[RouteRequest] = []
+    keys: typing.Dict[Key, RouteRequest] = {}
+    for number, fields in enumerate(wanted, 1):
+        where = f"routes: item {number} ({fields['destination']})"
+        fields = dict(fields, table=_parse_table(fields["table"], where, tables))
+        item = _parse_route(fields, where, interfaces, links)
         earlier = keys.setdefault(item.route.key, item)
         if earlier is item:
             items.append(item)
         elif earlier != item:
             raise Problem(
-                f"routes: found two routes to {name_of(item.route.destination)} with metric {item.route.metric} in table "
+                f"routes: found two routes to {format_destination(item.route.destination)} with metric {item.route.metric} in table "
                 f"{item.route.table}, expected one: remove one of them, or give it another metric."
             )
     return items
 
 
-def _item(given: Given, where: str, interfaces: Interfaces, links: Links) -> Item:
-    destination = _destination(given["destination"], where)
+def _parse_route(fields: Suboptions, where: str, interfaces: Interfaces, links: Links) -> RouteRequest:
+    destination = _parse_destination(fields["destination"], where)
     version = 6 if ":" in destination else 4
-    gateway = _address(given["gateway"], version, where, "gateway")
-    source = _address(given["source"], version, where, "source")
-    _check_way(given, gateway, source, where)
-    device = _device(given, gateway, where, interfaces, links)
-    _check_number("metric", given["metric"] or 0, 0, where)
-    _check_number("table", given["table"], 1, where)
+    gateway = _parse_address(fields["gateway"], version, where, "gateway")
+    source = _parse_address(fields["source"], version, where, "source")
+    _check_way(fields, gateway, source, where)
+    device = _choose_device(fields, gateway, where, interfaces, links)
+    _check_number("metric", fields["metric"] or 0, 0, where)
+    _check_number("table", fields["table"], 1, where)
     for name in PATH:
-        _check_number(name, given.get(name) or 0, 0, where)
+        _check_number(name, fields.get(name) or 0, 0, where)
     route = Route(
         destination=destination,
         gateway=gateway,
-        device="" if given["type"] in NO_WAY else device,
-        metric=given["metric"] or METRICS[version],
-        table=given["table"],
+        device="" if fields["type"] in NO_WAY else device,
+        metric=fields["metric"] or METRICS[version],
+        table=fields["table"],
         source=source,
-        on_link=given["on_link"],
-        type=given["type"],
-        scope=_scope(given, version, gateway, where),
-        **{name: given.get(name) or 0 for name in PATH},
+        on_link=fields["on_link"],
+        type=fields["type"],
+        scope=_parse_scope(fields, version, gateway, where),
+        **{name: fields.get(name) or 0 for name in PATH},
     )
-    return Item(route, device, given["backend"])
+    return RouteRequest(route, device, fields["backend"])
 
 
-def _table(value: typing.Any, where: str, tables: Tables) -> int:
+def _parse_table(value: typing.Any, where: str, tables: Tables) -> int:
     """The number of a table. Its name comes from the files of iproute2."""
     text = str(value)
     if re.fullmatch(r"-?[0-9]+", text):
@@ -114,16 +110,16 @@ def _table(value: typing.Any, where: str, tables: Tables) -> int:
     return tables[text]
 
 
-def _scope(given: Given, version: int, gateway: str, where: str) -> str:
-    scope = str(given.get("scope") or "")
+def _parse_scope(fields: Suboptions, version: int, gateway: str, where: str) -> str:
+    scope = str(fields.get("scope") or "")
     if scope and version == 6:
         raise Problem(f"{where}: found the scope {scope}, and IPv6 has no scopes of routes: remove scope.")
     if scope == "host" and gateway:
         raise Problem(f"{where}: found the scope host with a gateway, expected the scope link or global: correct it.")
-    return "" if scope == usual_scope(given["type"], gateway) else scope
+    return "" if scope == usual_scope(fields["type"], gateway) else scope
 
 
-def _destination(value: str, where: str) -> str:
+def _parse_destination(value: str, where: str) -> str:
     if value == "default":
         return DEFAULTS[4]
     try:
@@ -135,7 +131,7 @@ def _destination(value: str, where: str) -> str:
         ) from problem
 
 
-def _address(value: typing.Optional[str], version: int, where: str, option: str) -> str:
+def _parse_address(value: typing.Optional[str], version: int, where: str, option: str) -> str:
     if not value:
         return ""
     try:
@@ -150,31 +146,33 @@ def _address(value: typing.Optional[str], version: int, where: str, option: str)
     return str(address)
 
 
-def _check_way(given: Given, gateway: str, source: str, where: str) -> None:
+def _check_way(fields: Suboptions, gateway: str, source: str, where: str) -> None:
     """A unicast route needs a gateway or a device; a blackhole and its like have no way."""
-    if given["type"] in NO_WAY:
-        if gateway or source or given["on_link"] or any(given.get(name) for name in ("scope",) + PATH):
+    if fields["type"] in NO_WAY:
+        if gateway or source or fields["on_link"] or any(fields.get(name) for name in ("scope",) + PATH):
             raise Problem(
-                f"{where}: found the type {given['type']} with a way, expected no gateway, source, on_link, scope or "
+                f"{where}: found the type {fields['type']} with a way, expected no gateway, source, on_link, scope or "
                 f"{', '.join(PATH)}: remove them."
             )
-    elif not gateway and not given["device"]:
+    elif not gateway and not fields["device"]:
         raise Problem(f"{where}: found neither gateway nor device, expected one of them: add it.")
 
 
-def _device(given: Given, gateway: str, where: str, interfaces: Interfaces, links: Links) -> str:
+def _choose_device(fields: Suboptions, gateway: str, where: str, interfaces: Interfaces, links: Links) -> str:
     """The interface of an item: the given one, else the one whose network holds the gateway."""
-    device = given["device"] or ""
+    device = fields["device"] or ""
     if device and device not in interfaces:
-        raise Problem(f"{where}: there is no interface {device}, expected one of {_names(interfaces)}: correct device.")
-    if given["on_link"] and not (gateway and device):
+        raise Problem(
+            f"{where}: there is no interface {device}, expected one of {_list_names(interfaces)}: correct device."
+        )
+    if fields["on_link"] and not (gateway and device):
         raise Problem(f"{where}: on_link needs gateway and device: add them, or remove on_link.")
-    if given["type"] not in NO_WAY and not device:
-        device = _device_towards(gateway, where, interfaces, links)
+    if fields["type"] not in NO_WAY and not device:
+        device = _find_device(gateway, where, interfaces, links)
     return device
 
 
-def _device_towards(gateway: str, where: str, interfaces: Interfaces, links: Links) -> str:
+def _find_device(gateway: str, where: str, interfaces: Interfaces, links: Links) -> str:
     """The interface whose connected network holds the gateway. The smallest such network decides."""
     address = ipaddress.ip_address(gateway)
     if address.is_link_local:
@@ -190,12 +188,12 @@ def _device_towards(gateway: str, where: str, interfaces: Interfaces, links: Lin
             found.setdefault(network.prefixlen, set()).add(route.device)
     if not found:
         raise Problem(
-            f"{where}: no interface has a network with the gateway {gateway} (found {_addresses(interfaces)}), expected one: "
+            f"{where}: no interface has a network with the gateway {gateway} (found {_list_addresses(interfaces)}), expected one: "
             "correct the gateway, or bring the interface up with an address there."
         )
     nearest = found[max(found)]
     if len(nearest) > 1:
-        raise Problem(f"{where}: the gateway {gateway} is behind {_names(nearest)}: say which in device.")
+        raise Problem(f"{where}: the gateway {gateway} is behind {_list_names(nearest)}: say which in device.")
     return nearest.pop()
 
 
@@ -209,11 +207,13 @@ def _check_number(option: str, value: int, least: int, where: str) -> None:
 # From routes to the interfaces as they are now
 
 
-def check_usable(items: typing.List[Item], interfaces: Interfaces, held: typing.Iterable[Route]) -> None:
+def check_usable(
+    items: typing.List[RouteRequest], interfaces: Interfaces, kernel_routes: typing.Iterable[Route]
+) -> None:
     """Raises Problem for a route that the kernel would refuse now. `held`: the kernel's routes."""
     own = {str(address.ip) for link in interfaces.values() for address in link.networks}
     wanted = [item.route for item in items]
-    routes = wanted + list(held)
+    routes = wanted + list(kernel_routes)
     for route in wanted:
         _check_ends(route, interfaces, own)
         if route.gateway and not route.on_link:
@@ -222,18 +222,18 @@ def check_usable(items: typing.List[Item], interfaces: Interfaces, held: typing.
 
 def _check_ends(route: Route, interfaces: Interfaces, own: typing.Set[str]) -> None:
     """The interface must be up, and the source must be one of our own addresses."""
-    where = f"routes: {text_of(route)}"
+    where = f"routes: {format_route(route)}"
     if route.device and not interfaces[route.device].up:
         raise Problem(f"{where}: the interface {route.device} is down, expected it up: bring it up first.")
     if route.source and route.source not in own:
         raise Problem(
-            f"{where}: the source {route.source} is no address of this computer (found {_addresses(interfaces)}): correct it."
+            f"{where}: the source {route.source} is no address of this computer (found {_list_addresses(interfaces)}): correct it."
         )
 
 
 def _check_gateway(route: Route, interfaces: Interfaces, own: typing.Set[str], routes: typing.Iterable[Route]) -> None:
     """The gateway must be another computer, in a network that is reached without a gateway."""
-    where = f"routes: {text_of(route)}"
+    where = f"routes: {format_route(route)}"
     if route.gateway in own:
         raise Problem(
             f"{where}: the gateway is an address of this computer itself, expected the address of another one: correct it."
@@ -251,7 +251,7 @@ def _check_gateway(route: Route, interfaces: Interfaces, own: typing.Set[str], r
     near += [ipaddress.ip_network(other.destination) for other in routes if _is_near(other, route.device)]
     if not gateway.is_link_local and not any(gateway in network for network in near):
         raise Problem(
-            f"{where}: the gateway is not in a network of {route.device} (found {_addresses({route.device: link})}): correct "
+            f"{where}: the gateway is not in a network of {route.device} (found {_list_addresses({route.device: link})}): correct "
             "gateway or device, or set on_link where it is on that link all the same."
         )
 
@@ -261,11 +261,11 @@ def _is_near(route: Route, device: str) -> bool:
     return route.device == device and not route.gateway and route.destination not in DEFAULTS.values()
 
 
-def _names(interfaces: typing.Iterable[str]) -> str:
+def _list_names(interfaces: typing.Iterable[str]) -> str:
     return ", ".join(map(quote, sorted(interfaces))) or "none"
 
 
-def _addresses(interfaces: Interfaces) -> str:
+def _list_addresses(interfaces: Interfaces) -> str:
     found = [
         f"{quote(name)} {own}"
         for name, link in sorted(interfaces.items())

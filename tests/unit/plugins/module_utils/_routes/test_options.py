@@ -6,7 +6,7 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import wanted as wanted_routes
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import options as route_options
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 
 
@@ -36,7 +36,9 @@ DEFAULTS = {
 
 
 def items(*given):
-    return wanted_routes.items_of([{**DEFAULTS, **item} for item in given], INTERFACES, {"main": 254, "local": 255})
+    return route_options.parse_routes(
+        [{**DEFAULTS, **item} for item in given], INTERFACES, {"main": 254, "local": 255}, lambda version: ()
+    )
 
 
 def route(destination, gateway="", device="eth0", metric=None, **more):
@@ -125,11 +127,13 @@ def test_the_same_item_twice_is_one_and_two_ways_of_one_key_are_refused():
 )
 def test_what_the_kernel_would_refuse_is_said_before(wanted, words):
     with pytest.raises(Problem, match=words):
-        wanted_routes.check_usable([wanted_routes.Item(wanted, "eth0", "auto")], INTERFACES, [])
+        route_options.check_usable([route_options.RouteRequest(wanted, "eth0", "auto")], INTERFACES, [])
 
 
 def test_a_gateway_behind_a_route_of_the_list_or_on_link_is_usable():
     behind = route("0.0.0.0/0", "172.16.0.1")
     near = route("172.16.0.0/24")
-    wanted_routes.check_usable([wanted_routes.Item(r, "eth0", "auto") for r in (behind, near)], INTERFACES, [])
-    wanted_routes.check_usable([wanted_routes.Item(behind._replace(on_link=True), "eth0", "auto")], INTERFACES, [])
+    route_options.check_usable([route_options.RouteRequest(r, "eth0", "auto") for r in (behind, near)], INTERFACES, [])
+    route_options.check_usable(
+        [route_options.RouteRequest(behind._replace(on_link=True), "eth0", "auto")], INTERFACES, []
+    )
