@@ -26,7 +26,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import BY_NAME, RESERVED
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import judged as judgement
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import OPTIONS, Run
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import registered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import find_result
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import TEMPLATE, page
 
 ROLES = Path(__file__).parents[2] / "roles"
@@ -150,7 +150,7 @@ def people(bundle: Run, hostvars: Any, machine: Any) -> tuple[dict[str, list[str
         variables = raw(hostvars, host)
         others = [variables.get("ansible_host"), variables.get("ansible_ssh_host")]
         if host in bundle.observations:
-            others.append(registered(hostvars[host], str(machine or "")).get("hostname"))
+            others.append(find_result(hostvars[host], str(machine or "")).get("hostname"))
         aliases[host] = [name for name in others if isinstance(name, str) and name and "{" not in name]
         users |= {
             user

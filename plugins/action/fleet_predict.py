@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     plain_data,
     plain_lines,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import registered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import find_result
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, prediction
 
@@ -60,7 +60,7 @@ def machines(fleet: FleetPlan, hostvars: Mapping[str, Any], name: str) -> dict[s
     """Return what was read on each computer, registered by this name (with a dot: a part of it); one whose result makes no sense counts as not looked at."""
     read = {}
     for host in fleet.computers:
-        info = plain_data(registered(hostvars[host], name)) if host in hostvars else {}
+        info = plain_data(find_result(hostvars[host], name)) if host in hostvars else {}
         if found.looked_at(info) and found.makes_sense(fleet, host, info):
             read[host] = info
     return read

@@ -10,7 +10,7 @@ from typing import Any
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import registered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import find_result
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.summary import summarize
 
 
@@ -27,7 +27,7 @@ class ActionModule(ActionBase):
         names = self._task.args.get("results") or []
         hostvars = variables["hostvars"]
         ended = {
-            plain(host): [registered(hostvars[host], name) for name in names]
+            plain(host): [find_result(hostvars[host], name) for name in names]
             for host in variables.get("ansible_play_hosts_all", ())
         }
         first, *lines = (

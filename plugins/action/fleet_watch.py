@@ -19,7 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     plain_lines,
     quote,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import gathered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import task_results
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import watched
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.watched import Event, Lost, Watched
 
@@ -66,7 +66,7 @@ class ActionModule(ActionBase):
 
 def told_by(variables: Mapping[str, Any], name: str, hosts: Collection[str] = ()) -> Watched:
     """Read what a computer has told, in which the names of the `hosts` are planned; one that has told nothing is lost itself."""
-    told = gathered.told(variables[name], names=hosts)
+    told = task_results.quote_texts(variables[name], names=hosts)
     try:
         if "events" in told:
             return from_plain(Watched, told)

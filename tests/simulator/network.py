@@ -215,7 +215,7 @@ class Network:
             for one in machine.interfaces
             if one.addresses
         )
-        return seen.Forwarding(int(any(one.forwarding for one in machine.interfaces)), interfaces)
+        return seen.ForwardingSettings(int(any(one.forwarding for one in machine.interfaces)), interfaces)
 
     # TCP
 

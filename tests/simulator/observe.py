@@ -56,7 +56,7 @@ def _filter(state, name):
 def _filters(state, network, name):
     """The rules of others, where nft is there to tell them: on every second computer."""
     if network.chance("nft", name) < WITHOUT_NFT:
-        return seen.Filters()
+        return seen.FilterChains()
     own = rules(state.fleet, state.fleet.computers[name])
     chains = {}
     for rule in state.world.machines[name].rules:
@@ -64,7 +64,7 @@ def _filters(state, network, name):
             chains.setdefault(rule.chain, []).append(_rule(rule))
     hooks = {chain: hook for hook, chain in HOOKS.items()}
     found = (seen.FilterChain(hooks[chain], "inet others", ACCEPT, tuple(listed)) for chain, listed in chains.items())
-    return seen.Filters(True, tuple(found))
+    return seen.FilterChains(True, tuple(found))
 
 
 def _rule(rule):

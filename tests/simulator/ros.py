@@ -334,8 +334,8 @@ class Ros:
             imports=tuple(imports),
             silent=(*its.ghosts, *self._hung(its)),
             silences=(
-                *(seen.Silent(node, computer, "Connection refused") for node in its.ghosts),
-                *(seen.Silent(node, computer, "timed out") for node in self._hung(its)),
+                *(seen.SilentNode(node, computer, "Connection refused") for node in its.ghosts),
+                *(seen.SilentNode(node, computer, "timed out") for node in self._hung(its)),
             ),
             connections=tuple(connections),
         )
@@ -360,7 +360,8 @@ class Ros:
         ]
         nodes = ("master_discovery", "master_sync")
         return seen.NodeParameters(
-            nodes, tuple(seen.Differing(*map(str, entry)) for entry in entries if str(entry[2]) != str(entry[3]))
+            nodes,
+            tuple(seen.ParameterDifference(*map(str, entry)) for entry in entries if str(entry[2]) != str(entry[3])),
         )
 
     def _connected(self, computer, other):

@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import judged as judgement
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report, run
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import MOST
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import LONGEST_TEXT
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page as page_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import junit
 
@@ -134,7 +134,7 @@ class Texts:
         """The harmless one is as long, so both are cut at the same places."""
         self.count += 1
         told = f"z{self.count:05d} {hostile(self.words)}"
-        fine = (f"z{self.count:05d} fine " + "words " * len(told))[: len(quote(told, MOST)) - 3]
+        fine = (f"z{self.count:05d} fine " + "words " * len(told))[: len(quote(told, LONGEST_TEXT)) - 3]
         return told if self.evil else f"{fine}."
 
     def of(self, value):

@@ -39,7 +39,6 @@ LATER = set(
     plugins/plugin_utils/_diagnosis
     plugins/plugin_utils/_fleet
     plugins/plugin_utils/_judgement
-    plugins/plugin_utils/_observed
     plugins/plugin_utils/_plan
     plugins/plugin_utils/_report
     plugins/plugin_utils/_watch

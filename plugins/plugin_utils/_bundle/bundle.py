@@ -20,8 +20,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secre
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import planned_names, told
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import (
+    list_plan_names,
+    quote_texts,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
 FORMAT = 1
@@ -144,9 +147,9 @@ def read(texts: Mapping[str, str]) -> Run:
 
 
 def heard(run: Run) -> Run:
-    """Return a run of anybody's with its texts as they may stand in sentences, as those of robots are (_observed/gathered.py)."""
-    names = planned_names(run.fleet)
-    said = {name: told(to_plain(entry), names=names) for name, entry in run.observations.items()}
+    """Return a run of anybody's with its texts as they may stand in sentences, as those of robots are (_observed/task_results.py)."""
+    names = list_plan_names(run.fleet)
+    said = {name: quote_texts(to_plain(entry), names=names) for name, entry in run.observations.items()}
     return dataclasses.replace(run, observations={name: from_plain(Observation, entry) for name, entry in said.items()})
 
 

@@ -21,7 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Exchange,
     Import,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import normalise_uri
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
 TEST_NODES = "/multimaster_verify_"  # the beginning of the names of the verification's own nodes
@@ -158,7 +158,7 @@ class Has(NamedTuple):
         return cls(
             own=dict(_items(exchange)),
             sums={topic.name: (topic.type, topic.md5sum) for topic in exchange.topics},
-            imported={plain(part.master): dict(_items(part)) for part in exchange.imports},
+            imported={normalise_uri(part.master): dict(_items(part)) for part in exchange.imports},
         )
 
     def names(self) -> dict[tuple[str, str], list[Item]]:
@@ -190,7 +190,7 @@ class Exchanges:
         """Index the contents of the roscores, by robot; robots that gave none are left out."""
         self.flows = Flows(fleet)
         self.robots = {robot: Has.of(exchange) for robot, exchange in seen.items()}
-        self._uris = {master.robot: plain(master.uri) for master in fleet.masters}
+        self._uris = {master.robot: normalise_uri(master.uri) for master in fleet.masters}
         self._wanted: dict[tuple[str, int], frozenset[Item]] = {}  # robot, and the rules, of which equal ones are one
         self._holders, self._shared = _held_twice({robot: has.names() for robot, has in self.robots.items()})
         self._unlike = _unlike({robot: has.sums for robot, has in self.robots.items()})

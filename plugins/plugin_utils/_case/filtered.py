@@ -16,7 +16,10 @@ from ipaddress import IPv4Address
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part, both
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Filters, Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    FilterChains,
+    Observation,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Member
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, packets, planned
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
@@ -126,7 +129,7 @@ class ReadFilters:
         return World({**world.machines, **read}, world.links)
 
 
-def _with_rules(machine: Machine, seen: Observation, filters: Filters) -> Machine:
+def _with_rules(machine: Machine, seen: Observation, filters: FilterChains) -> Machine:
     """Return the planned machine with the names of its interfaces and the rules that were read; as planned where they make no sense."""
     chains = [to_plain(chain) for chain in filters.chains]
     try:

@@ -32,7 +32,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Roscore,
     Service,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import same_uri
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import is_same_uri
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
 
 # The kernel of gateways and of the router
@@ -446,10 +446,10 @@ def _master_uri(case: Case) -> Judgement | None:
     roscore = case.probe.roscore
     if roscore.error:
         return Judgement(FAILED, expected, roscore.error)
-    good = same_uri(roscore.answer, expected) and same_uri(roscore.uri, expected)
+    good = is_same_uri(roscore.answer, expected) and is_same_uri(roscore.uri, expected)
     found = (
         roscore.answer
-        if same_uri(roscore.answer, roscore.uri)
+        if is_same_uri(roscore.answer, roscore.uri)
         else f"ROS_MASTER_URI {roscore.uri}, and the roscore calls itself {roscore.answer}"
     )
     return Judgement(OK if good else FAILED, expected, found)
@@ -464,7 +464,7 @@ def _roscore_suspects(case: Case) -> Parts:
 
 def _master_uri_evidence(case: Case) -> Parts:
     seen = case.probe.roscore if case.probe else Roscore()
-    if seen.uri and not same_uri(seen.uri, case.ways.masters[case.observer.plan.robot].uri):
+    if seen.uri and not is_same_uri(seen.uri, case.ways.masters[case.observer.plan.robot].uri):
         return of("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {seen.uri}")
     return NONE if seen.error else of("roscore", case.masters[0], "name", what=seen.answer)
 

@@ -49,7 +49,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     ListedMaster,
     Route,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of, same_uri
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of, is_same_uri
 
 # The share of datagrams that may be lost.
 LOSS = 0.05
@@ -508,7 +508,7 @@ def _list_masters(case: Case) -> Judgement | None:
         return None
     master = case.master
     entry = case.observer.listed.get(master.name)
-    good = entry is not None and entry.online and same_uri(entry.uri, master.uri) and _monitored(entry, case)
+    good = entry is not None and entry.online and is_same_uri(entry.uri, master.uri) and _monitored(entry, case)
     if good and case.counted:
         return PASSED
     expected = f"{master.name} online, {master.uri}, monitored at {master.monitor_uri}"
@@ -555,7 +555,7 @@ def _list_evidence(case: Case) -> Parts:
     entry = case.observer.listed.get(case.master.name)
     if entry is None or not entry.online:
         return NONE
-    if not same_uri(entry.uri, case.master.uri):
+    if not is_same_uri(entry.uri, case.master.uri):
         return of("roscore", case.target, "name", what=entry.uri)
     if case.robots[0] == case.robots[1]:  # the node tells the address from which it sends
         return of("interface", case.target, "multicast")

@@ -32,7 +32,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Documented,
     Judgement,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Silent
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import SilentNode
 
 NAMED = 4  # registrations, names or connections that a finding names
 
@@ -71,7 +71,7 @@ def _not_answering(case: Case) -> Parts:
     return nodes | (of("registration", case.observer.name, "ghost", what=_some(refused)) if refused else NONE)
 
 
-def _ended(case: Case, entry: Silent) -> bool:
+def _ended(case: Case, entry: SilentNode) -> bool:
     """Nobody listens at its port, and the computer is there to say so; a packet filter that refuses says the same."""
     filtered = case.filters.dropping(case.observer.name, case.ways.at(entry.host) or entry.host, "nodes")
     return "refused" in entry.error.lower() and filtered is None

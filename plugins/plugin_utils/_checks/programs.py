@@ -16,7 +16,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Documented,
     Judgement,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Differing, Disk
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    Disk,
+    ParameterDifference,
+)
 
 # The parameters of the nodes
 
@@ -47,7 +50,7 @@ def _parameters_evidence(case: Case) -> Parts:
     return joined(_decided(case, entry) for entry in (case.probe.parameters.differing if case.probe else ()))
 
 
-def _decided(case: Case, entry: Differing) -> Parts:
+def _decided(case: Case, entry: ParameterDifference) -> Parts:
     kind, mode = DECIDES.get((entry.node, entry.name), (KINDS[entry.node], "configuration"))
     what = {"group": f"{entry.name} {entry.found}", "port": entry.expected, "multicast": ""}
     return of(kind, case.observer.name, mode, what=what.get(mode, f"{entry.name} is {entry.found}"))

@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Outsider
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import same_uri
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import is_same_uri
 
 
 def _strangers(case: Case) -> Judgement | None:
@@ -90,7 +90,7 @@ def _known(case: Case, entry: Outsider) -> Parts:
     """A computer of the fleet that is ignored: its master calls itself otherwise, or its gateway translates its address."""
     computer = case.ways.at(entry.address)
     master = case.ways.master_at.get(computer)
-    if master is not None and not same_uri(entry.uri, master.uri):
+    if master is not None and not is_same_uri(entry.uri, master.uri):
         return of("roscore", computer, "name", what=entry.uri)
     beyond = COMMON if computer in {gateway.title for gateway in case.ways.gateways.values()} else ""
     return of("translation", computer, "on", what=beyond)

@@ -10,7 +10,7 @@ from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import TEST_NODES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Exchange, Observation
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import normalise_uri
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
 OWN_TOPICS = "/multimaster_verify/"  # of the verification itself
@@ -21,7 +21,7 @@ PRIVATE = ("/get_loggers", "/set_logger_level")  # services that every node has
 
 def robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
     """List the robots with their computers, what they provide, and what they hold of others."""
-    by_uri = {plain(master.uri): master.robot for master in fleet.masters}
+    by_uri = {normalise_uri(master.uri): master.robot for master in fleet.masters}
     found = []
     for robot, master in fleet.master_of.items():
         seen = observations.get(master.computer)
@@ -49,7 +49,7 @@ def _registered(exchange: Exchange | None, by_uri: Mapping[str, str]) -> dict[st
         return {"topics": [], "services": [], "takes": []}
     takes = [
         {
-            "robot": by_uri.get(plain(entry.master), entry.master),
+            "robot": by_uri.get(normalise_uri(entry.master), entry.master),
             "topics": _names(topic.name for topic in entry.topics if _others(topic.publishers)),
             "services": _names(service.name for service in entry.services),
         }

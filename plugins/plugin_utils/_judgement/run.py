@@ -13,13 +13,13 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.gathered import (
-    KEY,
-    observation,
-    planned_names,
-    registered,
-)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import (
+    KEY,
+    find_result,
+    list_plan_names,
+    read_observation,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
 OPTIONS = (
@@ -53,9 +53,9 @@ def gathered(
     """Read what the tasks of a run registered; `given` are the OPTIONS of an action. Raises Mismatch."""
     fleet = from_plain(FleetPlan, given.get("fleet"))
     names = {option: given.get(option) or "" for option in (*OPTIONS, "logs")}
-    planned = planned_names(fleet)
+    planned = list_plan_names(fleet)
     seen = {
-        host: observation(
+        host: read_observation(
             hostvars[host],
             names["multicast"],
             names["probe"],
@@ -69,8 +69,8 @@ def gathered(
         for host in fleet.computers
         if host in hosts
     }
-    infos = {host: registered(hostvars[host], names["machine"]) for host in seen}
-    logs = {host: _lines(registered(hostvars[host], names["logs"])) for host in seen} if names["logs"] else {}
+    infos = {host: find_result(hostvars[host], names["machine"]) for host in seen}
+    logs = {host: _lines(find_result(hostvars[host], names["logs"])) for host in seen} if names["logs"] else {}
     machines = content.machines(fleet, seen, infos)
     asked = {"pairs": names["pairs"] or ALL, "least_mbit_s": str(names["least_mbit_s"] or 0)}
     return Run(fleet, seen, machines, {**about, **asked}, logs)

@@ -6,7 +6,7 @@
 `_data.plain.from_plain` reads them, once, in the action fleet_report. A field here is a key of the result there, with the
 same meaning; the documentation of the two modules describes each.
 
-Addresses are texts here, and compared as texts. They are what a machine said, and a machine may say something else:
+Addresses are texts here, and compared as texts, since a machine may print something else. For example,
 `ip route` prints "via inet6 fe80::1" for a route of IPv4 with a next hop of IPv6 (RFC 5549).
 """
 
@@ -50,7 +50,7 @@ class DefaultRoute:
 
 @dataclass(frozen=True)
 class SeenMember:
-    """A computer of the fleet, seen from another one. Of itself a computer looks up its name only."""
+    """A computer of the fleet, seen from another computer. A computer looks up its own name only."""
 
     name: str
     address: str = ""
@@ -60,19 +60,21 @@ class SeenMember:
     discovery_route: Route | None = None  # to its other address, at which its discovery node is; None without one
     ping_address: Ping | None = None
     ping_name: Ping | None = None
-    ping_large: Ping | None = None  # as large as the observer's interface allows; None where no small one was answered
+    ping_large: Ping | None = (
+        None  # as large as the observer's interface allows; None without an answer to a small ping
+    )
     neighbour: str = ""  # its hardware address, as the observer's kernel knows it; empty in another network
-    neighbour_fixed: bool = False  # somebody has set it by hand
-    # what a user without rights finds as the addresses of its name; None where that was not looked up
+    neighbour_fixed: bool = False  # a permanent entry, set by hand
+    # the addresses of its name for a user without rights; None where they were not looked up
     user_addresses: tuple[str, ...] | None = None
-    loss: float | None = None  # the share of further small ones without an answer, 0 to 1; None where none were sent
-    tcp: str = ""  # where no ping was answered: what a port that nobody uses says, "refused" or why not
-    silent: bool = False  # no ping was answered, and nobody on the way said why, though that was waited for
+    loss: float | None = None  # the share of further small pings without an answer, 0 to 1; None where not measured
+    tcp: str = ""  # where no ping was answered: the answer of an unused TCP port, "refused" or an error
+    silent: bool = False  # no ping was answered, and no ICMP error came, though there was time for it
 
 
 @dataclass(frozen=True)
 class Claim:
-    """Who answers for an address on a network of the computer: the hardware addresses of all but the computer itself."""
+    """The ARP answers for an address on a network of the computer: all hardware addresses but the computer's own."""
 
     address: str
     interface: str = ""
@@ -83,29 +85,29 @@ class Claim:
 class Policy:
     """Rules and routes beside the main table: lines of `ip rule` and of `ip route show table all`."""
 
-    rules: tuple[str, ...] = ()  # that lead to other tables than the kernel's own
+    rules: tuple[str, ...] = ()  # rules for other tables than the kernel's own
     closed: tuple[str, ...] = ()  # routes that lead nowhere
 
 
 @dataclass(frozen=True)
 class ForwardingInterface:
-    """The kernel's settings of one interface; None for what cannot be read."""
+    """The kernel's settings of one interface; a setting is None where it cannot be read."""
 
     interface: str
     addresses: tuple[str, ...] = ()
     forwarding: int | None = None
     rp_filter: int | None = None
     send_redirects: int | None = None
-    prefixes: tuple[int, ...] = ()  # the prefix length of each of the addresses; empty where it was not looked at
+    prefixes: tuple[int, ...] = ()  # the prefix length of each address; empty where it was not read
     mtu: int | None = None
     mac: str = ""
     state: str = ""  # the kernel's operational state: up, down, unknown and so on
-    carrier_changes: int | None = None  # how often its link came or went
+    carrier_changes: int | None = None  # the times that its link came or went
     last: str = ""  # where it is down: the last line of the journal about its link
 
 
 @dataclass(frozen=True)
-class Forwarding:
+class ForwardingSettings:
     """The settings that decide whether the computer passes packets on."""
 
     ip_forward: int | None = None
@@ -124,7 +126,7 @@ class SeenMaster:
     connect_ms: float | None = None
     error: str = ""
     route: Route | None = None  # to that address
-    roscore: str = ""  # what the port of its roscore says: "open", or why it does not open; empty where nobody asked
+    roscore: str = ""  # the port of its roscore: "open", or why it does not open; empty where it was not tried
     clock_offset_s: float | None = None
     clock_uncertainty_s: float | None = None
     clock_error: str = ""
@@ -171,12 +173,12 @@ class Publisher:
 
 @dataclass(frozen=True)
 class HeardTopic:
-    """The topic of another computer's talker, and what was heard on it."""
+    """The topic of another computer's talker, and the message on it."""
 
     computer: str
     topic: str
     publishers: tuple[Publisher, ...] = ()
-    reached: str = ""  # where nothing was heard of a publisher: "open", or why no connection to it opens
+    reached: str = ""  # where no message came from a publisher: "open", or why no connection to it opens
     heard: bool = False
     text: str = ""
     seconds: float | None = None
@@ -194,12 +196,12 @@ class Service:
     sub_state: str = ""
     restarts: int = 0
     differing: tuple[str, ...] | None = ()
-    drop_ins: tuple[str, ...] = ()  # files of somebody else that give it variables, where some differ
-    since: str = ""  # when it became what it is, as systemd writes it
+    drop_ins: tuple[str, ...] = ()  # files of somebody else that set its variables, where some differ
+    since: str = ""  # the time of its last change of state, as systemd writes it
 
 
 @dataclass(frozen=True)
-class AfterBoot:
+class BootDeviation:
     """Something that will not be as planned after the next boot."""
 
     kind: str  # unit, sysctl, route or names
@@ -261,7 +263,7 @@ class Connection:
 
 
 @dataclass(frozen=True)
-class Differing:
+class ParameterDifference:
     """A parameter of a node that is not as planned."""
 
     node: str  # master_discovery or master_sync
@@ -272,25 +274,25 @@ class Differing:
 
 @dataclass(frozen=True)
 class NodeParameters:
-    """The parameters of the nodes on the roscore, compared with the plan; `nodes` are those that could be compared."""
+    """The parameters of the nodes on the roscore, compared with the plan; `nodes` names the compared nodes."""
 
     nodes: tuple[str, ...] = ()
-    differing: tuple[Differing, ...] = ()
+    differing: tuple[ParameterDifference, ...] = ()
     error: str = ""
 
 
 @dataclass(frozen=True)
 class Clock:
-    """The clock of the computer; None where nobody tells."""
+    """The clock of the computer; None where its state is unknown."""
 
     synchronised: bool | None = None  # by the kernel: something disciplines it
 
 
 @dataclass(frozen=True)
-class Changed:
+class Change:
     """Something that was changed or started, and when."""
 
-    about: str  # names, settings, network, filter or start
+    about: str  # the subject: names, settings, network, filter or start
     what: str  # a file, a service or the computer
     how: str = "was changed"
     when: str = ""
@@ -298,7 +300,7 @@ class Changed:
 
 @dataclass(frozen=True)
 class Disk:
-    """The room for an ordinary user where services write; None where it is not counted."""
+    """The room for an ordinary user where services write; None where the file system does not count it."""
 
     path: str
     free_bytes: int | None = None
@@ -306,12 +308,12 @@ class Disk:
 
 
 @dataclass(frozen=True)
-class Silent:
-    """An own node that is registered and does not answer."""
+class SilentNode:
+    """A registered node of the robot that does not answer."""
 
     node: str
     host: str = ""  # in its URI
-    error: str = ""  # why not, such as "Connection refused"
+    error: str = ""  # such as "Connection refused"
 
 
 @dataclass(frozen=True)
@@ -324,7 +326,7 @@ class Exchange:
     services: tuple[RegisteredService, ...] = ()
     imports: tuple[Import, ...] = ()
     silent: tuple[str, ...] = ()
-    silences: tuple[Silent, ...] = ()  # the same with the reasons
+    silences: tuple[SilentNode, ...] = ()  # the same nodes with their errors
     connections: tuple[Connection, ...] = ()
 
 
@@ -346,8 +348,8 @@ class Probe:
     default_routes: tuple[DefaultRoute, ...] = ()
     claims: tuple[Claim, ...] = ()
     policy: Policy = Policy()
-    name_sources: tuple[str, ...] = ()  # who is asked for a name, in this order; empty where nobody knows
-    forwarding: Forwarding = Forwarding()
+    name_sources: tuple[str, ...] = ()  # the sources of names in their order (nsswitch.conf); empty where unknown
+    forwarding: ForwardingSettings = ForwardingSettings()
     masters: tuple[SeenMaster, ...] = ()
     roscore: Roscore = Roscore()
     list_masters: ListMasters = ListMasters()
@@ -357,9 +359,9 @@ class Probe:
     parameters: NodeParameters = NodeParameters()
     clock: Clock = Clock()
     disks: tuple[Disk, ...] = ()
-    changes: tuple[Changed, ...] = ()
+    changes: tuple[Change, ...] = ()
     services: tuple[Service, ...] = ()
-    next_boot: tuple[AfterBoot, ...] = ()
+    next_boot: tuple[BootDeviation, ...] = ()
     talker: Talker | None = None
     ros_missing: str = ""
     problems: tuple[str, ...] = ()
@@ -367,7 +369,7 @@ class Probe:
 
 @dataclass(frozen=True)
 class Stream:
-    """How fast a stream came to another computer; None where that is not known."""
+    """The rate of a stream to another computer; None where it was not measured."""
 
     computer: str
     mbit_s: float | None = None
@@ -386,7 +388,7 @@ class Streams:
 
 @dataclass(frozen=True)
 class Datagrams:
-    """The datagrams between the computer and another one; None where no count came back."""
+    """The datagrams between the computer and another computer; None where no count came back."""
 
     name: str
     address: str = ""
@@ -396,7 +398,7 @@ class Datagrams:
     source_address: str | None = None
     other_interfaces: tuple[str, ...] = ()
     heard_by: bool | None = None
-    loss: float | None = None  # the share of this computer's datagrams that the other one did not hear, 0 to 1
+    loss: float | None = None  # the share of this computer's datagrams that the other did not hear, 0 to 1
     own_source_address: str | None = None
     unicast: bool | None = None
 
@@ -445,7 +447,7 @@ class SendErrors:
 
 @dataclass(frozen=True)
 class Membership:
-    """A group that programs of the computer have joined on an interface, without the measurement itself."""
+    """A multicast group that programs of the computer have joined on an interface; the measurement does not count."""
 
     interface: str
     group: str
@@ -478,7 +480,7 @@ class PacketFilter:
 
 @dataclass(frozen=True)
 class FilterRule:
-    """A rule of the packet filter, as multimaster_info has read it; what is empty matches everything."""
+    """A rule of the packet filter, as multimaster_info has read it; an empty field matches everything."""
 
     verdict: str
     protocol: str = ""
@@ -499,11 +501,11 @@ class FilterChain:
     table: str = ""
     policy: str = ""
     rules: tuple[FilterRule, ...] = ()
-    unread: int = 0  # rules that say more than is understood
+    unread: int = 0  # rules that were not understood whole
 
 
 @dataclass(frozen=True)
-class Filters:
+class FilterChains:
     """All chains of the packet filter that may drop something."""
 
     readable: bool = False
@@ -515,14 +517,14 @@ class Filters:
 
 @dataclass(frozen=True)
 class Observation:
-    """The results of one computer of the run; None where a module gave none, and `problem` says why."""
+    """The results of one computer of the run; None for a module without a result, and `problem` says why."""
 
     multicast: Multicast | None = None
     probe: Probe | None = None
     unreachable: bool = False
     problem: str = ""
-    packet_filter: PacketFilter | None = None  # None where none is planned, and none is left over
+    packet_filter: PacketFilter | None = None  # None where no packet filter is planned or left over
     found: AsFound | None = None  # None where preflight did not look
-    services: tuple[str, ...] | None = None  # of the planned ones those that can run there, as preflight found
+    services: tuple[str, ...] | None = None  # the planned services that can run there, by preflight
     streams: Streams | None = None  # None where no throughput was measured
-    filters: Filters | None = None  # None where the machine was not looked at
+    filters: FilterChains | None = None  # None where the machine was not looked at

@@ -8,27 +8,21 @@ from __future__ import annotations
 from functools import lru_cache
 from urllib.parse import urlsplit
 
-KEPT = 10000  # answers that are kept: a fleet has few URIs, and each is seen from many computers
+CACHE_SIZE = 10000  # a fleet has few URIs, and each is seen from many computers
 
 
-@lru_cache(KEPT)
-def plain(uri: str) -> str:
-    """Return a URI in the form in which two of them are compared: small letters, no slash at the end."""
+@lru_cache(CACHE_SIZE)
+def normalise_uri(uri: str) -> str:
+    """Return a URI in the form for comparison: small letters, no slash at the end."""
     return uri.rstrip("/").lower()
 
 
-def same_uri(one: str, other: str) -> bool:
-    """Compare two URIs; capital letters and a slash at the end do not count."""
-    return plain(one) == plain(other)
+def is_same_uri(one: str, other: str) -> bool:
+    """Say if two URIs are the same; capital letters and a slash at the end do not count."""
+    return normalise_uri(one) == normalise_uri(other)
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHE_SIZE)
 def host_of(uri: str) -> str:
-    """Return the host of a URI in small letters; empty where there is none."""
+    """Return the host of a URI in small letters; empty for a URI without a host."""
     return (urlsplit(uri).hostname or "").lower()
-
-
-def on_loopback(uri: str) -> bool:
-    """Say if the host of a URI is this computer's own name for itself: localhost, or 127.0.0.0/8."""
-    host = host_of(uri)
-    return host == "localhost" or host.startswith("127.")

@@ -25,8 +25,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     DefaultRoute,
     Disk,
     Exchange,
-    Forwarding,
     ForwardingInterface,
+    ForwardingSettings,
     HeardTopic,
     Icmp,
     IcmpRound,
@@ -179,7 +179,7 @@ def network_part(fleet, own):
         "members": (SeenMember(own.computer, str(own.address), addresses=(str(own.address),)), *members),
         "claims": tuple(_claims(fleet, own)),
         "default_routes": (DefaultRoute("eth0", gateway="192.168.1.254"),),
-        "forwarding": Forwarding(int(own.is_gateway or own.is_router), tuple(interfaces), 0),
+        "forwarding": ForwardingSettings(int(own.is_gateway or own.is_router), tuple(interfaces), 0),
     }
 
 

@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secre
     named,
     values,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Differing
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import ParameterDifference
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
 from planted import ORDINARY, PLANTED, TIME, any_secret
 
@@ -147,7 +147,9 @@ def test_values_beside_such_a_name_in_data():
         "ROS_IP": "192.168.1.1",
         "token": "",
     }
-    assert Secrets().data(Differing("sync", "api_key", "one", "two")) == Differing("sync", "api_key", REMOVED, REMOVED)
+    assert Secrets().data(ParameterDifference("sync", "api_key", "one", "two")) == ParameterDifference(
+        "sync", "api_key", REMOVED, REMOVED
+    )
 
 
 def test_of_an_environment_it_has_what_is_listed():

@@ -9,8 +9,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     FilterChain,
+    FilterChains,
     FilterRule,
-    Filters,
 )
 from fleets import fig12, no_answer, observed, parts, update
 
@@ -31,7 +31,7 @@ def read(fleet, **chains):
     seen = observed(fleet)
     for name in seen:
         there = chains.get(name.replace("-", "_"))
-        update(seen[name], filters=Filters(True, (there,) if there else ()))
+        update(seen[name], filters=FilterChains(True, (there,) if there else ()))
     return seen
 
 
@@ -155,7 +155,7 @@ def test_rules_that_were_read_speak_against_a_filter(chains, mode, expected):
     fleet = fig12()
     seen = read(fleet, **chains)
     assert ReadFilters(fleet, seen).lets_pass(Part("filter", INNER, mode)) is expected
-    update(seen[INNER], filters=Filters())
+    update(seen[INNER], filters=FilterChains())
     assert not ReadFilters(fleet, seen).lets_pass(Part("filter", INNER, mode))
 
 

@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import AfterBoot
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import BootDeviation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
 from fleets import ONE, assert_told, diagnosed, evaluate, fig12, notable, update
 
@@ -13,7 +13,7 @@ LATER = "/etc/sysctl.d/99-x.conf line 2 sets 0"
 
 
 def _undone(kind, computer=ONE):
-    return lambda seen: update(seen[computer].probe, next_boot=(AfterBoot(kind, "the thing", "1", LATER),))
+    return lambda seen: update(seen[computer].probe, next_boot=(BootDeviation(kind, "the thing", "1", LATER),))
 
 
 @pytest.mark.parametrize(

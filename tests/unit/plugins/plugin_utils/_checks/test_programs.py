@@ -6,9 +6,9 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
-    Differing,
     Disk,
     NodeParameters,
+    ParameterDifference,
 )
 from fleets import ONE, TWO, assert_told, diagnosed, evaluate, notable, of, parts, update
 
@@ -16,7 +16,7 @@ BOTH = ("master_discovery", "master_sync")
 
 
 def _differs(node, name, found):
-    differing = (Differing(node, name, "planned", found),)
+    differing = (ParameterDifference(node, name, "planned", found),)
     return lambda seen: update(seen[ONE].probe, parameters=NodeParameters(BOTH, differing))
 
 

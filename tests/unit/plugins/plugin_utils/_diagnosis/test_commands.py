@@ -11,7 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.commands import COMMANDS, command
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
-    AfterBoot,
+    BootDeviation,
     DefaultRoute,
     Service,
 )
@@ -36,7 +36,7 @@ def routes(*found):
 
 
 def boots(file):
-    return lambda probe: update(probe, next_boot=(AfterBoot("sysctl", "net.ipv4.ip_forward", "1", "0", file),))
+    return lambda probe: update(probe, next_boot=(BootDeviation("sysctl", "net.ipv4.ip_forward", "1", "0", file),))
 
 
 def dropped(*files):

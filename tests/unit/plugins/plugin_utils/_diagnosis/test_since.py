@@ -7,9 +7,9 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.since import since
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
-    Changed,
-    Forwarding,
+    Change,
     ForwardingInterface,
+    ForwardingSettings,
     Probe,
     Service,
 )
@@ -22,12 +22,12 @@ PROBE = Probe(
         Service("sync", "multimaster-sync.service", differing=("ROS_IP",), since=WHEN),
     ),
     changes=(
-        Changed("names", "/etc/hosts", when="2026-11-22 09:12:44 UTC"),
-        Changed("settings", "/etc/sysctl.d/9.conf", when="2026-11-22 09:12:45 UTC"),
-        Changed("filter", "docker.service", "was started", WHEN),
-        Changed("start", "the computer", "was started", "2026-11-22 08:00:00 UTC"),
+        Change("names", "/etc/hosts", when="2026-11-22 09:12:44 UTC"),
+        Change("settings", "/etc/sysctl.d/9.conf", when="2026-11-22 09:12:45 UTC"),
+        Change("filter", "docker.service", "was started", WHEN),
+        Change("start", "the computer", "was started", "2026-11-22 08:00:00 UTC"),
     ),
-    forwarding=Forwarding(
+    forwarding=ForwardingSettings(
         1,
         (
             ForwardingInterface("eth0", state="down", last="2026-11-22T09:12:44+0000 a kernel: eth0: Link is Down"),

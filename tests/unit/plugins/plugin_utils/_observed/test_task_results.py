@@ -3,7 +3,7 @@
 
 """Registered results are read as observations."""
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import gathered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import task_results
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     Multicast,
     Observation,
@@ -13,21 +13,26 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
 
 def test_registered_results_become_an_observation():
     good = {"verify_multicast": {"udp": []}, "verify_probe": {"members": []}, "multimaster_info": {"changed": False}}
-    seen = gathered.observation(good, "verify_multicast", "verify_probe", ["multimaster_info"])
+    seen = task_results.read_observation(good, "verify_multicast", "verify_probe", ["multimaster_info"])
     assert seen == Observation(Multicast(), Probe())
     together = {"verify_probe": {"members": [], "multicast": {"udp": []}}, "multimaster_info": {"changed": False}}
-    assert gathered.observation(together, "verify_probe.multicast", "verify_probe", ["multimaster_info"]) == seen
+    assert (
+        task_results.read_observation(together, "verify_probe.multicast", "verify_probe", ["multimaster_info"]) == seen
+    )
     half = {"verify_probe": {"members": [], "multicast": {"failed": True, "msg": "No helper."}}}
-    assert gathered.observation(half, "verify_probe.multicast", "verify_probe", []) == Observation(
+    assert task_results.read_observation(half, "verify_probe.multicast", "verify_probe", []) == Observation(
         probe=Probe(), problem='"No helper."'
     )
     filtered = {**good, "verify_filter": {"members": [], "changed": True, "msg": "would be changed"}}
-    seen = gathered.observation(filtered, "verify_multicast", "verify_probe", [], "verify_filter")
+    seen = task_results.read_observation(filtered, "verify_multicast", "verify_probe", [], "verify_filter")
     assert (seen.packet_filter.changed, seen.packet_filter.msg) == (True, '"would be changed"')
     skipped = {**good, "verify_filter": {"changed": False, "skipped": True}}
-    assert gathered.observation(skipped, "verify_multicast", "verify_probe", [], "verify_filter").packet_filter is None
+    assert (
+        task_results.read_observation(skipped, "verify_multicast", "verify_probe", [], "verify_filter").packet_filter
+        is None
+    )
     down = {"multimaster_info": {"unreachable": True, "msg": "no route\n to host"}}
-    assert gathered.observation(down, "verify_multicast", "verify_probe", ["multimaster_info"]) == Observation(
+    assert task_results.read_observation(down, "verify_multicast", "verify_probe", ["multimaster_info"]) == Observation(
         unreachable=True, problem='"no route to host"'
     )
     broken = {
@@ -35,12 +40,12 @@ def test_registered_results_become_an_observation():
         "verify_talker": {"failed": True, "msg": "Cannot start."},
         "verify_probe": {"failed": True, "msg": "x"},
     }
-    assert gathered.observation(broken, "verify_multicast", "verify_probe", ["verify_talker"]) == Observation(
+    assert task_results.read_observation(broken, "verify_multicast", "verify_probe", ["verify_talker"]) == Observation(
         Multicast(), problem='"Cannot start."'
     )
 
 
 def test_an_answer_of_strangers_costs_one_computer_its_result_and_no_other_the_report():
     odd = {"verify_probe": {"members": 3}}
-    seen = gathered.observation(odd, "verify_multicast", "verify_probe", [])
+    seen = task_results.read_observation(odd, "verify_multicast", "verify_probe", [])
     assert seen.probe is None and seen.problem.startswith('its results cannot be read: "members is 3')
