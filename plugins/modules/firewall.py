@@ -19,7 +19,7 @@ description:
   - With O(confirm_within), a change that cuts the controller off is taken back by the machine itself.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
-  - rosfleet.multimaster.confirmed
+  - rosfleet.multimaster.confirmation
 options:
   members:
     description:

@@ -148,7 +148,7 @@ msg:
   sample: "1 of 1 routes changed. /etc/hosts: 1 added."
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import asked_for
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import select_concerns
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.run import SHELLS, carry_out
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 
@@ -168,7 +168,7 @@ def main() -> None:
         },
         supports_check_mode=True,
     )
-    carry_out(module, asked_for(module.params), read_back=module.params["shells"] is not None)
+    carry_out(module, select_concerns(module.params), read_back=module.params["shells"] is not None)
 
 
 if __name__ == "__main__":

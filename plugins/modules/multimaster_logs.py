@@ -61,7 +61,7 @@ ARGUMENTS = {
 }
 
 
-def wrong(services, lines):
+def find_wrong_value(services, lines):
     """Return what is wrong with the options, in a sentence, or an empty text."""
     odd = [name for name in services if not re.match(r"[a-z][a-z-]{0,40}\Z", name)]
     if odd:
@@ -74,15 +74,15 @@ def wrong(services, lines):
 def main() -> None:
     module = Module(argument_spec=ARGUMENTS, supports_check_mode=True)
     services, lines = module.params["services"], module.params["lines"]
-    error = wrong(services, lines)
+    error = find_wrong_value(services, lines)
     if error:
         ends.fail(module, msg=error)
-    read = {name: last_lines(name, lines) for name in services}
+    logs = {name: last_lines(name, lines) for name in services}
     ends.leave(
         module,
         changed=False,
-        logs={name: found for name, (found, _problem) in read.items()},
-        problems=[f"{name}: {problem}" for name, (_found, problem) in read.items() if problem],
+        logs={name: lines for name, (lines, _problem) in logs.items()},
+        problems=[f"{name}: {problem}" for name, (_found, problem) in logs.items() if problem],
     )
 
 

@@ -1467,14 +1467,14 @@ class Part(typing.NamedTuple):
 
     name: str
     look: typing.Callable[[Params, Ros, float], typing.Any]  # options, ROS, deadline (monotonic seconds)
-    nothing: typing.Any
-    commands: bool = False  # it runs commands of ROS or measures with others, so it is left out in check mode
-    router: bool = False  # the router of the common network has it, too
+    default: typing.Any
+    runs_commands: bool = False  # it runs commands of ROS or measures with others, so it is left out in check mode
+    on_router: bool = False  # the router of the common network has it, too
     # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
     # is there, and a robot's other computers would only ask the same roscore.
-    settled: bool = False
+    final: bool = False
     # It measures with the others of the fleet and waits for them alone, so all else goes on meanwhile.
-    beside: bool = False
+    shared: bool = False
 
 
 def present(params: Params) -> typing.Set[str]:
@@ -1483,25 +1483,25 @@ def present(params: Params) -> typing.Set[str]:
     return set(members if params["present"] is None else params["present"])
 
 
-def tried(params: Params) -> typing.List[Result]:
+def list_members(params: Params) -> typing.List[Result]:
     """List the members to look at, this computer among them."""
     names = None if params["tried"] is None else {params["name"], *params["tried"]}
     return [member for member in params["members"] if names is None or member["name"] in names]
 
 
-def others(params: Params) -> typing.List[str]:
+def list_talkers(params: Params) -> typing.List[str]:
     """Name the computers whose talkers are to be heard here, in the order of the members."""
     talkers = (present(params) if params["talkers"] is None else set(params["talkers"])) - {params["name"]}
-    return [member["name"] for member in tried(params) if member["name"] in talkers]
+    return [member["name"] for member in list_members(params) if member["name"] in talkers]
 
 
 def look_members(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
-    return network.members(tried(params), params["name"], not params["is_router"])
+    return network.members(list_members(params), params["name"], not params["is_router"])
 
 
 def look_claims(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
     """Ask who has the own addresses, and those of the others on the same networks."""
-    others = [member for member in tried(params) if member["name"] != params["name"]]
+    others = [member for member in list_members(params) if member["name"] != params["name"]]
     return claims.claims(
         address for member in others for address in (member["address"], member["discovery_address"]) if address
     )
@@ -1532,7 +1532,7 @@ def look_outsiders(params: Params, ros: Ros, deadline: float) -> typing.List[Res
 
 
 def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
-    return topics.topics(ros, others(params), params["run"], params["name"], deadline)
+    return topics.topics(ros, list_talkers(params), params["run"], params["name"], deadline)
 
 
 # The start of a module is its imports. What not every computer and state has is imported where it is asked for.
@@ -1556,7 +1556,7 @@ def group(params: Params, state: str) -> typing.Optional[Result]:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import multicast
 
     try:
-        options = validated(
+        options = validate_options(
             "multicast", dict(params["multicast"], state=state), multicast.OPTIONS, multicast.REQUIRED_IF
         )
         return multicast.measured(options, quiet=False)
@@ -1564,28 +1564,28 @@ def group(params: Params, state: str) -> typing.Optional[Result]:
         return {"failed": True, "msg": str(problem)}
 
 
-def validated(
-    option: str, given: Params, specification: Params, required_if: typing.Sequence[typing.Any] = ()
+def validate_options(
+    option: str, options: Params, specification: Params, required_if: typing.Sequence[typing.Any] = ()
 ) -> Params:
     """Return the options of another module, given as an option of this one. Raises Problem."""
-    checked = ArgumentSpecValidator(specification, required_if=required_if).validate(given)
-    if checked.error_messages:
-        raise Problem(f"{option}: {'; '.join(checked.error_messages)}.")
-    return dict(checked.validated_parameters)
+    validation = ArgumentSpecValidator(specification, required_if=required_if).validate(options)
+    if validation.error_messages:
+        raise Problem(f"{option}: {'; '.join(validation.error_messages)}.")
+    return dict(validation.validated_parameters)
 
 
 PARTS = (
-    Part("multicast", look_multicast, None, commands=True, beside=True),  # first: it waits most
-    Part("members", look_members, [], router=True),
-    Part("claims", look_claims, [], router=True),
-    Part("policy", lambda params, ros, deadline: network.policy(), {"rules": [], "closed": []}, router=True),
+    Part("multicast", look_multicast, None, runs_commands=True, shared=True),  # first: it waits most
+    Part("members", look_members, [], on_router=True),
+    Part("claims", look_claims, [], on_router=True),
+    Part("policy", lambda params, ros, deadline: network.policy(), {"rules": [], "closed": []}, on_router=True),
     Part("name_sources", lambda params, ros, deadline: network.name_sources(), []),
-    Part("default_routes", lambda params, ros, deadline: network.default_routes(), [], router=True),
+    Part("default_routes", lambda params, ros, deadline: network.default_routes(), [], on_router=True),
     Part(
         "forwarding",
         lambda params, ros, deadline: network.forwarding(),
         {"ip_forward": None, "interfaces": []},
-        router=True,
+        on_router=True,
     ),
     Part("masters", look_masters, []),
     Part(
@@ -1593,95 +1593,97 @@ PARTS = (
         lambda params, ros, deadline: ros_commands.roscore(ros, deadline),
         {"uri": "", "answer": "", "error": "not looked at"},
     ),
-    Part("list_masters", look_list_masters, {"masters": [], "seconds": 0.0, "error": "not looked at"}, commands=True),
-    Part("topics", look_topics, [], commands=True),
-    Part("outsiders", look_outsiders, [], settled=True),
+    Part(
+        "list_masters", look_list_masters, {"masters": [], "seconds": 0.0, "error": "not looked at"}, runs_commands=True
+    ),
+    Part("topics", look_topics, [], runs_commands=True),
+    Part("outsiders", look_outsiders, [], final=True),
     Part(
         "exchange",
         lambda params, ros, deadline: exchange.exchange(ros, params["members"], params["name"]),
         dict(exchange.NOTHING, error="not looked at"),
-        commands=True,
-        settled=True,
+        runs_commands=True,
+        final=True,
     ),
     Part(
         "parameters",
         lambda params, ros, deadline: parameters.parameters(ros, params["parameters"] or {}),
         parameters.NOTHING,
-        settled=True,
+        final=True,
     ),
     Part("clock", lambda params, ros, deadline: resources.clock(), {"synchronised": None}),
-    Part("changes", lambda params, ros, deadline: changes.changes(), [], router=True),
-    Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], router=True),
+    Part("changes", lambda params, ros, deadline: changes.changes(), [], on_router=True),
+    Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], on_router=True),
     Part("ros_missing", lambda params, ros, deadline: ros.missing(), "not looked at"),
-    Part("next_boot", look_next_boot, [], router=True),
+    Part("next_boot", look_next_boot, [], on_router=True),
     Part("services", lambda params, ros, deadline: services.services(params["services"], environment(params, ros)), []),
 )
 
 
-def wanted(part: Part, params: Params, quiet: bool) -> bool:
+def is_due(part: Part, params: Params, quiet: bool) -> bool:
     """Say if a part is looked at on this computer; with `quiet` no command of ROS is run."""
-    if params["is_router"] and not part.router:
+    if params["is_router"] and not part.on_router:
         return False
-    return not (quiet and part.commands) and (params["is_master"] or not part.settled)
+    return not (quiet and part.runs_commands) and (params["is_master"] or not part.final)
 
 
-Looked = typing.Tuple[Part, typing.Any, str]  # a part, its value, and why there is none
+PartResult = typing.Tuple[Part, typing.Any, str]  # a part, its value, and why there is none
 
 
-def in_lanes(
-    parts: typing.List[Part], attempt: typing.Callable[[Part], Looked], late: typing.Callable[[Part], Looked]
-) -> typing.List[Looked]:
+def look_in_lanes(
+    parts: typing.List[Part], attempt: typing.Callable[[Part], PartResult], late: typing.Callable[[Part], PartResult]
+) -> typing.List[PartResult]:
     """Look at parts at the same time: those that are settled after the others, and beside both what waits for the fleet."""
 
-    def lane(its: typing.List[Part]) -> typing.List[Looked]:
-        stages = ([part for part in its if part.settled == settled] for settled in (False, True))
-        return [found for stage in stages for found in concurrently(attempt, stage, LONGEST, late)]
+    def lane(members: typing.List[Part]) -> typing.List[PartResult]:
+        stages = ([part for part in members if part.final == final] for final in (False, True))
+        return [result for stage in stages for result in concurrently(attempt, stage, LONGEST, late)]
 
-    lanes = [[part for part in parts if part.beside == beside] for beside in (True, False)]
-    return list(chain.from_iterable(concurrently(lane, lanes, 2 * LONGEST, lambda its: list(map(late, its)))))
+    lanes = [[part for part in parts if part.shared == shared] for shared in (True, False)]
+    return list(chain.from_iterable(concurrently(lane, lanes, 2 * LONGEST, lambda members: list(map(late, members)))))
 
 
 def look(params: Params, quiet: bool) -> Result:
     """Look at all wanted parts at the same time; what cannot be looked at is a sentence in `problems`."""
-    began = time.monotonic()
-    result: Result = {part.name: part.nothing for part in PARTS}
+    start = time.monotonic()
+    result: Result = {part.name: part.default for part in PARTS}
     result["problems"] = []
     ros = Ros(params["environment_file"], params["environment"])
 
-    def attempt(part: Part) -> Looked:
+    def attempt(part: Part) -> PartResult:
         try:
-            return part, part.look(params, ros, began + params["patience"]), ""
+            return part, part.look(params, ros, start + params["patience"]), ""
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
-            return part, part.nothing, f"{part.name} could not be looked at: {quote(str(problem).rstrip('.'), LINE)}."
+            return part, part.default, f"{part.name} could not be looked at: {quote(str(problem).rstrip('.'), LINE)}."
 
-    def late(part: Part) -> Looked:
-        return part, part.nothing, f"{part.name} gave no result within {LONGEST:g} s."
+    def late(part: Part) -> PartResult:
+        return part, part.default, f"{part.name} gave no result within {LONGEST:g} s."
 
-    for part, value, problem in in_lanes([part for part in PARTS if wanted(part, params, quiet)], attempt, late):
+    for part, value, problem in look_in_lanes([part for part in PARTS if is_due(part, params, quiet)], attempt, late):
         result[part.name] = value
         result["problems"] += [problem] if problem else []
-    result["seconds"] = round(time.monotonic() - began, 1)
+    result["seconds"] = round(time.monotonic() - start, 1)
     return result
 
 
-def start(module: Module) -> Result:
+def start_verification(module: Module) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
     params = module.params
     # First: what is left running here is none of the machine.
-    machine = seen(params)
-    heard = None if module.check_mode else group(params, "started")
-    spoken = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
-    parts = {"multicast": heard, "machine": machine}
-    return dict(spoken, **{name: value for name, value in parts.items() if value is not None})
+    machine = look_at_machine(params)
+    multicast = None if module.check_mode else group(params, "started")
+    result = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
+    parts = {"multicast": multicast, "machine": machine}
+    return dict(result, **{name: value for name, value in parts.items() if value is not None})
 
 
-def seen(params: Params) -> typing.Optional[Result]:
+def look_at_machine(params: Params) -> typing.Optional[Result]:
     """Return what multimaster_info returns; None where it is not asked for. Raises Problem."""
     if params["look"] is None:
         return None
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
 
-    options = validated("look", params["look"], machine.OPTIONS)
+    options = validate_options("look", params["look"], machine.OPTIONS)
     error = machine.wrong(options)
     if error:
         raise Problem(f"look: {error}")
@@ -1693,7 +1695,7 @@ def talk(params: Params, machine: typing.Optional[Result]) -> Result:
     call(params)
     if params["is_router"]:
         return {"msg": "The router of the common network has no talker."}
-    ros = Ros(params["environment_file"], by_hand(params, machine))
+    ros = Ros(params["environment_file"], choose_environment(params, machine))
     missing = ros.missing()
     if not missing:
         ghosts.end_ghosts(ros, params["name"])
@@ -1708,7 +1710,7 @@ def talk(params: Params, machine: typing.Optional[Result]) -> Result:
     return {"msg": msg, "talker": {"running": False, "error": error, "failed": failed, "msg": msg}}
 
 
-def by_hand(params: Params, machine: typing.Optional[Result]) -> typing.Dict[str, str]:
+def choose_environment(params: Params, machine: typing.Optional[Result]) -> typing.Dict[str, str]:
     """Return the variables of ROS where there is no file with them; none where the collection has set up the machine."""
     if machine is None:
         return dict(params["environment"])
@@ -1733,7 +1735,7 @@ def environment(params: Params, ros: Ros) -> typing.Dict[str, str]:
     return {**ros.variables, **{name: str(value) for name, value in params["variables"].items()}}
 
 
-def collect(module: Module) -> Result:
+def collect_results(module: Module) -> Result:
     """Look at all others."""
     params = module.params
     if not module.check_mode:
@@ -1744,11 +1746,11 @@ def collect(module: Module) -> Result:
         result["talker"] = {"running": False, "error": missing} if missing else talker.state()
     if result["multicast"] is None:
         del result["multicast"]
-    result["msg"] = f"Looked at {len(tried(params))} computers in {result['seconds']:.1f} s."
+    result["msg"] = f"Looked at {len(list_members(params))} computers in {result['seconds']:.1f} s."
     return result
 
 
-def stream(module: Module) -> Result:
+def stream_to_talkers(module: Module) -> Result:
     """Send to the talkers of the others, one after the other."""
     params = module.params
     if module.check_mode or params["is_router"]:
@@ -1756,15 +1758,15 @@ def stream(module: Module) -> Result:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import streams
 
     ros = Ros(params["environment_file"], params["environment"])
-    found = (
-        streams.streams(ros, others(params), params["run"], params["name"], params["seconds"])
+    results = (
+        streams.streams(ros, list_talkers(params), params["run"], params["name"], params["seconds"])
         if not ros.missing()
         else []
     )
-    return {"msg": f"Sent to {len(found)} computers.", "streams": found}
+    return {"msg": f"Sent to {len(results)} computers.", "streams": results}
 
 
-def stop(module: Module) -> Result:
+def stop_talker(module: Module) -> Result:
     """End the talker, wherever there is one."""
     if module.check_mode:
         return {"msg": "Check mode: no talker was stopped."}
@@ -1772,7 +1774,7 @@ def stop(module: Module) -> Result:
     return {"msg": "No talker runs."}
 
 
-def wrong(params: Params) -> typing.Optional[str]:
+def find_wrong_option(params: Params) -> typing.Optional[str]:
     """Say in one sentence which option cannot be used; None where all can."""
     if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
         return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
@@ -1785,10 +1787,10 @@ def wrong(params: Params) -> typing.Optional[str]:
             f"name is {params['name']!r}, which is not among members ({', '.join(members)}); "
             "add this computer to the list."
         )
-    return next(filter(None, wrong_places(params)), None)
+    return next(filter(None, list_wrong_places(params)), None)
 
 
-def wrong_places(params: Params) -> typing.Iterator[str]:
+def list_wrong_places(params: Params) -> typing.Iterator[str]:
     """Say which addresses, networks and ports are none, one sentence each."""
     members, masters = params["members"] or [], params["masters"] or []
     ports = [("port", params["port"])]
@@ -1811,7 +1813,12 @@ def wrong_places(params: Params) -> typing.Iterator[str]:
             yield f"{place} is {number}, expected a port from 1 to 65535."
 
 
-STATES = {"started": start, "collected": collect, "streamed": stream, "stopped": stop}
+STATES = {
+    "started": start_verification,
+    "collected": collect_results,
+    "streamed": stream_to_talkers,
+    "stopped": stop_talker,
+}
 
 
 TEXT = {"type": "str", "required": True}
@@ -1900,7 +1907,7 @@ def main() -> None:
         ],
         supports_check_mode=True,
     )
-    error = wrong(module.params)
+    error = find_wrong_option(module.params)
     if error:
         ends.fail(module, msg=error)
     try:

@@ -228,17 +228,17 @@ Params = typing.Dict[str, typing.Any]
 Result = typing.Dict[str, typing.Any]
 
 
-def wrong(params: Params) -> typing.Optional[str]:
+def find_wrong_setting(params: Params) -> typing.Optional[str]:
     """Say in one sentence which option cannot be used; None where all can."""
     if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
         return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
     for option, least, most in (("port", 1, 65535), ("until", 0, 604800), ("lifetime", 1, 604800)):
         if not least <= params[option] <= most:
             return f"{option} is {params[option]}, expected {least} to {most}."
-    return wrong_places(params)
+    return find_wrong_place(params)
 
 
-def wrong_places(params: Params) -> typing.Optional[str]:
+def find_wrong_place(params: Params) -> typing.Optional[str]:
     """Say which master, address or kernel setting is none; None where all are."""
     for master in params["masters"]:
         absent = [key for key in ("computer", "address", "rpc_port") if key not in master]
@@ -257,7 +257,7 @@ def wrong_places(params: Params) -> typing.Optional[str]:
     return None
 
 
-def start(module: Module) -> Result:
+def start_watch(module: Module) -> Result:
     """Leave a watch behind; sockets that cannot be opened are an error before there is one."""
     params = module.params
     path = path_of(KIND, params["run"])
@@ -284,7 +284,7 @@ def start(module: Module) -> Result:
     return {"msg": f"The watch lives for {params['lifetime']} s at most."}
 
 
-def collect(module: Module) -> Result:
+def collect_losses(module: Module) -> Result:
     """Ask the watch; it answers when it is time, or as soon as something is lost."""
     params = module.params
     reply: Result = {}
@@ -304,13 +304,13 @@ def collect(module: Module) -> Result:
     )
 
 
-def stop(module: Module) -> Result:
+def stop_watches(module: Module) -> Result:
     """End every watch of this computer."""
     end_others(KIND)
     return {"msg": "No watch lives here."}
 
 
-STATES = {"started": start, "collected": collect, "stopped": stop}
+STATES = {"started": start_watch, "collected": collect_losses, "stopped": stop_watches}
 ARGUMENTS = {
     "state": {"type": "str", "choices": ["started", "collected", "stopped"], "required": True},
     "run": {"type": "str", "default": "default"},
@@ -328,7 +328,7 @@ ARGUMENTS = {
 
 def main() -> None:
     module = Module(argument_spec=ARGUMENTS, supports_check_mode=True)
-    error = wrong(module.params)
+    error = find_wrong_setting(module.params)
     if error:
         ends.fail(module, msg=error)
     ends.leave(module, changed=False, **STATES[module.params["state"]](module))

@@ -28,7 +28,7 @@ notes:
   - Needs the command C(ip) (iproute2).
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
-  - rosfleet.multimaster.confirmed
+  - rosfleet.multimaster.confirmation
 options:
   routes:
     description:

@@ -166,7 +166,7 @@ def of_the_roscore(name, there):
 def of_the_own_name(name, _there):
     self = types.SimpleNamespace(own_name="kobuki1computer")
     item = {"state": "changed", "line": 2, "before": f"127.0.1.1 {name}", "after": f"127.0.1.1 {name}"}
-    return hosts_run.Run._replaced(self, item)
+    return hosts_run.Run._replacement_sentence(self, item)
 
 
 def of_a_file_of_settings(name, _there):

@@ -41,32 +41,32 @@ def _row(kind: str, name: str, expected: str, found: str, file: str = "") -> Row
 
 def units(names: typing.Sequence[str]) -> typing.List[Row]:
     """The units that systemd knows and will not start."""
-    found = []
-    shown = systemd.show(names, ("Id", "LoadState", "UnitFileState", "FragmentPath")).units if names else []
-    for unit in shown:
+    rows = []
+    states = systemd.show(names, ("Id", "LoadState", "UnitFileState", "FragmentPath")).units if names else []
+    for unit in states:
         state, file = unit.get("UnitFileState", ""), unit.get("FragmentPath", "")
         if unit.get("LoadState") == "masked" or state.startswith("masked"):
-            found.append(_row("unit", unit["Id"], "enabled", "masked", file))
+            rows.append(_row("unit", unit["Id"], "enabled", "masked", file))
         elif state == "enabled-runtime" or (state in _PERMANENT and file.startswith("/run/")):
-            found.append(_row("unit", unit["Id"], "enabled", "enabled until the next boot only", file))
+            rows.append(_row("unit", unit["Id"], "enabled", "enabled until the next boot only", file))
         elif state and state not in _PERMANENT:
-            found.append(_row("unit", unit["Id"], "enabled", state, file))
-    return found
+            rows.append(_row("unit", unit["Id"], "enabled", state, file))
+    return rows
 
 
 def settings(planned: typing.Sequence[Options], root: str = "/") -> typing.List[Row]:
     """The kernel settings that another file decides, or no file. Raises Problem."""
     wanted = {boot.key_of(item["name"]): item for item in planned}
-    found = []
-    for key, decides in boot.at_boot(boot.Tree(root), wanted).items():
+    rows = []
+    for key, decides in boot.find_boot_assignments(boot.Tree(root), wanted).items():
         expected = boot.normal(str(wanted[key]["value"]))
         value = None if decides is None or decides.value is None else boot.normal(decides.value)
         if value == expected or value in wanted[key].get("enough", ()):
             continue
         where = "" if decides is None else decides.file + (f" line {decides.line}" if decides.line else "")
-        said = f"{where} sets {value}" if value is not None else f"{where} keeps it from being set" if where else ""
-        found.append(_row("sysctl", boot.name_of(key), expected, said or "no file sets it", where))
-    return found
+        source = f"{where} sets {value}" if value is not None else f"{where} keeps it from being set" if where else ""
+        rows.append(_row("sysctl", boot.name_of(key), expected, source or "no file sets it", where))
+    return rows
 
 
 def routes(planned: typing.Sequence[Options], root: str = "/", records: str = RECORDS) -> typing.List[Row]:
@@ -75,19 +75,21 @@ def routes(planned: typing.Sequence[Options], root: str = "/", records: str = RE
         return []
     remembered = Record("routes", os.path.join(root, records.lstrip("/")), _ROUTES).load()
     places = remembered.get("boot", {}).get("places", {})
-    at = {(entry.get("destination"), entry.get("gateway")): name for name in places for entry in places[name]["routes"]}
-    found = []
+    places_by_way = {
+        (entry.get("destination"), entry.get("gateway")): name for name in places for entry in places[name]["routes"]
+    }
+    rows = []
     for route in planned:
         name = f"{route['destination']} by {route['gateway']}"
-        place = at.get((_DEFAULT.get(route["destination"], route["destination"]), route["gateway"]))
+        place = places_by_way.get((_DEFAULT.get(route["destination"], route["destination"]), route["gateway"]))
         if place is None:
-            found.append(_row("route", name, "a file that makes it", "no record of one"))
+            rows.append(_row("route", name, "a file that makes it", "no record of one"))
         elif place.startswith("/"):
             path = os.path.join(root, place.lstrip("/"))
             if commands.text(path) not in places[place]["texts"]:
-                said = "was changed" if os.path.lexists(path) else "is not there"
-                found.append(_row("route", name, f"{place} makes it", f"{place} {said}", place))
-    return found
+                change = "was changed" if os.path.lexists(path) else "is not there"
+                rows.append(_row("route", name, f"{place} makes it", f"{place} {change}", place))
+    return rows
 
 
 def hosts(root: str = "/") -> typing.List[Row]:
@@ -96,7 +98,7 @@ def hosts(root: str = "/") -> typing.List[Row]:
         return []
     for path, content in sorted(cloud_init.FILES.items()):
         if commands.text(root + path) != content:
-            said = "was changed" if os.path.lexists(root + path) else "is not there"
+            change = "was changed" if os.path.lexists(root + path) else "is not there"
             expected = "cloud-init is kept from writing it"
-            return [_row("names", "/etc/hosts", expected, f"{path} {said}", path)]
+            return [_row("names", "/etc/hosts", expected, f"{path} {change}", path)]
     return []

@@ -49,19 +49,19 @@ def _routes() -> Code:
     return Code(run.OPTIONS, lambda options, memory, tools: run.Run(options, memory))
 
 
-def _hosts_entries() -> Code:
+def _hosts() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run
 
     return Code(run.OPTIONS, lambda options, memory, tools: run.Run(options, tools.back_up))
 
 
-def _managed_files() -> Code:
+def _files() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import file_bundle as run
 
     return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedFiles(options))
 
 
-def _managed_services() -> Code:
+def _services() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import service_bundle as run
 
     return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedServices(options))
@@ -83,33 +83,33 @@ CONCERNS = (
     Concern("sysctl", _sysctl, "kernel settings"),
     Concern("routes", _routes, "routes"),
     Concern("firewall", _firewall, "packet filter rules"),
-    Concern("hosts_entries", _hosts_entries),
+    Concern("hosts_entries", _hosts),
     Concern("multimaster_packages", _packages, fixed={"keep": True}),
-    Concern("managed_files", _managed_files),
-    Concern("managed_services", _managed_services),
+    Concern("managed_files", _files),
+    Concern("managed_services", _services),
     Concern("multimaster_packages", _packages, fixed={"keep": False}),  # no service needs them any more
 )
 
 
-def asked_for(
+def select_concerns(
     parameters: Options, concerns: typing.Iterable[Concern] = CONCERNS
 ) -> typing.List[typing.Tuple[Concern, Options]]:
     """Return each concern that a module was asked for, with its options: one or more times, or not at all."""
-    found: typing.List[typing.Tuple[Concern, Options]] = []
+    result: typing.List[typing.Tuple[Concern, Options]] = []
     for concern in concerns:
-        given = parameters[concern.name]
-        runs = given if isinstance(given, list) else [] if given is None else [given]
-        found += [(concern, {**options, **concern.fixed}) for options in runs]
-    return found
+        value = parameters[concern.name]
+        runs = value if isinstance(value, list) else [] if value is None else [value]
+        result += [(concern, {**options, **concern.fixed}) for options in runs]
+    return result
 
 
-def validated(concern: Concern, specification: Options, options: Options) -> typing.Dict[str, typing.Any]:
+def validate(concern: Concern, specification: Options, options: Options) -> typing.Dict[str, typing.Any]:
     """Return the options of a concern as its module would have them. Raises Problem."""
     try:
-        found = ArgumentSpecValidator(specification).validate(options)
+        validation = ArgumentSpecValidator(specification).validate(options)
     except TypeError as problem:
         raise Problem(f"{concern.name}: {NO_OBJECT}") from problem
-    if found.error_messages:
-        raise Problem(f"{concern.name}: {'; '.join(found.error_messages)}.")
-    result: typing.Dict[str, typing.Any] = found.validated_parameters
+    if validation.error_messages:
+        raise Problem(f"{concern.name}: {'; '.join(validation.error_messages)}.")
+    result: typing.Dict[str, typing.Any] = validation.validated_parameters
     return result

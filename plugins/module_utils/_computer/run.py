@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module impor
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
-_READING = 20.0  # seconds until shells have said what they see
+_SHELLS_LIMIT = 20.0  # seconds until shells have said what they see
 SHELLS = dict(
     variables=dict(type="dict", default={}),
     before=dict(type="dict", default={}),
@@ -27,7 +27,7 @@ SHELLS = dict(
 )
 
 
-class Ended(Exception):
+class ConcernEnd(Exception):
     """The end of a concern, with its result."""
 
     def __init__(self, result: Fields) -> None:
@@ -35,7 +35,7 @@ class Ended(Exception):
         self.result = result
 
 
-class Part:
+class ConcernModule:
     """Stands for the AnsibleModule of one concern: where the concern ends, the run goes on."""
 
     def __init__(self, module: typing.Any, concern: Concern, options: Options, switches: str) -> None:
@@ -43,7 +43,7 @@ class Part:
         self.concern = concern
         self.code = concern.load()
         specification = dict(deadman.OPTIONS, **self.code.options) if concern.guarded else self.code.options
-        self.params = concerns.validated(concern, specification, options)
+        self.params = concerns.validate(concern, specification, options)
         self.check_mode, self._diff, self.warn = module.check_mode, module._diff, module.warn
         self.tools = concerns.Tools(module.backup_local)
         switch = deadman.Switch(concern.name, switches)
@@ -51,30 +51,30 @@ class Part:
 
     def exit_json(self, **result: typing.Any) -> None:
         """End the concern."""
-        raise Ended(result)
+        raise ConcernEnd(result)
 
     def fail_json(self, **result: typing.Any) -> None:
         """End the concern with a failure."""
-        raise Ended(dict(result, failed=True))
+        raise ConcernEnd(dict(result, failed=True))
 
     def carry_out(self, unlocked: typing.Iterable[str]) -> Fields:
         """Carry the concern out; returns its result. `unlocked`: see lock.hold."""
         try:
             run_locked(self, lambda memory: self.code.make(self.params, memory, self.tools), self.guard, unlocked)
-        except Ended as end:
+        except ConcernEnd as end:
             return end.result
         raise AssertionError(f"{self.concern.name} has no end")
 
 
 def carry_out(
     module: typing.Any,
-    asked: typing.Sequence[typing.Tuple[Concern, Options]],
+    requests: typing.Sequence[typing.Tuple[Concern, Options]],
     switches: str = deadman.FOLDER,
     read_back: bool = False,
 ) -> None:
     """Carry out all concerns in their order, read what shells see then where that is asked for, and end the module."""
     try:
-        parts = [Part(module, concern, options, switches) for concern, options in asked]
+        parts = [ConcernModule(module, concern, options, switches) for concern, options in requests]
     except Problem as problem:
         return ends.fail(module, f"{problem} Nothing was changed.")
     folders = [] if module.check_mode else [part.params["records"] for part in parts]
@@ -85,7 +85,9 @@ def carry_out(
         return ends.fail(module, str(problem))
 
 
-def _carry_out(module: typing.Any, parts: typing.Sequence[Part], unlocked: typing.List[str], read_back: bool) -> None:
+def _carry_out(
+    module: typing.Any, parts: typing.Sequence[ConcernModule], unlocked: typing.List[str], read_back: bool
+) -> None:
     """Carry out all concerns within one lock, and end the module."""
     results: typing.List[typing.Tuple[str, Fields]] = []
     differences: typing.List[typing.Any] = []
@@ -100,39 +102,39 @@ def _carry_out(module: typing.Any, parts: typing.Sequence[Part], unlocked: typin
         results.append((part.concern.name, result))
         if result.get("failed") or result.get("same_connection"):
             break
-    seen = _seen(results) if read_back and not module.check_mode else {}
-    return _end(module, parts, results, [entry for entry in differences if entry["before"] != entry["after"]], seen)
+    reading = _read_shells(results) if read_back and not module.check_mode else {}
+    return _end(module, parts, results, [entry for entry in differences if entry["before"] != entry["after"]], reading)
 
 
 def _end(
     module: typing.Any,
-    parts: typing.Sequence[Part],
+    parts: typing.Sequence[ConcernModule],
     results: typing.Sequence[typing.Tuple[str, Fields]],
     differences: typing.List[typing.Any],
-    seen: Fields,
+    reading: Fields,
 ) -> None:
     """End the module with the results of all concerns that were begun, and with what shells see then."""
     last = results[-1][1] if results else {}
     whole = {
         "changed": any(result["changed"] for _name, result in results if "changed" in result),
-        "concerns": by_name(results),
+        "concerns": group_by_name(results),
         "diff": differences,
     }
     if last.get("failed"):
         others = [part.guard for part in parts if part.guard and part is not parts[len(results) - 1]]
-        said = [last["msg"], *filter(None, (guard.give_up() for guard in others))]
-        return ends.fail(module, " ".join(said), rolled_back=last.get("rolled_back", False), **whole)
+        sentences = [last["msg"], *filter(None, (guard.give_up() for guard in others))]
+        return ends.fail(module, " ".join(sentences), rolled_back=last.get("rolled_back", False), **whole)
     return ends.leave(
         module,
         unconfirmed=any(result.get("unconfirmed") for _name, result in results),
         same_connection=bool(last.get("same_connection")),
         msg=" ".join(result["msg"] for _name, result in results) or "Nothing was asked for.",
         **whole,
-        **seen,
+        **reading,
     )
 
 
-def _seen(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
+def _read_shells(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
     """Return what shells see where files were written; nothing where that is not to be had, as after a failure."""
     written = any(name == "managed_files" and result.get("changed") for name, result in results)
     if not written or results[-1][1].get("failed"):
@@ -140,14 +142,14 @@ def _seen(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
 
     try:
-        return {"shells": commands.within(_READING, shells.seen)}
+        return {"shells": commands.within(_SHELLS_LIMIT, shells.seen)}
     except Exception:  # whatever a strange machine makes of it: nothing is known of what shells see
         return {"shells": dict(shells.NOTHING_SEEN)}
 
 
-def by_name(results: typing.Iterable[typing.Tuple[str, Fields]]) -> typing.Dict[str, typing.List[Fields]]:
+def group_by_name(results: typing.Iterable[typing.Tuple[str, Fields]]) -> typing.Dict[str, typing.List[Fields]]:
     """The results of each concern by its name, in their order."""
-    found: typing.Dict[str, typing.List[Fields]] = {}
+    groups: typing.Dict[str, typing.List[Fields]] = {}
     for name, result in results:
-        found.setdefault(name, []).append(result)
-    return found
+        groups.setdefault(name, []).append(result)
+    return groups

@@ -94,7 +94,7 @@ def _wrong_address(text: str, address: typing.Optional[Address]) -> str:
 def _wrong_names(names: typing.List[str]) -> str:
     if not names:
         return "names is empty, expected at least the name of the computer, such as [kobuki1computer]."
-    given: typing.Set[str] = set()
+    earlier: typing.Set[str] = set()
     for name in names:
         lower = name.lower()
         if lower in _LOCAL_NAMES or "localhost" in (lower.split(".")[0], lower.split(".")[-1]):
@@ -106,9 +106,9 @@ def _wrong_names(names: typing.List[str]) -> str:
             )
         if _is_read_as_address(lower):
             return f"the name {name!r} is read as an address, expected a name that ends with a part that is no number."
-        if lower in given:
+        if lower in earlier:
             return f"the name {name!r} is given twice, expected each name once: remove one of them."
-        given.add(lower)
+        earlier.add(lower)
     return ""
 
 

@@ -21,6 +21,6 @@ FILES = dict.fromkeys(DROP_INS, f"{_WHY}[Service]\nEnvironment=CLOUD_CFG={CONFIG
 FILES[CONFIGURATION] = f"{_WHY}manage_etc_hosts: false\n"
 
 
-def concerned(records: str, root: str = "") -> bool:
+def is_concerned(records: str, root: str = "") -> bool:
     """True where cloud-init is installed, or is kept away by an earlier run; `root` is a prefix of all paths, for tests."""
     return os.path.isdir(root + INSTALLED) or os.path.lexists(os.path.join(records, RECORD))

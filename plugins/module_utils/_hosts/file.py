@@ -36,20 +36,20 @@ class HostsFile:
         """Read the file. Raises OSError, and Problem for a record that cannot be read or is malformed."""
         self.path = os.path.realpath(path)
         self.record = Record("hosts_entries", records, {"*": {"before": str, "after": str}})
-        self.found = atomic.read_bytes(self.path)
-        self.content = self._repaired()  # without a torn writing
+        self.raw_content = atomic.read_bytes(self.path)
+        self.content = self._repair()  # without a torn writing
 
     @property
-    def torn(self) -> bool:
+    def was_torn(self) -> bool:
         """True if a run was killed while it wrote in place."""
-        return self.found != self.content
+        return self.raw_content != self.content
 
-    def _repaired(self) -> typing.Optional[bytes]:
+    def _repair(self) -> typing.Optional[bytes]:
         stored = self.record.load()
-        if self.path not in stored or self.found is None:
-            return self.found
+        if self.path not in stored or self.raw_content is None:
+            return self.raw_content
         before, after = self.record.parse(lambda data: _texts(data[self.path]), stored)
-        return before if self.found != after and is_torn(self.found, before, after) else self.found
+        return before if self.raw_content != after and is_torn(self.raw_content, before, after) else self.raw_content
 
     def clean(self) -> None:
         """Remove what a killed run left beside the file and in the record. Raises OSError, Problem."""
@@ -57,16 +57,16 @@ class HostsFile:
         atomic.remove_leftovers(self.record.path)
         self._remember(None)
 
-    def put_back(self, content: typing.Optional[bytes]) -> None:
+    def restore(self, content: typing.Optional[bytes]) -> None:
         """Take back the replacing by this content, where a later step has failed. Raises OSError, Problem."""
         now = atomic.read_bytes(self.path)
-        if now == content != self.found:
-            before, self.found, self.content = self.found, now, now
+        if now == content != self.raw_content:
+            before, self.raw_content, self.content = self.raw_content, now, now
             self.replace(before)
 
     def replace(self, content: typing.Optional[bytes]) -> str:
         """Give the file this content (None: remove it); returns how, as V(written) says. Raises OSError, Problem."""
-        if atomic.read_bytes(self.path) != self.found:
+        if atomic.read_bytes(self.path) != self.raw_content:
             raise Problem(
                 f"{self.path} was changed by something else while this module was looking at it; expected it to stand "
                 "still: run again. This module changed nothing."
@@ -75,7 +75,7 @@ class HostsFile:
             os.unlink(self.path)
             atomic.sync_folder(os.path.dirname(self.path))
             return "removed"
-        if self.found is None:
+        if self.raw_content is None:
             atomic.write_by_rename(self.path, content)
             return "rename"
         old = os.stat(self.path)
@@ -95,7 +95,7 @@ class HostsFile:
 
         with open(self.path, "r+b", buffering=0) as stream:
 
-            def put_back() -> typing.List[str]:
+            def restore() -> typing.List[str]:
                 try:
                     _overwrite(stream, before)
                 except OSError as problem:
@@ -111,7 +111,7 @@ class HostsFile:
                             lambda: self._remember(None),
                             only_if_all_undone=True,
                         ),
-                        Step(self.path, lambda: _overwrite(stream, content), put_back),
+                        Step(self.path, lambda: _overwrite(stream, content), restore),
                     ]
                 )
             except StepFailure as problem:
@@ -142,14 +142,14 @@ def _texts(under_way: typing.Dict[str, str]) -> typing.Tuple[bytes, bytes]:
     return under_way["before"].encode("latin-1"), under_way["after"].encode("latin-1")
 
 
-def is_torn(found: bytes, before: bytes, after: bytes) -> bool:
+def is_torn(content: bytes, before: bytes, after: bytes) -> bool:
     """True for content of which each byte is the old one, the new one or never written (0).
 
     Anything else was written by somebody else since then, and stays.
     """
     length = max(len(before), len(after))
-    either = zip(found, before.ljust(length, b"\0"), after.ljust(length, b"\0"))
-    return len(found) <= length and all(byte in (old, new, 0) for byte, old, new in either)
+    either = zip(content, before.ljust(length, b"\0"), after.ljust(length, b"\0"))
+    return len(content) <= length and all(byte in (old, new, 0) for byte, old, new in either)
 
 
 def _overwrite(stream: typing.IO[bytes], content: bytes) -> None:

@@ -23,9 +23,9 @@ class Guard:
     def __init__(self, wanted: bool, records: str, root: str = "") -> None:
         """`wanted` says that there are bindings to keep; `root` is a prefix of all paths, for tests."""
         present = os.path.isdir(root + INSTALLED)
-        listed = [{"path": root + path, "content": content, "mode": "0644"} for path, content in sorted(FILES.items())]
+        entries = [{"path": root + path, "content": content, "mode": "0644"} for path, content in sorted(FILES.items())]
         self.record = files.record_of("files", "hosts_entries", records)
-        self.wanted = files.parse_files(listed if wanted and present else [])
+        self.wanted = files.parse_files(entries if wanted and present else [])
         self.remembered = self.record.load()
         self.machine = files.read(self.wanted, self.remembered, self.record)
         self.plan = files.plan_files(self.wanted, self.remembered, self.machine)
@@ -51,8 +51,8 @@ class Guard:
     @property
     def items(self) -> typing.List[typing.Dict[str, str]]:
         """The files, each with what becomes of it."""
-        found = [{"path": item.path, "state": item.state} for item in self.plan.items]
-        return found + [{"path": path, "state": "removed"} for path in self.plan.removals]
+        items = [{"path": item.path, "state": item.state} for item in self.plan.items]
+        return items + [{"path": path, "state": "removed"} for path in self.plan.removals]
 
     @property
     def differences(self) -> typing.List[typing.Dict[str, str]]:

@@ -45,7 +45,7 @@ class _Line:
     def __init__(self, number: int, text: typing.Optional[bytes]) -> None:
         self.number = number
         self.text = text
-        self.user = self.wanted = _of_user(text)
+        self.user = self.wanted = _user_text(text)
         self.host = parse(self.user if self.user is not None else text or b"")
         self.created = _is_created(text or b"")
 
@@ -55,7 +55,7 @@ _Bound = typing.Dict[Binding, _Line]
 _Position = typing.Dict[_Line, int]
 
 
-def _of_user(text: typing.Optional[bytes]) -> typing.Optional[bytes]:
+def _user_text(text: typing.Optional[bytes]) -> typing.Optional[bytes]:
     """The user's text of a line, or None for an owned line."""
     if text is None:
         return None
@@ -86,7 +86,7 @@ def plan(content: typing.Optional[bytes], bindings: typing.List[Binding]) -> Pla
     lines = [_Line(number, text) for number, text in enumerate(pieces, 1)]
     managed = {key: binding for binding in bindings for key in binding.keys}
 
-    bound = _kept_of_user(lines, bindings)
+    bound = _find_user_lines(lines, bindings)
     _take_out_of_loopback(lines, {name for version, name in managed})
     _place(lines, [binding for binding in bindings if binding not in bound], bound)
     for line in lines:
@@ -100,13 +100,13 @@ def _report(
 ) -> Plan:
     left = [line for line in lines if line.wanted is not None]
     position = {line: number for number, line in enumerate(left, 1)}
-    of_user = [line for line in left if line.user is not None]
+    user_lines = [line for line in left if line.user is not None]
     return Plan(
         content=_content(lines, left, rollback=not bindings),
         entries=[_entry(binding, bound[binding], position) for binding in bindings],
-        removed=[_removed(line) for line in lines if line.wanted is None and not line.created],
-        replaced=[_replaced(line, position) for line in of_user if {line.text, line.wanted} != {line.user}],
-        conflicts=[conflict for line in of_user for conflict in _conflicts(line, managed, bound, position)],
+        removed=[_removal(line) for line in lines if line.wanted is None and not line.created],
+        replaced=[_replacement(line, position) for line in user_lines if {line.text, line.wanted} != {line.user}],
+        conflicts=[conflict for line in user_lines for conflict in _conflicts(line, managed, bound, position)],
     )
 
 
@@ -119,13 +119,13 @@ def _content(lines: typing.List[_Line], left: typing.List[_Line], rollback: bool
 # The lines for the bindings
 
 
-def _kept_of_user(lines: typing.List[_Line], bindings: typing.List[Binding]) -> _Bound:
+def _find_user_lines(lines: typing.List[_Line], bindings: typing.List[Binding]) -> _Bound:
     """The bindings that a line of the user has already, with that line: no line is added for them."""
-    of_address = {binding.address: binding for binding in bindings}
+    by_address = {binding.address: binding for binding in bindings}
     bound: _Bound = {}
     for line in lines:
         host = line.host if line.user is not None else None
-        binding = of_address.get(host.address) if host else None
+        binding = by_address.get(host.address) if host else None
         if host and binding and binding not in bound and set(binding.keys) <= set(host.keys):
             bound[binding] = line
     return bound
@@ -136,9 +136,9 @@ def _take_out_of_loopback(lines: typing.List[_Line], names: typing.Set[str]) -> 
     for line in lines:
         if line.user is None or not line.host or not line.host.address.is_loopback:
             continue
-        address, given = line.user.partition(b"#")[0].split(None, 1)
-        rest = [name for name in given.split() if name.decode("latin-1").lower() not in names]
-        if len(rest) < len(given.split()):
+        address, names_text = line.user.partition(b"#")[0].split(None, 1)
+        rest = [name for name in names_text.split() if name.decode("latin-1").lower() not in names]
+        if len(rest) < len(names_text.split()):
             shown = address + b" " + b" ".join(rest) + b" " if rest else b""
             line.wanted = shown + _MARK + b" replaced: " + line.user
 
@@ -147,17 +147,17 @@ def _place(lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bo
     """Give each binding an owned line: where its name has one already, else behind owned lines, else behind IPv4."""
     end = b"\r" if lines[0].text and lines[0].text.endswith(b"\r") else b""
     missing = {binding.keys[0]: binding for binding in bindings}
-    owned = []
+    owned_lines = []
     for index, line in enumerate(lines):
         key = line.host.keys[0] if line.user is None and line.host else None
         if key in missing:
             binding = missing.pop(key)
             line.wanted = _text(binding, end)
             bound[binding] = line
-            owned.append(index)
+            owned_lines.append(index)
     # Before the last piece: that is what follows the last newline, or a line that has none and keeps none.
     last = len(lines) - 1
-    at = min((owned or _of_ipv4(lines) or [last])[-1] + 1, last)
+    at = min((owned_lines or _find_ipv4_lines(lines) or [last])[-1] + 1, last)
     new = []
     for binding in bindings:
         if binding not in bound:
@@ -167,7 +167,7 @@ def _place(lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bo
     lines[at:at] = new
 
 
-def _of_ipv4(lines: typing.List[_Line]) -> typing.List[int]:
+def _find_ipv4_lines(lines: typing.List[_Line]) -> typing.List[int]:
     """The indexes of the user's lines that have an IPv4 address."""
     return [
         index
@@ -193,11 +193,11 @@ def _entry(binding: Binding, line: _Line, position: _Position) -> _Item:
     }
 
 
-def _removed(line: _Line) -> _Item:
+def _removal(line: _Line) -> _Item:
     return {"line": line.number, "text": readable(line.text)}
 
 
-def _replaced(line: _Line, position: _Position) -> _Item:
+def _replacement(line: _Line, position: _Position) -> _Item:
     state = "restored" if line.wanted == line.user else "unchanged" if line.wanted == line.text else "replaced"
     shown = line.user if state == "restored" else (line.wanted or b"").split(b"#", 1)[0]
     return {

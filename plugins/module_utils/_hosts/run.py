@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     carry_out,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import concerned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import is_concerned
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import HostsFile, resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.plan import plan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
@@ -61,7 +61,7 @@ class Run(ModuleRun):
         try:
             self.bindings = bindings_of(options["entries"])
             self.file = HostsFile(options["path"], options["records"])
-            self.before = self.file.found
+            self.before = self.file.raw_content
             self.is_system = self.file.path == os.path.realpath(SYSTEM)
             self.guard = _guard(bool(self.bindings), options["records"]) if self.is_system else None
         except OSError as problem:
@@ -81,9 +81,9 @@ class Run(ModuleRun):
         """The sentences on conflicts, unless they are only to be reported, and on what cannot be written here."""
         if self.plan.conflicts and not self.only_report:
             return self._conflicts() + ["Nothing was changed; with on_conflict: report the module goes on."]
-        locked = [writable.obstacle(self.file.path, in_place=True)] if self.rewritten else []
-        locked += writable.obstacles(self.guard.places) if self.guard else []
-        return [*filter(None, locked), "Nothing was changed."] if any(locked) else []
+        obstacles = [writable.obstacle(self.file.path, in_place=True)] if self.rewritten else []
+        obstacles += writable.obstacles(self.guard.places) if self.guard else []
+        return [*filter(None, obstacles), "Nothing was changed."] if any(obstacles) else []
 
     @property
     def warnings(self) -> typing.List[str]:
@@ -101,25 +101,25 @@ class Run(ModuleRun):
 
     def apply(self) -> None:
         """Write the file, and ask libc for its names if it is the one that libc reads. Raises Problem."""
-        replacing = Step(self.file.path, self._replace, lambda: self.file.put_back(self.plan.content))
+        replacing = Step(self.file.path, self._replace, lambda: self.file.restore(self.plan.content))
         steps = [replacing, Step(self.file.path, self.file.clean)]
         try:
             carry_out(self.guard.around(steps) if self.guard else steps)
         except StepFailure as problem:
-            raise StepFailure(problem.cause, problem.left, self._failed(problem)) from problem
+            raise StepFailure(problem.cause, problem.left, self._failure_sentence(problem)) from problem
         if self.is_system:
             self.answers = list(resolve(self.bindings))
             self._check()
 
     def _check(self) -> None:
         """Raise Problem where libc answers a name in another way than the file."""
-        wrong = self._unresolved()
+        wrong = self._find_unresolved()
         if wrong:
-            said = ", ".join(
+            answers = ", ".join(
                 f"{item['name']} with {' '.join(map(quote, item['found'])) or 'nothing'}" for item in wrong
             )
             raise Problem(
-                f"This computer answers {said}, although {self.file.path} has the expected "
+                f"This computer answers {answers}, although {self.file.path} has the expected "
                 f"{', '.join(item['expected'] for item in wrong)}: look at the line hosts of /etc/nsswitch.conf, which must "
                 "begin with files, and at caches such as nscd."
             )
@@ -130,7 +130,7 @@ class Run(ModuleRun):
                 self.backup_file = self.back_up(self.file.path)
             self.written = self.file.replace(self.plan.content)
 
-    def _failed(self, problem: StepFailure) -> str:
+    def _failure_sentence(self, problem: StepFailure) -> str:
         """The sentence on a change that was not done."""
         if not isinstance(problem.cause, OSError):
             return str(problem)
@@ -145,32 +145,32 @@ class Run(ModuleRun):
         """The result: as planned where conflicts are the reason, or that of a file which libc does not read."""
         if self.refusals:
             return dict(self.result(), changed=False, repaired=False)
-        return dict(self.result(), changed=self.changed) if self._unresolved() else {}
+        return dict(self.result(), changed=self.changed) if self._find_unresolved() else {}
 
     def _entries(self) -> typing.List[Fields]:
         """The entries with what libc answers."""
         answers: typing.List[typing.Dict[str, typing.List[str]]] = self.answers or [{} for entry in self.plan.entries]
         return [dict(entry, resolved=resolved) for entry, resolved in zip(self.plan.entries, answers)]
 
-    def _unresolved(self) -> typing.List[Fields]:
+    def _find_unresolved(self) -> typing.List[Fields]:
         """The names that libc answers with another address first, or not at all."""
         return [
-            {"name": name, "found": found, "expected": entry["address"]}
+            {"name": name, "found": addresses, "expected": entry["address"]}
             for entry in self._entries()
-            for name, found in entry["resolved"].items()
-            if found[:1] != [entry["address"]]
+            for name, addresses in entry["resolved"].items()
+            if addresses[:1] != [entry["address"]]
         ]
 
     def result(self) -> Fields:
         """The return values beside `changed` and `msg`."""
         return {
             "entries": self._entries(),
-            "unresolved": self._unresolved(),
+            "unresolved": self._find_unresolved(),
             "removed": self.plan.removed,
             "replaced": self.plan.replaced,
             "conflicts": self.plan.conflicts,
             "written": self.written,
-            "repaired": self.file.torn,
+            "repaired": self.file.was_torn,
             "path": self.file.path,
             "backup_file": self.backup_file,
             "cloud_init": self.guard.items if self.guard else [],
@@ -184,26 +184,26 @@ class Run(ModuleRun):
 
     def summary(self, check_mode: bool) -> str:
         """A report in sentences, the counts first."""
-        said = [self._counts()]
-        if self.file.torn:
-            said.append(
+        sentences = [self._counts()]
+        if self.file.was_torn:
+            sentences.append(
                 "The file was torn by a run that was ended while it wrote in place; the old content is taken up."
             )
         if self.guard and self.guard.changed:
             be, longer = "would be" if check_mode else "is", "" if self.guard.wanted else "no longer "
-            said.append(f"cloud-init {be} {longer}kept from writing the file at boot.")
-        said += [self._replaced(item) for item in self.plan.replaced if item["state"] != "unchanged"]
+            sentences.append(f"cloud-init {be} {longer}kept from writing the file at boot.")
+        sentences += [self._replacement_sentence(item) for item in self.plan.replaced if item["state"] != "unchanged"]
         others = [
             f"{quote(entry['names'][0])} (line {entry['line']})" for entry in self.plan.entries if not entry["ours"]
         ]
         if others:
-            said.append(f"Left to lines that are not ours and already right: {', '.join(others)}.")
+            sentences.append(f"Left to lines that are not ours and already right: {', '.join(others)}.")
         names = [name.lower() for binding in self.bindings for name in binding.names]
         if names and self.own_name.lower() not in names:
-            said.append(
+            sentences.append(
                 f"This computer's own name {quote(self.own_name)} is not among the entries, and resolves as before."
             )
-        return " ".join(said)
+        return " ".join(sentences)
 
     def _counts(self) -> str:
         states = [entry["state"] for entry in self.plan.entries]
@@ -211,7 +211,7 @@ class Run(ModuleRun):
         counts += [f"{len(self.plan.removed)} removed"] if self.plan.removed else []
         return f"{self.file.path}: {', '.join(counts) or 'no binding of ours'}."
 
-    def _replaced(self, item: Fields) -> str:
+    def _replacement_sentence(self, item: Fields) -> str:
         """One sentence on a loopback line."""
         before, after = (" ".join(item[when].split()) for when in ("before", "after"))
         if item["state"] == "restored":
@@ -223,7 +223,7 @@ class Run(ModuleRun):
 
 def _guard(wanted: bool, records: str) -> typing.Any:
     """The guard of guard.py, None where cloud-init does not concern this machine. Raises OSError, Problem."""
-    if not concerned(records):
+    if not is_concerned(records):
         return None
     # Imported where it is needed: it costs more than all the rest of a run without changes.
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.guard import Guard

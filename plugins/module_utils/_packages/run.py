@@ -24,9 +24,9 @@ OPTIONS = {
 BUNDLE = "packages"
 _HEAD = "# The Debian packages that the collection rosfleet.multimaster installed."
 _APT = ["apt-get", "--quiet", "--yes", "--option=DPkg::Lock::Timeout=60", "--option=Dpkg::Options::=--force-confold"]
-_INSTALLING = 1200.0  # seconds; a robot may be far from its package sources
+_LIMIT = 1200.0  # seconds; a robot may be far from its package sources
 _ENVIRONMENT = dict(commands.CLEAN, DEBIAN_FRONTEND="noninteractive")
-_SAID = 400  # characters of what apt said
+_LONGEST = 400  # characters of what apt said
 
 
 class Changes(typing.NamedTuple):
@@ -61,9 +61,9 @@ class Packages(ModuleRun):
                 f"The option names has {quote(strange[0])}; expected the name of a Debian package, for example "
                 "ros-noetic-fkie-master-sync."
             )
-        found = fkie.packages(options["names"], fkie.INSTALLED)
-        installed = [entry["name"] for entry in found if entry["installed"]]
-        ours = [entry["name"] for entry in found if entry["ours"]]
+        packages = fkie.packages(options["names"], fkie.INSTALLED)
+        installed = [entry["name"] for entry in packages if entry["installed"]]
+        ours = [entry["name"] for entry in packages if entry["ours"]]
         self.changes = changes(options["names"], installed, ours, options["keep"])
         self.removed = [name for name in self.changes.leftover if name in installed]
         self.records = options["records"]
@@ -120,10 +120,10 @@ def _record(names: typing.Sequence[str]) -> typing.List[typing.Dict[str, typing.
 
 def _apt(*words: str) -> None:
     """Run apt-get. Raises Problem with its last words."""
-    answer = commands.run([*_APT, *words], environment=_ENVIRONMENT, limit=_INSTALLING)
+    answer = commands.run([*_APT, *words], environment=_ENVIRONMENT, limit=_LIMIT)
     if answer.status != 0:
-        said = [line for line in answer.error.splitlines() if line.startswith("E:")] or answer.error.splitlines()[-1:]
+        errors = [line for line in answer.error.splitlines() if line.startswith("E:")] or answer.error.splitlines()[-1:]
         raise Problem(
-            f"apt-get {plain(' '.join(words), LINE)} failed ({quote(' '.join(said) or f'status {answer.status}', _SAID)}); expected "
+            f"apt-get {plain(' '.join(words), LINE)} failed ({quote(' '.join(errors) or f'status {answer.status}', _LONGEST)}); expected "
             "package sources that have these packages, and a network: run it on this computer by hand."
         )

@@ -92,7 +92,7 @@ def matches(pattern: str, key: str) -> bool:
 
 def parse(text: str, file: str) -> typing.List[Assignment]:
     """The assignments of a file in the format of sysctl.d(5). Other lines are left out, as at boot."""
-    found = []
+    assignments = []
     for number, line in enumerate(text.split("\n"), 1):
         line = line.strip()
         if not line or line[0] in "#;":
@@ -101,8 +101,8 @@ def parse(text: str, file: str) -> typing.List[Assignment]:
         optional = name.startswith("-")
         if equals or optional:
             key = key_of(name[optional:].strip())
-            found.append(Assignment(key, value.strip() if equals else None, file, number))
-    return found
+            assignments.append(Assignment(key, value.strip() if equals else None, file, number))
+    return assignments
 
 
 def last_write(assignments: typing.Iterable[Assignment], names: typing.Collection[str]) -> typing.Optional[Assignment]:
@@ -134,34 +134,34 @@ class Tree:
     """The configuration files below a root folder, with the planned files in place."""
 
     def __init__(
-        self, root: str = "/", planned: typing.Optional[typing.Mapping[str, typing.Optional[str]]] = None
+        self, root: str = "/", overlay: typing.Optional[typing.Mapping[str, typing.Optional[str]]] = None
     ) -> None:
         self.root = root
-        self.planned = planned or {}
+        self.overlay = overlay or {}
 
     def real(self, path: str) -> str:
         """The path on this machine. Links lead to where they will lead when the root is `/`."""
         here, parts, links = self.root, path.split("/"), 0
         while parts:
             part = parts.pop(0)
-            there = os.path.join(here, part)
+            path = os.path.join(here, part)
             if part in ("", "."):
                 continue
             if part == "..":
                 here = here if here == self.root else os.path.dirname(here)
-            elif os.path.islink(there) and links < 40:
+            elif os.path.islink(path) and links < 40:
                 links += 1
-                target = os.readlink(there)
+                target = os.readlink(path)
                 here = self.root if target.startswith("/") else here
                 parts = target.split("/") + parts
             else:
-                here = there
+                here = path
         return here
 
     def read(self, path: str) -> str:
         """The text of a file, "" where there is none, as for a link to /dev/null. Raises Problem."""
-        if path in self.planned:
-            return self.planned[path] or ""
+        if path in self.overlay:
+            return self.overlay[path] or ""
         real = self.real(path)
         if real == os.path.join(self.root, "dev/null"):
             return ""
@@ -178,13 +178,13 @@ class Tree:
     def names(self, folder: str) -> typing.Set[str]:
         """The names in a folder."""
         try:
-            found = set(os.listdir(self.real(folder)))
+            names = set(os.listdir(self.real(folder)))
         except OSError:
-            found = set()
-        for path, content in self.planned.items():
+            names = set()
+        for path, content in self.overlay.items():
             if os.path.dirname(path) == folder:
-                (found.discard if content is None else found.add)(os.path.basename(path))
-        return found
+                (names.discard if content is None else names.add)(os.path.basename(path))
+        return names
 
     def exists(self, path: str) -> bool:
         """True where there is a file or folder."""
@@ -194,7 +194,7 @@ class Tree:
         """True where systemd never starts a unit: an empty file or a link to /dev/null takes its place."""
         return any(unit in self.names(folder) and not self.read(f"{folder}/{unit}") for folder in _UNIT_FOLDERS[:2])
 
-    def enabled_by(self, unit: str) -> typing.Optional[str]:
+    def find_enabling_link(self, unit: str) -> typing.Optional[str]:
         """The link by which a unit starts at boot, or None."""
         for folder in _UNIT_FOLDERS:
             for wants in sorted(name for name in self.names(folder) if name.endswith((".wants", ".requires"))):
@@ -213,7 +213,7 @@ def configuration_files(tree: Tree, folders: typing.Iterable[str], suffix: str =
     return [chosen[name] for name in sorted(chosen, key=os.fsencode)]
 
 
-def hidden_by(tree: Tree, drop_in: str) -> typing.Optional[str]:
+def find_hiding_file(tree: Tree, drop_in: str) -> typing.Optional[str]:
     """The file that keeps the drop-in from being read: one of its name in an earlier folder, or the masked service."""
     if boots_with_systemd(tree) and tree.is_masked("systemd-sysctl.service"):
         return "/etc/systemd/system/systemd-sysctl.service"
@@ -239,10 +239,10 @@ def sysctl_d(tree: Tree) -> typing.List[Assignment]:
     files = configuration_files(tree, SYSCTL_FOLDERS)
     if not boots_with_systemd(tree):
         files.append("/etc/sysctl.conf")
-        found = [assignment for path in files for assignment in parse(tree.read(path), path)]
+        assignments = [assignment for path in files for assignment in parse(tree.read(path), path)]
         # procps knows excluded keys for patterns alone; a line that sets the key itself counts.
-        listed = {assignment.key for assignment in found if assignment.value is not None}
-        return [assignment for assignment in found if assignment.value is not None or assignment.key not in listed]
+        keys = {assignment.key for assignment in assignments if assignment.value is not None}
+        return [assignment for assignment in assignments if assignment.value is not None or assignment.key not in keys]
     elif tree.is_masked("systemd-sysctl.service"):
         files = []
     return [assignment for path in files for assignment in parse(tree.read(path), path)]
@@ -263,40 +263,40 @@ def networkd(tree: Tree) -> typing.List[Assignment]:
     IPv4Forwarding= and IPv6Forwarding= of networkd.conf turn it on or off (networkd.conf(5)). IPMasquerade= of a .network
     file implies what turns it on, in all versions.
     """
-    if not tree.enabled_by("systemd-networkd.service"):
+    if not tree.find_enabling_link("systemd-networkd.service"):
         return []
-    return _of_networks(tree) + _of_networkd_conf(tree)
+    return _read_network_files(tree) + _read_networkd_conf(tree)
 
 
-def _of_networks(tree: Tree) -> typing.List[Assignment]:
-    found = []
+def _read_network_files(tree: Tree) -> typing.List[Assignment]:
+    assignments = []
     for file in configuration_files(tree, _NETWORK_FOLDERS, ".network"):
-        files = _with_drop_ins(tree, file)
+        files = _find_parts(tree, file)
         # A plain yes means both families to the first, and IPv4 alone to the second.
         for option, yes in (("IPForward", ("ipv4", "ipv6")), ("IPMasquerade", ("ipv4",))):
             value, path, line = _ini(tree, files, option)
             families = yes if value in _YES else ("ipv4", "ipv6") if value == "both" else (value,)
             for family, key in (("ipv4", "net/ipv4/ip_forward"), ("ipv6", "net/ipv6/conf/all/forwarding")):
                 if family in families:
-                    found.append(Assignment(key, "1", path, line))
-    return found
+                    assignments.append(Assignment(key, "1", path, line))
+    return assignments
 
 
-def _of_networkd_conf(tree: Tree) -> typing.List[Assignment]:
-    found = []
+def _read_networkd_conf(tree: Tree) -> typing.List[Assignment]:
+    assignments = []
     mains = [path for path in (f"{folder}/networkd.conf" for folder in _SYSTEMD_FOLDERS) if tree.exists(path)]
     for option, family in (("IPv4Forwarding", "ipv4"), ("IPv6Forwarding", "ipv6")):
         value, path, line = _ini(tree, mains[:1] + configuration_files(tree, _NETWORKD_FOLDERS), option)
         if value in _YES + _NO:
             for which in ("default", "all"):
                 key = f"net/{family}/conf/{which}/forwarding"
-                found.append(Assignment(key, "1" if value in _YES else "0", path, line))
-    return found
+                assignments.append(Assignment(key, "1" if value in _YES else "0", path, line))
+    return assignments
 
 
 def docker(tree: Tree) -> typing.List[Assignment]:
     """dockerd turns forwarding on unless its `ip-forward` is false (dockerd(8))."""
-    unit = tree.enabled_by("docker.service") or tree.enabled_by("docker.socket")
+    unit = tree.find_enabling_link("docker.service") or tree.find_enabling_link("docker.socket")
     if not unit:
         return []
     text = tree.read("/etc/docker/daemon.json")
@@ -313,32 +313,32 @@ def docker(tree: Tree) -> typing.List[Assignment]:
 READERS = (sysctl_d, ufw, networkd, docker)
 
 
-def at_boot(tree: Tree, keys: typing.Iterable[str]) -> typing.Dict[str, typing.Optional[Assignment]]:
+def find_boot_assignments(tree: Tree, keys: typing.Iterable[str]) -> typing.Dict[str, typing.Optional[Assignment]]:
     """The assignment that decides each key at boot, or None. (Its value is None where a line excludes the key.)"""
     keys = list(keys)
-    decides: typing.Dict[str, typing.Optional[Assignment]] = dict.fromkeys(keys)
+    deciding: typing.Dict[str, typing.Optional[Assignment]] = dict.fromkeys(keys)
     for reader in READERS:
         assignments = reader(tree)
         for key in keys:
             names = {key, variable_of(key)} | {other for other, one in _OTHER_NAME.items() if one == variable_of(key)}
-            found = last_write(assignments, names)
-            if found and (found.value is not None or decides[key] is None):
-                decides[key] = found
-    return decides
+            last = last_write(assignments, names)
+            if last and (last.value is not None or deciding[key] is None):
+                deciding[key] = last
+    return deciding
 
 
 def _shell_variable(text: str, name: str) -> str:
     """The value of a variable in a file for a shell, "" where it is not set."""
     value = ""
-    for found in re.finditer(rf"(?m)^[ \t]*(?:export[ \t]+)?{re.escape(name)}=(.*)$", text):
+    for match in re.finditer(rf"(?m)^[ \t]*(?:export[ \t]+)?{re.escape(name)}=(.*)$", text):
         try:
-            value = (shlex.split(found.group(1), comments=True) or [""])[0]
+            value = (shlex.split(match.group(1), comments=True) or [""])[0]
         except ValueError:
             value = ""
     return value
 
 
-def _with_drop_ins(tree: Tree, file: str) -> typing.List[str]:
+def _find_parts(tree: Tree, file: str) -> typing.List[str]:
     """A file of networkd and the drop-ins in its NAME.network.d folders, which are read after it."""
     folders = [f"{folder}/{os.path.basename(file)}.d" for folder in _NETWORK_FOLDERS]
     return [file] + configuration_files(tree, folders)
@@ -346,7 +346,7 @@ def _with_drop_ins(tree: Tree, file: str) -> typing.List[str]:
 
 def _ini(tree: Tree, files: typing.Iterable[str], option: str) -> typing.Tuple[str, str, int]:
     """The last value of an option of the section [Network], in lower case, with its file and its line."""
-    decides = ("", "", 0)
+    result = ("", "", 0)
     for path in files:
         section = ""
         for number, line in enumerate(tree.read(path).split("\n"), 1):
@@ -355,5 +355,5 @@ def _ini(tree: Tree, files: typing.Iterable[str], option: str) -> typing.Tuple[s
                 section = line
             name, equals, value = line.partition("=")
             if section == "[Network]" and equals and name.strip() == option:
-                decides = (value.strip().lower(), path, number)
-    return decides
+                result = (value.strip().lower(), path, number)
+    return result

@@ -25,7 +25,7 @@ class Setting(typing.NamedTuple):
     value: str
 
 
-class Found(typing.NamedTuple):
+class KeyState(typing.NamedTuple):
     """The value of a key, and the errno that prevents writing it (0 for none)."""
 
     value: typing.Optional[str]
@@ -35,7 +35,7 @@ class Found(typing.NamedTuple):
 # The keys that the kernel changes beside a key
 
 
-def _same(value: str) -> str:
+def _copy(value: str) -> str:
     return value
 
 
@@ -52,7 +52,7 @@ class Rule(typing.NamedTuple):
 
     key: str  # a pattern of keys
     others: str  # a pattern of those that change; `{}` is the last level of the key
-    value: typing.Callable[[str], str] = _same  # their value, from that of the key
+    value: typing.Callable[[str], str] = _copy  # their value, from that of the key
     spares: bool = False  # what somebody has set apart stays as it is
     but: typing.Tuple[str, ...] = ()  # interfaces that do not change
     unless: typing.Tuple[str, ...] = ()  # last levels of keys that change nothing
@@ -109,29 +109,29 @@ def others_of(key: str) -> typing.List[Others]:
 
 def followers(key: str, value: str, keys: typing.Iterable[str]) -> typing.Dict[str, str]:
     """The keys, among `keys`, that the kernel can set beside this key, with what they hold where they follow this value."""
-    others, found = others_of(key), {}
+    others, values = others_of(key), {}
     for other in keys if others else ():
         for entry in others:
             if other != key and entry.has(other):
-                found[other] = entry.rule.value(value)
-    return found
+                values[other] = entry.rule.value(value)
+    return values
 
 
-def spared(key: str) -> bool:
+def keeps_deviations(key: str) -> bool:
     """True where the kernel leaves alone what somebody has set apart from this key."""
     return any(entry.rule.spares for entry in others_of(key))
 
 
-def beside(key: str, value: str, values: typing.Mapping[str, str]) -> typing.Dict[str, str]:
+def find_side_effects(key: str, value: str, values: typing.Mapping[str, str]) -> typing.Dict[str, str]:
     """The other keys that the kernel sets when this key gets this value, with their new values.
 
     Nobody can see what was set apart to the value that the key has, too: it is taken for one that follows.
     """
-    found = followers(key, value, values)
-    if spared(key):
-        before = followers(key, values[key], found)
-        found = {other: new for other, new in found.items() if values[other] == before[other]}
-    return found
+    changes = followers(key, value, values)
+    if keeps_deviations(key):
+        before = followers(key, values[key], changes)
+        changes = {other: new for other, new in changes.items() if values[other] == before[other]}
+    return changes
 
 
 def changes_others(key: str) -> bool:
@@ -151,7 +151,7 @@ _WHOLE_NUMBERS = ("net/ipv4/ip_forward", "net/ipv[46]/conf/*/*", "net/ipv[46]/ne
 _TEXTS = ("stable_secret",)
 
 
-def unfit(setting: Setting) -> bool:
+def is_unfit(setting: Setting) -> bool:
     """True for a value that no kernel takes and reads back: a key that holds a whole number gets something else."""
     if setting.key.rpartition("/")[2] in _TEXTS or not any(matches(one, setting.key) for one in _WHOLE_NUMBERS):
         return False
@@ -184,12 +184,12 @@ _SENTENCES = {
 }
 
 
-def refusal(path: str, setting: Setting, found: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
-    """The state and the sentence for a setting that the kernel refuses with this errno. `found`: the value, None for no key."""
+def refusal(path: str, setting: Setting, value: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
+    """The state and the sentence for a setting that the kernel refuses with this errno. `value`: the value, None for no key."""
     state = _STATES.get(number, "invalid")
-    if state == "missing" and found is not None:
+    if state == "missing" and value is not None:
         state = "invalid"  # the key is there, and the kernel knows nothing of the name that the value is
-    lacking = "the capability NET_ADMIN" if setting.key.startswith("net/") else "some capabilities of root"
+    capability = "the capability NET_ADMIN" if setting.key.startswith("net/") else "some capabilities of root"
     kind = state
     if state == "denied" and os.geteuid() == 0:
         all_there = may_change_network() if setting.key.startswith("net/") else has_all_rights()
@@ -198,10 +198,10 @@ def refusal(path: str, setting: Setting, found: typing.Optional[str], number: in
         name=name_of(setting.key),
         path=path,
         wanted=setting.value,
-        found="nothing that can be read" if found is None else quote(found),
+        found="nothing that can be read" if value is None else quote(value),
         reason=os.strerror(number),
         user=os.geteuid(),
-        capability=lacking,
+        capability=capability,
     )
 
 
@@ -236,16 +236,16 @@ class Kernel:
         finally:
             os.close(descriptor)
 
-    def look(self, key: str) -> Found:
+    def look(self, key: str) -> KeyState:
         """The value, and whether it can be written: the file is opened for writing, which changes nothing."""
         value = None
         try:
             value = self.read(key)
             os.close(os.open(self.path(key), os.O_WRONLY))
         except OSError as problem:
-            return Found(value, problem.errno or errno.EIO)
+            return KeyState(value, problem.errno or errno.EIO)
         guarded = self.proc == PROC and any(matches(one, key) for one in _FOR_NET_ADMIN)
-        return Found(value, errno.EPERM if guarded and not may_change_network() else 0)
+        return KeyState(value, errno.EPERM if guarded and not may_change_network() else 0)
 
     def keys(self, pattern: str) -> typing.List[str]:
         """The keys of this kernel that a pattern matches; `*` stands for one whole level."""
@@ -257,13 +257,13 @@ class Kernel:
         except OSError:
             return []
 
-    def current(self, keys: typing.Iterable[str]) -> typing.Dict[str, Found]:
+    def read_with_others(self, keys: typing.Iterable[str]) -> typing.Dict[str, KeyState]:
         """The values of these keys, and of the keys that the kernel changes beside them."""
         entries = [entry for key in keys for entry in others_of(key)]
         others = [other for entry in entries for other in self.keys(entry.pattern) if entry.has(other)]
-        found = {key: self.look(key) for key in keys}
-        found.update((key, self.look(key)) for key in others if key not in found)
-        return found
+        states = {key: self.look(key) for key in keys}
+        states.update((key, self.look(key)) for key in others if key not in states)
+        return states
 
     def settle(self, goals: typing.Mapping[str, str]) -> typing.Dict[str, int]:
         """Bring these keys to these values, and write only what differs; returns the errno for each key that stays otherwise.
@@ -279,10 +279,10 @@ class Kernel:
                         self.write(key, goals[key])
                 except OSError as problem:
                     problems[key] = problem.errno or errno.EIO
-            still = self._wrong(goals)
-            if len(still) >= len(wrong):
-                return {key: problems[key] for key in still}
-            wrong = still
+            rest = self._wrong(goals)
+            if len(rest) >= len(wrong):
+                return {key: problems[key] for key in rest}
+            wrong = rest
         return {}
 
     def _wrong(self, goals: typing.Mapping[str, str]) -> typing.List[str]:

@@ -24,17 +24,17 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import (
     Setting,
     Values,
-    beside,
     changes_others,
+    find_side_effects,
     followers,
-    spared,
+    keeps_deviations,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import Entry, SettingsRecord
 
 HEADER = "# Managed by Ansible: rosfleet.multimaster.sysctl writes this whole file, so changes here do not last.\n"
 
 
-class TakenBack(typing.NamedTuple):
+class Removal(typing.NamedTuple):
     """The result for a setting that is no longer listed; the fields are those of the module's return value."""
 
     name: str
@@ -44,7 +44,7 @@ class TakenBack(typing.NamedTuple):
     state: str  # restored, left or missing
 
 
-class AlsoChanged(typing.NamedTuple):
+class SideEffect(typing.NamedTuple):
     """A key that the kernel changes beside a listed one; the fields are those of the module's return value."""
 
     name: str
@@ -61,8 +61,8 @@ class Plan(typing.NamedTuple):
     interim: SettingsRecord
     final: SettingsRecord
     after: Values
-    taken_back: typing.List[TakenBack]
-    also_changed: typing.List[AlsoChanged]
+    removals: typing.List[Removal]
+    side_effects: typing.List[SideEffect]
 
 
 # The option
@@ -73,17 +73,17 @@ def settings_of(items: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typi
 
     Raises Problem for an item that makes no sense, and for two values of one key.
     """
-    wanted: typing.Dict[str, typing.Tuple[str, Setting]] = {}
+    settings: typing.Dict[str, typing.Tuple[str, Setting]] = {}
     for item in items:
         name, setting = item["name"], _setting(item)
-        earlier_name, earlier = wanted.setdefault(variable_of(setting.key), (name, setting))
+        earlier_name, earlier = settings.setdefault(variable_of(setting.key), (name, setting))
         if earlier.value != setting.value:
             raise Problem(
                 f"settings: {earlier_name} = {earlier.value} and {name} = {setting.value} are one key of the kernel, expected "
                 "one value for it: remove one of them."
             )
     # The order holds for the drop-in, too: a key that changes others must not have the last word over them.
-    return sorted((setting for name, setting in wanted.values()), key=lambda setting: not changes_others(setting.key))
+    return sorted((setting for name, setting in settings.values()), key=lambda setting: not changes_others(setting.key))
 
 
 def optional_of(items: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typing.FrozenSet[str]:
@@ -158,7 +158,7 @@ def plan(
     start = {key: value for key, value in current.items() if value is not None}
     kernel = _Simulation(start)
     kept = {variable_of(setting.key) for setting in settings}
-    taken_back = [_one_taken_back(entry, kept, kernel) for entry in _no_longer_listed(record, kept)]
+    removals = [_take_back(entry, kept, kernel) for entry in _find_removals(record, kept)]
     base = dict(kernel.values)
     for setting in settings:
         if setting.key in kernel.values:
@@ -169,7 +169,7 @@ def plan(
     for setting in settings:
         variable = variable_of(setting.key)
         if setting.key in start or variable in record.settings:
-            interim[variable], final[variable] = _one_listed(setting, start, record.settings)
+            interim[variable], final[variable] = _plan_entries(setting, start, record.settings)
     for variable, entry in record.settings.items():
         interim.setdefault(variable, entry)
     drop_ins = sorted(set(record.drop_ins) | {drop_in})
@@ -181,8 +181,8 @@ def plan(
         interim=SettingsRecord(drop_ins, made, interim),
         final=SettingsRecord([drop_in], made, final) if settings else SettingsRecord(),
         after={key: kernel.values.get(key) for key in current},
-        taken_back=taken_back,
-        also_changed=_also_changed(settings, kernel, base),
+        removals=removals,
+        side_effects=_find_side_effects(settings, kernel, base),
     )
 
 
@@ -197,7 +197,7 @@ class _Simulation:
     def write(self, key: str, value: str) -> None:
         """Plan a write, unless the key has the value already."""
         if self.values[key] != value:
-            changed = beside(key, value, self.values)
+            changed = find_side_effects(key, value, self.values)
             self.writes.append(Setting(key, value))
             self.values.update(changed)
             self.values[key] = value
@@ -213,23 +213,23 @@ class _Simulation:
 # One setting taken back
 
 
-def _no_longer_listed(record: SettingsRecord, kept: typing.Set[str]) -> typing.List[Entry]:
+def _find_removals(record: SettingsRecord, kept: typing.Set[str]) -> typing.List[Entry]:
     """The entries of the record without a listed setting, the last one first; keys that change others before all."""
     entries = [record.settings[variable] for variable in reversed(list(record.settings)) if variable not in kept]
     return sorted(entries, key=lambda entry: not changes_others(entry.key))
 
 
-def _one_taken_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> TakenBack:
+def _take_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> Removal:
     """The result for a setting that is no longer listed; its writes go to the simulated kernel."""
-    found = kernel.values.get(entry.key)
-    if found is None:
+    value = kernel.values.get(entry.key)
+    if value is None:
         state = "missing"
-    elif found != entry.before and found not in entry.set:
+    elif value != entry.before and value not in entry.set:
         state = "left"
     else:
         state = "restored"
         _restore(entry, kept, kernel)
-    return TakenBack(name_of(entry.key), found, kernel.values.get(entry.key), entry.set[-1], state)
+    return Removal(name_of(entry.key), value, kernel.values.get(entry.key), entry.set[-1], state)
 
 
 def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
@@ -242,7 +242,7 @@ def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
         untouched = others[other] == followed[other]
         if variable_of(other) in kept | {variable_of(entry.key)}:
             continue
-        if not spared(entry.key):
+        if not keeps_deviations(entry.key):
             kernel.write(other, entry.beside.get(other, value) if untouched else others[other])
         elif other in entry.beside:
             kernel.hold(other, others[other])
@@ -251,7 +251,7 @@ def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
 # One listed setting
 
 
-def _one_listed(
+def _plan_entries(
     setting: Setting, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]
 ) -> typing.Tuple[Entry, Entry]:
     """The record of a listed setting: on the way, when either value may be there, and afterwards."""
@@ -263,14 +263,18 @@ def _one_listed(
 
 def _new_entry(key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> Entry:
     """The record of a key that becomes ours: its value from before, and those of the keys that it changes beside it."""
-    value = _before(key, start, owned)
+    value = _original_value(key, start, owned)
     others = {} if value is None else followers(key, value, start)
-    before = {other: _before(other, start, owned) for other in others}
-    apart = {other: found for other, found in before.items() if found is not None and found != others[other]}
+    before = {other: _original_value(other, start, owned) for other in others}
+    apart = {
+        other: original for other, original in before.items() if original is not None and original != others[other]
+    }
     return Entry(key, value, (), apart)
 
 
-def _before(key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> typing.Optional[str]:
+def _original_value(
+    key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]
+) -> typing.Optional[str]:
     """The value of a key before any run of ours."""
     if variable_of(key) in owned:
         return owned[variable_of(key)].before
@@ -282,17 +286,17 @@ def _before(key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str
     return start.get(key)
 
 
-def _also_changed(
+def _find_side_effects(
     settings: typing.List[Setting], kernel: _Simulation, base: typing.Mapping[str, str]
-) -> typing.List[AlsoChanged]:
+) -> typing.List[SideEffect]:
     """The keys that somebody had set apart and that change with a listed one. `base`: the values before the settings."""
-    listed = {setting.key for setting in settings}
+    keys = {setting.key for setting in settings}
     return [
-        AlsoChanged(name_of(other), base[other], kernel.values[other])
+        SideEffect(name_of(other), base[other], kernel.values[other])
         for setting in settings
         if setting in kernel.writes
         for other in followers(setting.key, setting.value, kernel.values)
-        if other not in listed and base[other] != kernel.values[other] and _was_apart(setting.key, other, base)
+        if other not in keys and base[other] != kernel.values[other] and _was_apart(setting.key, other, base)
     ]
 
 

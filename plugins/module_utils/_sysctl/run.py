@@ -28,21 +28,21 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl impor
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import (
     Assignment,
     Tree,
-    at_boot,
-    hidden_by,
+    find_boot_assignments,
+    find_hiding_file,
     name_of,
     normal,
     parse,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import (
     PROC,
-    Found,
     Kernel,
+    KeyState,
     Setting,
     changes_others_first,
     followers,
+    is_unfit,
     refusal,
-    unfit,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan import (
     HEADER,
@@ -53,7 +53,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan 
     settings_of,
 )
 
-_TAKEN_BACK = {
+_REMOVALS = {
     "restored": "{name} is {runtime_after} again.",
     "left": "{name} is left at {runtime_after}: somebody else has changed it since this module set {expected}.",
     "missing": "{name} is gone from this kernel, so there is nothing to take back.",
@@ -61,7 +61,7 @@ _TAKEN_BACK = {
 
 _MODE = 0o644  # of the drop-in
 # $1: a file of the kernel, $2: its value. One that has the value already is not set apart by writing it.
-_PUT_BACK = 'set -f; [ ! -e "$1" ] || [ "$(echo $(cat "$1"))" = "$2" ] || printf "%s\\n" "$2" >"$1"'
+_RESTORE = 'set -f; [ ! -e "$1" ] || [ "$(echo $(cat "$1"))" = "$2" ] || printf "%s\\n" "$2" >"$1"'
 
 SETTING = {
     "name": {"type": "str", "required": True},
@@ -102,20 +102,20 @@ class Run(ModuleRun):
         self.stored = self.record.load()
         self.recorded = self.record.parse(record.read, self.stored if memory is None else memory)
         self.tree = Tree(options["root"])
-        self.settings = self._with_enough(settings_of(options["settings"]), enough_of(options["settings"]))
+        self.settings = self._prefer_boot_values(settings_of(options["settings"]), enough_of(options["settings"]))
         self.file = self._place(self.drop_in)
-        self.before = self._own_text()
+        self.before = self._read_own_text()
         self.stale = self._stale()
         self.lost: typing.List[str] = []  # the keys with which IPv6 was off for a moment
 
-        listed = [setting.key for setting in self.settings]
+        keys = [setting.key for setting in self.settings]
         owned = [entry.key for entry in self.recorded.settings.values()]
-        self.found = self.kernel.current(listed + owned)
-        self.current = {key: found.value for key, found in self.found.items()}
+        self.states = self.kernel.read_with_others(keys + owned)
+        self.current = {key: state.value for key, state in self.states.items()}
         self.plan = plan(
-            self.settings, self.current, self.recorded, self.drop_in, self._missing_folders(), self.optional
+            self.settings, self.current, self.recorded, self.drop_in, self._find_missing_folders(), self.optional
         )
-        self.taken_back = [dict(item._asdict()) for item in self.plan.taken_back]
+        self.taken_back = [dict(item._asdict()) for item in self.plan.removals]
         self.items = self._items()
         self.wrong_mode = self._wrong_mode()
         # Anything to do: in the kernel, in the drop-ins, or in the record.
@@ -124,14 +124,14 @@ class Run(ModuleRun):
             self.plan.writes or self.stale or self.before != text or self.wrong_mode is not None or self.stored != final
         )
 
-    def _with_enough(
+    def _prefer_boot_values(
         self, settings: typing.List[Setting], enough: typing.Mapping[str, typing.Container[str]]
     ) -> typing.List[Setting]:
         """The settings, with the value of somebody else's file where that one is enough: so it stays."""
         if not enough:
             return settings
         ours = [self.drop_in, *self.stored.get("drop_ins", [])]
-        decides = at_boot(Tree(self.tree.root, dict.fromkeys(ours)), enough)
+        decides = find_boot_assignments(Tree(self.tree.root, dict.fromkeys(ours)), enough)
         values = {key: normal(one.value) for key, one in decides.items() if one and one.value is not None}
         return [
             setting._replace(value=values[setting.key])
@@ -146,7 +146,7 @@ class Run(ModuleRun):
         """The path of a drop-in below the root folder. Links of folders are followed, the file itself is not."""
         return os.path.join(self.tree.real(os.path.dirname(path)), os.path.basename(path))
 
-    def _own_text(self) -> typing.Optional[str]:
+    def _read_own_text(self) -> typing.Optional[str]:
         """The text of our drop-in, None where there is none. Raises Problem where the file is somebody else's."""
         if not os.path.lexists(self.file):
             return None
@@ -173,7 +173,7 @@ class Run(ModuleRun):
         texts = {path: self.tree.read(path) for path in others if not os.path.islink(self._place(path))}
         return {path: text for path, text in texts.items() if text.startswith(HEADER)}
 
-    def _missing_folders(self) -> typing.List[str]:
+    def _find_missing_folders(self) -> typing.List[str]:
         """The folders to be made for the drop-in, outermost first."""
         missing, folder = [], os.path.dirname(self.file)
         while not os.path.isdir(folder):
@@ -187,8 +187,8 @@ class Run(ModuleRun):
         planned: typing.Dict[str, typing.Optional[str]] = dict.fromkeys(self.stale, None)
         planned[self.drop_in] = self.plan.text
         after = Tree(self.tree.root, planned)
-        boot = at_boot(after, [setting.key for setting in self.settings])
-        hidden = hidden_by(after, self.drop_in)
+        boot = find_boot_assignments(after, [setting.key for setting in self.settings])
+        hidden = find_hiding_file(after, self.drop_in)
         lines = {line.key: line.value for line in parse(self.before or "", self.drop_in)}
         return [
             self._item(setting, boot[setting.key], hidden, lines.get(setting.key) == setting.value)
@@ -199,32 +199,32 @@ class Run(ModuleRun):
         self, setting: Setting, decides: typing.Optional[Assignment], hidden: typing.Optional[str], has_line: bool
     ) -> Data:
         """The result for one setting. `decides`: its assignment at boot. `has_line`: the drop-in has its line already."""
-        found, writes = self.found[setting.key], setting in self.plan.writes
-        refused, problem = self._refusal(setting, found, writes)
+        present, writes = self.states[setting.key], setting in self.plan.writes
+        state, problem = self._refusal(setting, present, writes)
         changes = problem is None and (writes or not has_line)
         boot_value = None if decides is None or decides.value is None else normal(decides.value)
         return {
             "name": name_of(setting.key),
             "value": setting.value,
-            "runtime_before": found.value,
+            "runtime_before": present.value,
             "runtime_after": self.plan.after[setting.key],
             "boot_value": boot_value,
             "boot_file": decides.file if decides else None,
             "changed": changes,
-            "state": refused or ("changed" if changes else "ok"),
+            "state": state or ("changed" if changes else "ok"),
             "problem": problem,
             "conflict": None if boot_value == setting.value else _conflict(boot_value, decides, hidden),
         }
 
-    def _refusal(self, setting: Setting, found: Found, writes: bool) -> typing.Tuple[str, typing.Optional[str]]:
+    def _refusal(self, setting: Setting, present: KeyState, writes: bool) -> typing.Tuple[str, typing.Optional[str]]:
         """The state and the sentence for a setting that cannot be set, as far as that is known before; "" and None else."""
-        if found.value is None or (writes and found.refusal):
-            state, problem = refusal(self.kernel.path(setting.key), setting, found.value, found.refusal)
+        if present.value is None or (writes and present.refusal):
+            state, problem = refusal(self.kernel.path(setting.key), setting, present.value, present.refusal)
             return state, None if state == "missing" and setting.key in self.optional else problem
-        if writes and unfit(setting):
+        if writes and is_unfit(setting):
             return "invalid", (
                 f"{name_of(setting.key)}: found the value {setting.value}, expected a whole number as the kernel says it, such as "
-                f"{quote(found.value)}: correct the value."
+                f"{quote(present.value)}: correct the value."
             )
         if self.plan.after[setting.key] != setting.value:
             return "invalid", self._contradiction(setting)
@@ -244,13 +244,13 @@ class Run(ModuleRun):
     @property
     def problems(self) -> typing.List[str]:
         """One sentence per setting that the kernel refuses, known before anything changes."""
-        found = [item["problem"] for item in self.items if item["problem"]]
-        listed = {setting.key for setting in self.settings}
+        sentences = [item["problem"] for item in self.items if item["problem"]]
+        keys = {setting.key for setting in self.settings}
         for write in self.plan.writes:
-            if write.key not in listed and self.found[write.key].refusal:
-                path, held = self.kernel.path(write.key), self.found[write.key]
-                found.append("Taking back " + refusal(path, write, held.value, held.refusal)[1])
-        return found
+            if write.key not in keys and self.states[write.key].refusal:
+                path, present = self.kernel.path(write.key), self.states[write.key]
+                sentences.append("Taking back " + refusal(path, write, present.value, present.refusal)[1])
+        return sentences
 
     @property
     def conflicts(self) -> typing.List[str]:
@@ -271,18 +271,20 @@ class Run(ModuleRun):
             return Forecast([], [])
         from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import trial
 
-        tried = trial.outcomes(self.kernel, writes)
-        refused = [
-            self._foreseen(Setting(key, writes[key]), *tried[key]) for key in tried if tried[key] != (0, writes[key])
+        outcomes = trial.try_values(self.kernel, writes)
+        refusals = [
+            self._forecast_sentence(Setting(key, writes[key]), *outcomes[key])
+            for key in outcomes
+            if outcomes[key] != (0, writes[key])
         ]
-        open_ = [key for key in writes if key not in tried and not _alike(writes[key], self.current[key])]
+        open_ = [key for key in writes if key not in outcomes and not _alike(writes[key], self.current[key])]
         names = ", ".join(f"{name_of(key)} = {writes[key]}" for key in open_)
-        return Forecast(refused, [f"Check mode cannot know whether the kernel takes {names}."] if names else [])
+        return Forecast(refusals, [f"Check mode cannot know whether the kernel takes {names}."] if names else [])
 
-    def _foreseen(self, setting: Setting, number: int, held: str) -> str:
+    def _forecast_sentence(self, setting: Setting, number: int, value: str) -> str:
         if number:
             return refusal(self.kernel.path(setting.key), setting, self.current[setting.key], number)[1]
-        return _otherwise(setting, held)
+        return _deviation(setting, value)
 
     @property
     def warnings(self) -> typing.List[str]:
@@ -294,17 +296,17 @@ class Run(ModuleRun):
         """The files and the kernel's values that change, for `diff`."""
         files = [(self.drop_in, self.before, self.plan.text)]
         files += [(path, text, None) for path, text in self.stale.items()]
-        found = [difference(path, _encoded(old), _encoded(new)) for path, old, new in files if old != new]
+        entries = [difference(path, _encode(old), _encode(new)) for path, old, new in files if old != new]
         if self.wrong_mode is not None and self.before == self.plan.text:
-            found.append(of_mode(self.drop_in, self.wrong_mode, _MODE))
+            entries.append(of_mode(self.drop_in, self.wrong_mode, _MODE))
         keys = sorted({write.key for write in self.plan.writes})
         if keys:
             before, after = (
-                _encoded("".join(f"{name_of(key)} = {values[key]}\n" for key in keys))
+                _encode("".join(f"{name_of(key)} = {values[key]}\n" for key in keys))
                 for values in (self.current, self.plan.after)
             )
-            found.append(difference(f"{self.kernel.proc} (values at run time)", before, after))
-        return found
+            entries.append(difference(f"{self.kernel.proc} (values at run time)", before, after))
+        return entries
 
     def result(self) -> Data:
         """The return values of the module."""
@@ -312,7 +314,7 @@ class Run(ModuleRun):
             "settings": self.items,
             "conflicts": self.conflicts,
             "taken_back": self.taken_back,
-            "also_changed": [dict(item._asdict()) for item in self.plan.also_changed],
+            "also_changed": [dict(item._asdict()) for item in self.plan.side_effects],
             "drop_in": self.drop_in,
         }
 
@@ -329,7 +331,7 @@ class Run(ModuleRun):
         sentences += [_sentence(item) for item in self.taken_back]
         sentences += [
             f"The kernel changed {item.name} from {quote(item.before)} to {quote(item.after)} with it."
-            for item in self.plan.also_changed
+            for item in self.plan.side_effects
         ]
         return " ".join(sentences) or "No kernel settings are ours."
 
@@ -347,11 +349,13 @@ class Run(ModuleRun):
 
     def undo_commands(self) -> typing.List[typing.List[str]]:
         """The commands that restore the present values."""
-        values = [(key, self.current[key]) for key in changes_others_first(self.current) if not self.found[key].refusal]
+        values = [
+            (key, self.current[key]) for key in changes_others_first(self.current) if not self.states[key].refusal
+        ]
         # What the kernel refuses while another key has its present value, it takes the second time.
         return [
             ["sh", "-c", program, "sh", self.kernel.path(key), value]
-            for program in (f"{_PUT_BACK} 2>/dev/null || :", _PUT_BACK)
+            for program in (f"{_RESTORE} 2>/dev/null || :", _RESTORE)
             for key, value in values
             if value is not None
         ]
@@ -401,7 +405,7 @@ class Run(ModuleRun):
                 self.kernel.write(write.key, write.value)
             except OSError as problem:
                 if write in self.settings:
-                    raise self._refused(write, problem.errno or errno.EIO) from problem
+                    raise self._refuse(write, problem.errno or errno.EIO) from problem
                 # Taken back: the kernel may take the value when another key has its value from before.
         wrong = self.kernel.settle(self.plan.goals)
         for key, number in wrong.items():
@@ -409,21 +413,21 @@ class Run(ModuleRun):
             if setting not in self.settings:
                 _state, text = refusal(self.kernel.path(key), setting, self.current[key], number or errno.EINVAL)
                 raise Problem("Taking back " + text)
-            raise self._otherwise(setting)
+            raise self._refuse_deviation(setting)
 
     def _item_of(self, setting: Setting) -> Data:
         return self.items[self.settings.index(setting)]
 
-    def _refused(self, setting: Setting, number: int) -> Problem:
+    def _refuse(self, setting: Setting, number: int) -> Problem:
         """What the run ends with where the kernel refuses a listed value; its item says so."""
         # Read again: an interface may have gone with its keys.
         state, text = refusal(self.kernel.path(setting.key), setting, self.kernel.look(setting.key).value, number)
         self._item_of(setting).update(state=state, problem=text, changed=False)
         return Problem(text)
 
-    def _otherwise(self, setting: Setting) -> Problem:
+    def _refuse_deviation(self, setting: Setting) -> Problem:
         """What the run ends with where the kernel holds another value than it was given."""
-        text = _otherwise(setting, self.kernel.look(setting.key).value)
+        text = _deviation(setting, self.kernel.look(setting.key).value)
         self._item_of(setting).update(state="invalid", problem=text, changed=False)
         return Problem(text)
 
@@ -472,27 +476,27 @@ class Run(ModuleRun):
             atomic.remove_folder_if_empty(folder)
 
 
-def _otherwise(setting: Setting, held: typing.Optional[str]) -> str:
+def _deviation(setting: Setting, value: typing.Optional[str]) -> str:
     """The sentence for a value of which the kernel makes another one."""
     return (
-        f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {quote(held)}, expected the same: write the value as the "
+        f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {quote(value)}, expected the same: write the value as the "
         "kernel says it."
     )
 
 
-def _alike(value: str, found: typing.Optional[str]) -> bool:
+def _alike(value: str, current: typing.Optional[str]) -> bool:
     """True for as many whole numbers as there are."""
-    forms = [[bool(re.fullmatch(r"-?[0-9]+", word)) for word in (text or "").split()] for text in (value, found)]
+    forms = [[bool(re.fullmatch(r"-?[0-9]+", word)) for word in (text or "").split()] for text in (value, current)]
     return forms[0] == forms[1] and all(forms[0])
 
 
-def _encoded(text: typing.Optional[str]) -> typing.Optional[bytes]:
+def _encode(text: typing.Optional[str]) -> typing.Optional[bytes]:
     return None if text is None else text.encode("utf-8", "surrogateescape")
 
 
 def _sentence(item: Data) -> str:
     values = {when: quote(item[when]) for when in ("runtime_after", "expected")}
-    return _TAKEN_BACK[item["state"]].format(name=item["name"], **values)
+    return _REMOVALS[item["state"]].format(name=item["name"], **values)
 
 
 def _conflict(
@@ -511,11 +515,11 @@ def _conflict_sentence(item: Data, drop_in: str) -> str:
     conflict = item["conflict"]
     where = quote(conflict["file"]) + (f" line {conflict['line']}" if conflict["line"] else "")
     if conflict["value"] is None and conflict["masks"]:
-        found = f"{where} keeps {drop_in} from being read at boot"
+        problem = f"{where} keeps {drop_in} from being read at boot"
     elif conflict["value"] is None:
-        found = f"{where} excludes it from being set at boot"
+        problem = f"{where} excludes it from being set at boot"
     elif conflict["masks"]:
-        found = f"{where} sets {quote(conflict['value'])} at boot, and {drop_in} is not read"
+        problem = f"{where} sets {quote(conflict['value'])} at boot, and {drop_in} is not read"
     else:
-        found = f"{where} sets {quote(conflict['value'])} at boot, after {drop_in}"
-    return f"{item['name']}: {found}, expected {item['value']}: correct or remove it there, or set on_conflict to report to go on."
+        problem = f"{where} sets {quote(conflict['value'])} at boot, after {drop_in}"
+    return f"{item['name']}: {problem}, expected {item['value']}: correct or remove it there, or set on_conflict to report to go on."

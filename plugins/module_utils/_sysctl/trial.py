@@ -31,71 +31,71 @@ class Outcome(typing.NamedTuple):
     """What the kernel makes of a value."""
 
     number: int  # the errno with which it refuses it, 0 for none
-    held: str  # the value that it holds then
+    value: str  # the value that it holds then
 
 
-def outcomes(kernel: Kernel, wanted: Values) -> typing.Dict[str, Outcome]:
+def try_values(kernel: Kernel, wanted: Values) -> typing.Dict[str, Outcome]:
     """The outcome for each key of which one is known. The values beside the keys are those of this machine."""
     wanted = {key: value for key, value in wanted.items() if key.startswith("net/")}
     if not wanted:
         return {}
-    beside = _beside(kernel, wanted)
+    neighbours = _read_neighbours(kernel, wanted)
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
         try:
             signal.alarm(_LIMIT)
             if ctypes.CDLL(None).unshare(_NEW) == 0:
-                os.write(writer, json.dumps(_tried(kernel, wanted, beside)).encode("utf-8"))
+                os.write(writer, json.dumps(_try_in_namespace(kernel, wanted, neighbours)).encode("utf-8"))
         finally:
             os._exit(0)
     os.close(writer)
     with os.fdopen(reader, "rb") as stream:
-        said = stream.read()
+        answer = stream.read()
     os.waitpid(child, 0)
-    return {key: Outcome(*found) for key, found in json.loads(said.decode("utf-8")).items()} if said else {}
+    return {key: Outcome(*outcome) for key, outcome in json.loads(answer.decode("utf-8")).items()} if answer else {}
 
 
-def _there(key: str) -> str:
+def _namespace_key(key: str) -> str:
     """The key in the namespace, whose only interface is lo."""
     return _INTERFACE.sub(r"\1/lo/", key)
 
 
-def _beside(kernel: Kernel, wanted: Values) -> typing.Dict[str, str]:
+def _read_neighbours(kernel: Kernel, wanted: Values) -> typing.Dict[str, str]:
     """The values of all keys in the folders of these: some values depend on others, such as a range of ports."""
-    found = {}
+    values = {}
     for folder in sorted({os.path.dirname(key) for key in wanted}):
         for name in sorted(os.listdir(kernel.path(folder))) if os.path.isdir(kernel.path(folder)) else ():
             key = f"{folder}/{name}"
             try:
                 if os.path.isfile(kernel.path(key)):
-                    found[key] = kernel.read(key)
+                    values[key] = kernel.read(key)
             except OSError:
                 continue
-    return found
+    return values
 
 
-def _tried(kernel: Kernel, wanted: Values, beside: Values) -> typing.Dict[str, Outcome]:
+def _try_in_namespace(kernel: Kernel, wanted: Values, neighbours: Values) -> typing.Dict[str, Outcome]:
     """Write the values, in the namespace."""
-    for key, value in beside.items():
-        _put(kernel, key, value)
-    found: typing.Dict[str, Outcome] = {}
+    for key, value in neighbours.items():
+        _try_value(kernel, key, value)
+    outcomes: typing.Dict[str, Outcome] = {}
     for _pass in range(2):  # the kernel refuses some values while another key has its present one
         for key, value in wanted.items():
-            outcome = _put(kernel, key, value)
-            if outcome is not None and not (key in found and found[key] == Outcome(0, value)):
-                found[key] = outcome
-    return found
+            outcome = _try_value(kernel, key, value)
+            if outcome is not None and not (key in outcomes and outcomes[key] == Outcome(0, value)):
+                outcomes[key] = outcome
+    return outcomes
 
 
-def _put(kernel: Kernel, key: str, value: str) -> typing.Optional[Outcome]:
+def _try_value(kernel: Kernel, key: str, value: str) -> typing.Optional[Outcome]:
     """Write one value and read it again; None where that says nothing about it."""
     number = 0
     try:
-        kernel.write(_there(key), value)
+        kernel.write(_namespace_key(key), value)
     except OSError as problem:
         number = problem.errno or errno.EIO
     try:
-        return None if number in _UNKNOWN else Outcome(number, kernel.read(_there(key)))
+        return None if number in _UNKNOWN else Outcome(number, kernel.read(_namespace_key(key)))
     except OSError:
         return None

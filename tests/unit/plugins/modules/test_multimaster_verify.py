@@ -45,7 +45,7 @@ def params(**changed):
     ],
 )
 def test_usual_options_are_right(good):
-    assert multimaster_verify.wrong(params(**good)) is None
+    assert multimaster_verify.find_wrong_option(params(**good)) is None
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_usual_options_are_right(good):
     ],
 )
 def test_an_address_or_a_port_that_is_none_is_a_sentence(bad, words):
-    assert words in multimaster_verify.wrong(params(**bad))
+    assert words in multimaster_verify.find_wrong_option(params(**bad))
 
 
 def test_check_mode_refuses_the_same():
@@ -121,15 +121,15 @@ CHOSEN = {"chosen": {"environment": {"PATH": "/opt/ros/noetic/bin", "ROS_HOSTNAM
 )
 def test_the_variables_of_a_machine_that_somebody_set_up_by_hand(machine, found):
     options = params(variables={"ROS_HOSTNAME": "one"}, environment={"ROS_HOSTNAME": "given"})
-    assert multimaster_verify.by_hand(options, machine) == found
+    assert multimaster_verify.choose_environment(options, machine) == found
 
 
 def test_the_options_of_another_module_are_checked_as_there():
     with pytest.raises(Problem, match=r"^look: .*parts.*\.$"):
-        multimaster_verify.seen(params(look={"parts": ["engine"]}))
+        multimaster_verify.look_at_machine(params(look={"parts": ["engine"]}))
     with pytest.raises(Problem, match=r"^look: The option ports has 0; expected numbers from 1 to 65535\.$"):
-        multimaster_verify.seen(params(look={"ports": [{"protocol": "tcp", "port": 0}]}))
-    assert multimaster_verify.seen(params(look=None)) is None
+        multimaster_verify.look_at_machine(params(look={"ports": [{"protocol": "tcp", "port": 0}]}))
+    assert multimaster_verify.look_at_machine(params(look=None)) is None
     assert multimaster_verify.group(params(multicast={"name": "one"}), "started") == {
         "failed": True,
         "msg": "multicast: state is started but all of the following are missing: interface_address, computers.",

@@ -11,7 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.con
     CONCERNS,
     Code,
     Concern,
-    asked_for,
+    select_concerns,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
@@ -245,7 +245,7 @@ def test_the_modules_themselves(carry_out, tmp_path):
     given["managed_files"] = [
         {"bundle": "x", "files": [{"path": str(tmp_path / "names"), "content": "y\n"}], "records": records}
     ]
-    result = carry_out(*asked_for(given))
+    result = carry_out(*select_concerns(given))
     assert result["changed"] and "kobuki1computer" in hosts.read_text(encoding="utf-8")
     assert (tmp_path / "names").read_text(encoding="utf-8") == "y\n"
-    assert carry_out(*asked_for(given))["changed"] is False
+    assert carry_out(*select_concerns(given))["changed"] is False

@@ -218,8 +218,8 @@ def test_a_write_in_place_killed_after_any_byte_is_known_and_repaired(tmp_path, 
         assert replace_in_place_until(hosts, records, after, position)
         file = hosts_file.HostsFile(str(hosts), str(records))
         assert file.content in (before, after)
-        assert file.torn == (hosts.read_bytes() not in (before, after))
-        torn += file.torn
+        assert file.was_torn == (hosts.read_bytes() not in (before, after))
+        torn += file.was_torn
         assert file.replace(after) == "rename"
         file.clean()
         assert hosts.read_bytes() == after
@@ -267,7 +267,7 @@ def test_what_somebody_else_wrote_after_a_killed_write_is_theirs(tmp_path):
     assert replace_in_place_until(hosts, records, NEW, 60)
     hosts.write_bytes(b"127.0.0.1 localhost\n10.0.0.1 container\n")
     file = hosts_file.HostsFile(str(hosts), str(records))
-    assert not file.torn and file.content == b"127.0.0.1 localhost\n10.0.0.1 container\n"
+    assert not file.was_torn and file.content == b"127.0.0.1 localhost\n10.0.0.1 container\n"
     file.clean()
     assert not records.exists()
 

@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import StepFailure
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run as run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import concerned
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import is_concerned
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.guard import Guard
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import Run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
@@ -65,8 +65,8 @@ def test_kill_at_any_call_leaves_what_the_next_run_repairs(
             raise OSError(errno.EBUSY, "Device or resource busy", path)
         write(path, *rest, **more)
 
-    read_undisturbed = Machine(tmp_path / "undisturbed", content)
-    read_undisturbed.apply(wanted)
+    undisturbed = Machine(tmp_path / "undisturbed", content)
+    undisturbed.apply(wanted)
     killed, step = True, 0
     while killed:
         machine = Machine(tmp_path / str(step), content)
@@ -80,7 +80,7 @@ def test_kill_at_any_call_leaves_what_the_next_run_repairs(
             killed = False
         monkeypatch.setattr(atomic, "write_by_rename", write)
         machine.apply(wanted)
-        assert machine.found() == read_undisturbed.found(), step
+        assert machine.found() == undisturbed.found(), step
         assert not machine.run(wanted).changed, step
         machine.apply([])
         assert machine.found() == before, step
@@ -133,7 +133,7 @@ def guarded(tmp_path, monkeypatch):
         monkeypatch.setattr(run_module, "SYSTEM", str(machine.hosts))
 
         def guard(wanted, records):
-            return Guard(wanted, records, root=str(folder)) if concerned(records, root=str(folder)) else None
+            return Guard(wanted, records, root=str(folder)) if is_concerned(records, root=str(folder)) else None
 
         monkeypatch.setattr(run_module, "_guard", guard)
         monkeypatch.setattr(run_module, "resolve", lambda bindings: [{} for binding in bindings])
@@ -197,9 +197,9 @@ def test_another_file_than_that_of_the_system_has_nothing_to_do_with_cloud_init(
 @pytest.mark.parametrize("wanted", [SECOND, []])
 @pytest.mark.parametrize("first", [FIRST, []])
 def test_kill_at_any_call_with_cloud_init(guarded, killed_at, first, wanted):
-    read_undisturbed = guarded("undisturbed")
-    read_undisturbed.apply(wanted)
-    expected = read_undisturbed.found()
+    undisturbed = guarded("undisturbed")
+    undisturbed.apply(wanted)
+    expected = undisturbed.found()
     killed, step = True, 0
     while killed:
         machine = guarded(str(step))

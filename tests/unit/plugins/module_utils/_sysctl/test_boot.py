@@ -49,11 +49,11 @@ def shown(assignment):
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_what_decides_at_boot(path, tmp_path):
     case, settings, tree, drop_in = load(path, tmp_path)
-    boot = sysctl_boot.at_boot(tree, [setting.key for setting in settings])
+    boot = sysctl_boot.find_boot_assignments(tree, [setting.key for setting in settings])
     assert {sysctl_boot.name_of(key): shown(decides) for key, decides in boot.items()} == case["boot"]
-    foreign = sysctl_boot.at_boot(tree, [sysctl_boot.key_of(name) for name in case.get("foreign", {})])
+    foreign = sysctl_boot.find_boot_assignments(tree, [sysctl_boot.key_of(name) for name in case.get("foreign", {})])
     assert {sysctl_boot.name_of(key): shown(decides) for key, decides in foreign.items()} == case.get("foreign", {})
-    assert sysctl_boot.hidden_by(tree, drop_in) == case.get("hidden_by")
+    assert sysctl_boot.find_hiding_file(tree, drop_in) == case.get("hidden_by")
     assert sysctl_boot.boots_with_systemd(tree) == case.get("systemd", True)
 
 
@@ -148,13 +148,15 @@ def test_a_file_that_is_not_utf8_is_read(tmp_path):
     plant(tmp_path, {"sbin/init": {"link": "/lib/systemd/systemd"}})
     (tmp_path / "etc/sysctl.d").mkdir(parents=True)
     (tmp_path / "etc/sysctl.d/99-caf\udce9.conf").write_bytes(b"# caf\xe9\nnet.ipv4.ip_forward=0\n")
-    found = sysctl_boot.at_boot(sysctl_boot.Tree(str(tmp_path)), ["net/ipv4/ip_forward"])["net/ipv4/ip_forward"]
+    found = sysctl_boot.find_boot_assignments(sysctl_boot.Tree(str(tmp_path)), ["net/ipv4/ip_forward"])[
+        "net/ipv4/ip_forward"
+    ]
     assert (found.value, found.line) == ("0", 2)
 
 
 def test_links_in_a_circle_end(tmp_path):
     plant(tmp_path, {"etc/sysctl.d/99-a.conf": {"link": "99-b.conf"}, "etc/sysctl.d/99-b.conf": {"link": "99-a.conf"}})
-    assert sysctl_boot.at_boot(sysctl_boot.Tree(str(tmp_path)), ["net/ipv4/ip_forward"]) == {
+    assert sysctl_boot.find_boot_assignments(sysctl_boot.Tree(str(tmp_path)), ["net/ipv4/ip_forward"]) == {
         "net/ipv4/ip_forward": None
     }
 
@@ -173,12 +175,14 @@ def test_the_oldest_python(tmp_path):
     )
     keys = [setting.key for setting in settings]
     output = subprocess.run(
-        ["python3.6", "-c", program, str(tmp_path), json.dumps(tree.planned), json.dumps(keys)],
+        ["python3.6", "-c", program, str(tmp_path), json.dumps(tree.overlay), json.dumps(keys)],
         check=True,
         stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": collections},
     ).stdout
-    assert json.loads(output) == {key: list(found) for key, found in sysctl_boot.at_boot(tree, keys).items()}
+    assert json.loads(output) == {
+        key: list(found) for key, found in sysctl_boot.find_boot_assignments(tree, keys).items()
+    }
 
 
 def test_a_unit_that_is_masked_is_read_as_empty(tmp_path):

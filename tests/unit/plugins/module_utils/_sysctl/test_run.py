@@ -791,7 +791,7 @@ for key in start:
         except OSError:
             continue
         found = values()
-        expected = {**before, **kernel.beside(key, value, before), key: found[key]}  # times are rounded
+        expected = {**before, **kernel.find_side_effects(key, value, before), key: found[key]}  # times are rounded
         tried, others = tried + 1, others + sum(found[other] != before[other] for other in found if other != key)
         wrong += [(key, value, other, found[other], expected[other]) for other in found if found[other] != expected[other]]
         before = found

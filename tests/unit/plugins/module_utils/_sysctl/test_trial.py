@@ -18,7 +18,7 @@ KEYS = ("net/ipv4/ip_default_ttl", "net/ipv4/conf/lo/arp_ignore", "net/ipv4/tcp_
 @pytest.fixture
 def kernel():
     kernel = Kernel()
-    if not trial.outcomes(kernel, {KEYS[0]: "7"}):
+    if not trial.try_values(kernel, {KEYS[0]: "7"}):
         pytest.skip("needs the right to make a network namespace")
     return kernel
 
@@ -27,13 +27,13 @@ def test_nothing_of_this_machine_changes(kernel):
     before = {key: kernel.read(key) for key in KEYS}
     wanted = {KEYS[0]: "7", KEYS[1]: "3", KEYS[2]: "nosuch", KEYS[3]: "1"}
     # A name that the kernel may have a module for, and a key outside of net, are not known.
-    assert trial.outcomes(kernel, wanted) == {KEYS[0]: (0, "7"), KEYS[1]: (0, "3")}
+    assert trial.try_values(kernel, wanted) == {KEYS[0]: (0, "7"), KEYS[1]: (0, "3")}
     assert {key: kernel.read(key) for key in KEYS} == before
 
 
 def test_no_module_of_the_kernel_is_loaded_for_a_value(kernel):
     loaded = pathlib.Path("/proc/modules").read_text() if pathlib.Path("/proc/modules").exists() else ""
-    trial.outcomes(kernel, {KEYS[2]: "bbr"})
+    trial.try_values(kernel, {KEYS[2]: "bbr"})
     assert (pathlib.Path("/proc/modules").read_text() if loaded else "") == loaded
 
 
@@ -44,7 +44,7 @@ def test_without_a_namespace_nothing_is_known(kernel):
         "import resource, sys\n"
         "from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import trial\n"
         "from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import Kernel\n"
-        "print(trial.outcomes(Kernel(), {'net/ipv4/ip_default_ttl': '7'}))\n"
+        "print(trial.try_values(Kernel(), {'net/ipv4/ip_default_ttl': '7'}))\n"
     )
     words = [
         "unshare",
