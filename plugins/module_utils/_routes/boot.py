@@ -23,10 +23,10 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.recor
 def _check_expressible(name: str, inexpressible: typing.Tuple[str, ...], routes: typing.List[Route]) -> None:
     """Raises Problem for what a back end has no word for."""
     for route in routes:
-        found = [field for field in inexpressible if getattr(route, field)]
-        if found:
+        fields = [field for field in inexpressible if getattr(route, field)]
+        if fields:
             raise Problem(
-                f"routes: {format_route(route)}: the backend {name} has no word for {', '.join(found)}, so the route would come back without "
+                f"routes: {format_route(route)}: the backend {name} has no word for {', '.join(fields)}, so the route would come back without "
                 "it at boot: remove it, or set backend to none for this route."
             )
 
@@ -50,8 +50,8 @@ class Boot:
         self.before = {name: backend.read() for name, backend in self.backends.items()}
         self.owned: typing.Dict[str, typing.Set[str]] = {}
         self.wanted: typing.Dict[str, PlannedTexts] = {}
-        self.modes: typing.Dict[str, int] = {}  # those of files of ours that somebody has changed
-        #: back end -> its places that change, or that a killed run has not told its manager about
+        self.modes: typing.Dict[str, int] = {}  # of our files whose mode was changed by hand
+        #: back end -> its places that change, or that a killed run has written before its manager read them
         self.changes: typing.Dict[str, typing.List[str]] = {}
         self.routes: typing.Dict[str, typing.List[Route]] = {}
 
@@ -94,12 +94,12 @@ class Boot:
     def plan(self, choice: Choice) -> None:
         """Plan the places for these routes. Raises Problem where a manager's own tool refuses a change."""
         for name, backend in self.backends.items():
-            listed = choice.get(name, {})
+            routes_by_interface = choice.get(name, {})
             wanted: PlannedTexts = dict.fromkeys(self.before[name])
-            if listed or wanted:
-                wanted.update(backend.render(listed))
+            if routes_by_interface or wanted:
+                wanted.update(backend.render(routes_by_interface))
             self.wanted[name] = wanted
-            for interface, routes in listed.items():
+            for interface, routes in routes_by_interface.items():
                 _check_expressible(name, backend.inexpressible, routes)
                 self.routes.setdefault(backend.find_place(interface), []).extend(routes)
         self._compare()
@@ -121,7 +121,7 @@ class Boot:
                 self.changes[name] = places
 
     def is_new(self, backend: str, place: typing.Optional[str], route: Route) -> bool:
-        """True where a route is new at its place, or where somebody has changed the place."""
+        """True where a route is new at its place, or the place was changed by hand."""
         if place is None or place not in self.changes.get(backend, []):
             return False
         recorded = self.recorded.get(place, Place(backend, [], []))
@@ -130,30 +130,30 @@ class Boot:
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
-        """The places that change, for `diff`; without those of which only a manager has not been told."""
+        """The places whose text or mode changes, for `diff`."""
 
         def content(text: typing.Optional[str]) -> typing.Optional[bytes]:
             return None if text is None else text.encode("utf-8")
 
-        found = []
+        differences = []
         for name, place in [(name, place) for name, places in self.changes.items() for place in places]:
             before, after = self.before[name].get(place), self.wanted[name].get(place)
             if before != after:
-                found.append(difference(place, content(before), content(after)))
+                differences.append(difference(place, content(before), content(after)))
             elif place in self.modes:
-                found.append(of_mode(place, self.modes[place], self.backends[name].mode))
-        return found
+                differences.append(of_mode(place, self.modes[place], self.backends[name].mode))
+        return differences
 
     def _find_missing_folders(self) -> typing.List[str]:
         """The missing folders of the wanted files, outermost first."""
         missing: typing.List[str] = []
         for wanted in self.wanted.values():
             for place in (place for place, text in wanted.items() if text is not None and place.startswith("/")):
-                folder, found = os.path.dirname(place), []
+                folder, new = os.path.dirname(place), []
                 while not os.path.isdir(self._path(folder)):
-                    found.append(folder)
+                    new.append(folder)
                     folder = os.path.dirname(folder)
-                missing += [folder for folder in reversed(found) if folder not in missing]
+                missing += [folder for folder in reversed(new) if folder not in missing]
         return missing
 
     # The record
@@ -206,7 +206,7 @@ class Boot:
             backend.activate(places)
 
     def _remove_folders(self, kept: typing.List[str]) -> None:
-        """Remove the empty folders that we made and that hold none of the kept places."""
+        """Remove the folders of ours that are empty, except those of the kept places."""
         for folder in reversed(self.folders):
             path = self._path(folder)
             if os.path.isdir(path) and not any(place.startswith(folder + "/") for place in kept):

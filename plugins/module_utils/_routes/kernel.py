@@ -58,16 +58,16 @@ class Route(typing.NamedTuple):
 
     @property
     def way(self) -> typing.Tuple[typing.Any, ...]:
-        """The key and the way. `on_link` is no part of it: it only allows a gateway that the kernel would refuse."""
+        """The key and the way. It is without `on_link`, which only allows a gateway that the kernel would refuse."""
         return self.key + (self.type, self.gateway, self.device, self.source, *self.refinements)
 
     @property
     def refinements(self) -> typing.Tuple[typing.Any, ...]:
-        """What the kernel decides itself where nobody does."""
+        """The fields that the kernel fills in itself where they are empty."""
         return (self.scope, *(getattr(self, name) for name in PATH))
 
     def fits(self, other: "Route") -> bool:
-        """True where the other route goes this way, whatever it says beyond a route that leaves the finer points open."""
+        """True where the other route goes this way. Where this route has no refinements, the other one may have any."""
         return self.way == other.way or (not any(self.refinements) and self.way == _drop_refinements(other).way)
 
 

@@ -50,7 +50,7 @@ def parse_routes(
 ) -> typing.List[RouteRequest]:
     """The routes of the option, each with its interface. A repeated item counts once.
 
-    `links` is asked where no network of an interface holds a gateway, such as the other end of a point-to-point link.
+    `links` gives routes for a gateway outside the networks of all interfaces, such as the other end of a point-to-point link.
     Raises Problem for an item that makes no sense, and for two items with one key.
     """
     items: typing.List[RouteRequest] = []
@@ -102,9 +102,9 @@ def _parse_table(value: typing.Any, where: str, tables: Tables) -> int:
     if re.fullmatch(r"-?[0-9]+", text):
         return int(text)
     if text not in tables:
-        found = ", ".join(map(quote, sorted(tables))) or "no names"
+        names = ", ".join(map(quote, sorted(tables))) or "no names"
         raise Problem(
-            f"{where}: there is no routing table {text} in rt_tables of /etc/iproute2 or /usr/share/iproute2 (found {found}): "
+            f"{where}: there is no routing table {text} in rt_tables of /etc/iproute2 or /usr/share/iproute2 (found {names}): "
             "correct table, or give its number."
         )
     return tables[text]
@@ -159,7 +159,7 @@ def _check_way(fields: Suboptions, gateway: str, source: str, where: str) -> Non
 
 
 def _choose_device(fields: Suboptions, gateway: str, where: str, interfaces: Interfaces, links: Links) -> str:
-    """The interface of an item: the given one, else the one whose network holds the gateway."""
+    """The interface of an item: that of its device, else the one whose network holds the gateway."""
     device = fields["device"] or ""
     if device and device not in interfaces:
         raise Problem(
@@ -177,21 +177,21 @@ def _find_device(gateway: str, where: str, interfaces: Interfaces, links: Links)
     address = ipaddress.ip_address(gateway)
     if address.is_link_local:
         raise Problem(f"{where}: the gateway {gateway} is link-local, so every interface could be meant: add device.")
-    found: typing.Dict[int, typing.Set[str]] = {}
+    names_by_prefix: typing.Dict[int, typing.Set[str]] = {}
     for name, link in interfaces.items():
         for own in link.networks:
             if not link.loopback and address in own.network:
-                found.setdefault(own.network.prefixlen, set()).add(name)
-    for route in () if found else links(address.version):
+                names_by_prefix.setdefault(own.network.prefixlen, set()).add(name)
+    for route in () if names_by_prefix else links(address.version):
         network = ipaddress.ip_network(route.destination)
         if route.device in interfaces and _is_near(route, route.device) and address in network:
-            found.setdefault(network.prefixlen, set()).add(route.device)
-    if not found:
+            names_by_prefix.setdefault(network.prefixlen, set()).add(route.device)
+    if not names_by_prefix:
         raise Problem(
             f"{where}: no interface has a network with the gateway {gateway} (found {_list_addresses(interfaces)}), expected one: "
             "correct the gateway, or bring the interface up with an address there."
         )
-    nearest = found[max(found)]
+    nearest = names_by_prefix[max(names_by_prefix)]
     if len(nearest) > 1:
         raise Problem(f"{where}: the gateway {gateway} is behind {_list_names(nearest)}: say which in device.")
     return nearest.pop()
@@ -210,7 +210,7 @@ def _check_number(option: str, value: int, least: int, where: str) -> None:
 def check_usable(
     items: typing.List[RouteRequest], interfaces: Interfaces, kernel_routes: typing.Iterable[Route]
 ) -> None:
-    """Raises Problem for a route that the kernel would refuse now. `held`: the kernel's routes."""
+    """Raises Problem for a route that the kernel would refuse now. `kernel_routes`: the kernel's routes."""
     own = {str(address.ip) for link in interfaces.values() for address in link.networks}
     wanted = [item.route for item in items]
     routes = wanted + list(kernel_routes)
@@ -232,7 +232,7 @@ def _check_ends(route: Route, interfaces: Interfaces, own: typing.Set[str]) -> N
 
 
 def _check_gateway(route: Route, interfaces: Interfaces, own: typing.Set[str], routes: typing.Iterable[Route]) -> None:
-    """The gateway must be another computer, in a network that is reached without a gateway."""
+    """The gateway must be a different computer, in a network on the link."""
     where = f"routes: {format_route(route)}"
     if route.gateway in own:
         raise Problem(
@@ -257,7 +257,7 @@ def _check_gateway(route: Route, interfaces: Interfaces, own: typing.Set[str], r
 
 
 def _is_near(route: Route, device: str) -> bool:
-    """True where the route says that its destination is on the link of the device."""
+    """True where the destination of the route is on the link of the device."""
     return route.device == device and not route.gateway and route.destination not in DEFAULTS.values()
 
 
@@ -266,10 +266,10 @@ def _list_names(interfaces: typing.Iterable[str]) -> str:
 
 
 def _list_addresses(interfaces: Interfaces) -> str:
-    found = [
+    texts = [
         f"{quote(name)} {own}"
         for name, link in sorted(interfaces.items())
         for own in link.networks
         if not link.loopback and not own.is_link_local
     ]
-    return ", ".join(found) or "no address"
+    return ", ".join(texts) or "no address"

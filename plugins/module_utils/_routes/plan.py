@@ -3,8 +3,8 @@
 
 """The plan for the kernel's routes: the changes from what is there to what is wanted, and their undo. Pure.
 
-Each listed route is planned by itself, and so is each route that is taken back. No key is without a route on the way:
-`replace` of ip-route(8) is one step of the kernel, and removals come after everything that is added.
+Each listed route is planned by itself, and so is each route that is taken back. Each key has a route at every moment: `replace`
+of ip-route(8) is one step of the kernel, and removals come after all additions.
 """
 
 import collections
@@ -112,27 +112,27 @@ def plan_routes(
     replaced. `interfaces`: the names of the interfaces that are there.
     """
     # A network on a link comes before the routes whose gateway is in it.
-    listed = {
+    wanted = {
         route.key: _plan_listed(route, current.get(route.key, []), entries.get(route.key, Entry((), ())), replace)
         for route in sorted(routes, key=lambda route: bool(route.gateway))
     }
     taken_back = {
         key: _plan_removal(key, entry, current.get(key, []), interfaces)
         for key, entry in sorted(entries.items())
-        if key not in listed
+        if key not in wanted
     }
-    parts = collections.OrderedDict([*listed.items(), *taken_back.items()])
+    parts = collections.OrderedDict([*wanted.items(), *taken_back.items()])
     after = {key: part.after for key, part in parts.items()}
-    replaced = [changes for part in listed.values() for changes in (part.adds, part.removals)]
+    replaced = [changes for part in wanted.values() for changes in (part.adds, part.removals)]
     returns = _flat(part.adds for part in taken_back.values())
     changes = _flat(replaced) + _links_first(returns) + _flat(part.removals for part in taken_back.values())
     return Plan(
         changes=changes,
         undo=_undo(routes, current, after) if changes else [],
-        interim=_merge_entries(entries, {key: part.interim for key, part in listed.items()}),
-        final=_merge_entries({}, {key: part.final for key, part in listed.items()}),
+        interim=_merge_entries(entries, {key: part.interim for key, part in wanted.items()}),
+        final=_merge_entries({}, {key: part.final for key, part in wanted.items()}),
         after=after,
-        results=[listed[route.key].result for route in routes],
+        results=[wanted[route.key].result for route in routes],
         taken_back=[part.result for part in taken_back.values()],
     )
 
@@ -150,7 +150,7 @@ def _merge_entries(entries: Entries, new: typing.Dict[Key, typing.Optional[Entry
 
 
 def _plan_listed(route: Route, kernel_routes: typing.List[KernelRoute], entry: Entry, replace: bool) -> KeyPlan:
-    """The plan for a listed route. `there`: the kernel's routes of its key. `entry`: the record of its key."""
+    """The plan for a listed route. `kernel_routes`: the kernel's routes of its key. `entry`: the record of its key."""
     same, others, foreign = _sort_routes(route, kernel_routes, entry)
     state, problem = _judge(route, kernel_routes, foreign, replace)
     if state == "ok" and (others or not same):
@@ -178,14 +178,14 @@ def _sort_routes(
 
 
 def _is_match(kernel_route: KernelRoute, route: Route, entry: Entry) -> bool:
-    """True where the kernel's route is the wanted one. What somebody else has made may say more than the wanted one does."""
+    """True where the kernel's route is the wanted one. A route of somebody else may have more attributes than the wanted one."""
     if kernel_route.route.way not in _ways(entry):
         return route.fits(kernel_route.route)
     return kernel_route.route.way == route.way and kernel_route.route.on_link == _on_link(kernel_route, route, entry)
 
 
 def _on_link(kernel_route: KernelRoute, route: Route, entry: Entry) -> bool:
-    """Whether a route of ours is to have on_link: as wanted; what a manager has added to it may stay."""
+    """True where a route of ours shall have on_link: it is wanted, or a manager has added it."""
     made = any(other.on_link for other in entry.made if other.way == kernel_route.route.way)
     return route.on_link or (kernel_route.route.on_link and not made)
 
@@ -206,7 +206,7 @@ def _list_replaced(entry: Entry, kernel_routes: typing.List[KernelRoute]) -> typ
     """The routes of others that come back when ours is no longer listed."""
     foreign = [kernel_route.words for kernel_route in kernel_routes if kernel_route.route.way not in _ways(entry)]
     ours = len(foreign) < len(kernel_routes)
-    # Where none of ours was left, the foreign routes have themselves replaced those of the record.
+    # Where our routes were all gone, the foreign routes have replaced those of the record.
     earlier = entry.replaced if ours or not foreign else ()
     return earlier + tuple(words for words in foreign if words not in earlier)
 
@@ -214,7 +214,7 @@ def _list_replaced(entry: Entry, kernel_routes: typing.List[KernelRoute]) -> typ
 def _judge(
     route: Route, kernel_routes: typing.List[KernelRoute], foreign: typing.List[KernelRoute], replace: bool
 ) -> typing.Tuple[str, typing.Optional[str]]:
-    """The state of a listed route and the sentence about it: conflict or refused where routes of others are in its place."""
+    """The state of a listed route and its sentence. It is conflict or refused where routes of others have its place."""
     name = format_route(route)
     connected = [kernel_route for kernel_route in kernel_routes if kernel_route.protocol == "kernel"]
     if connected:
@@ -289,7 +289,7 @@ def _make_again(key: Key, words: typing.Tuple[str, ...], first: bool) -> Change:
 
 
 def remove(kernel_route: KernelRoute) -> Change:
-    """The removal of one route and of no other with its key."""
+    """The removal of one route; the others with its key stay."""
     # The kernel does not tell routes of IPv6 apart by their type, but it does by their device.
     lo = ("dev", "lo") if kernel_route.route.version == 6 and kernel_route.route.type in NO_WAY else ()
     return Change("del", kernel_route.route.version, kernel_route.words + lo, may_fail=True)
@@ -305,7 +305,7 @@ def _links_first(changes: typing.List[Change]) -> typing.List[Change]:
 
 
 def _place(change: Change) -> typing.Tuple[int, str]:
-    """The key of a change, as far as its words say it."""
+    """The part of the key that stands in the words of a change."""
     words = [word for word in change.words if word not in NO_WAY]
     return (
         change.version,
@@ -342,7 +342,7 @@ def _undo(
 
 
 def build_undo_command(change: Change) -> typing.List[str]:
-    """A change of `Plan.undo` as a command that fails only where the former state is not there afterwards."""
+    """A change of `Plan.undo` as a command. It fails only where the former state does not come back."""
     argv = build_command(change.verb, change.version, change.words)
     if change.verb != "del":
         return ["sh", "-c", f"{_join_words(argv)} || :"] if change.may_fail else argv
@@ -363,14 +363,14 @@ def _join_words(argv: typing.Iterable[str]) -> str:
 
 
 def find_other_defaults(
-    routes: typing.Iterable[Route], kernel_route: typing.Iterable[KernelRoute]
+    routes: typing.Iterable[Route], kernel_routes: typing.Iterable[KernelRoute]
 ) -> typing.List[KernelRoute]:
-    """The default routes of others beside a wanted one, in the same table. `held`: the routes that stay."""
+    """The default routes of others beside a wanted one, in the same table. `kernel_routes`: those that stay."""
     wanted = [route for route in routes if route.destination in DEFAULTS.values() and route.type == "unicast"]
     places = {(route.destination, route.table) for route in wanted}
     keys = {route.key for route in wanted}
     return [
         other
-        for other in kernel_route
+        for other in kernel_routes
         if (other.route.destination, other.route.table) in places and other.route.key not in keys
     ]

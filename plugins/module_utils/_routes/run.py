@@ -3,8 +3,8 @@
 
 """One run of the module routes, over the kernel's routes and the places that bring them back at boot.
 
-The kernel comes first and the boot part second, so a manager that is told about a route finds it in the kernel. The
-record is on disk before either: after a killed run, the next one knows what is ours and repairs it.
+The kernel comes first and the boot part second, so a manager that reads a new route finds it in the kernel. The record is
+on disk before both: after a killed run, the next run knows our routes and repairs them.
 """
 
 import os
@@ -99,21 +99,21 @@ class Run(ModuleRun):
         self.overrides = _check_overrides(options["backends"] or {}, self.machine.interfaces)
         self.kernel = Kernel()
         self._main: typing.Dict[int, typing.List[KernelRoute]] = {}
-        listed = route_options.parse_routes(
+        requests = route_options.parse_routes(
             options["routes"], self.machine.interfaces, read_tables(options["root"]), self._read_main_table
         )
-        self.routes = [item.route for item in listed]
+        self.routes = [item.route for item in requests]
         self.record = Record("routes", options["records"], record.SHAPE)
         self.stored = self.record.load()
         self.recorded = self.record.parse(record.read_record, self.stored if memory is None else memory)
         self.keys = [route.key for route in self.routes] + list(self.recorded.entries)
         self.current = self._read_kernel()
-        route_options.check_usable(listed, self.machine.interfaces, self._list_near_routes())
+        route_options.check_usable(requests, self.machine.interfaces, self._list_near_routes())
         replace = options["on_conflict"] == "replace"
         self.plan = plan.plan_routes(self.routes, self.current, self.recorded.entries, replace, self.machine.interfaces)
         self.taken_back = [item.to_json() for item in self.plan.taken_back]
         self.boot = Boot(self.machine, options["root"], self.recorded.boot)
-        self.items = self._plan_boot([self._choose_boot_device(item, listed) for item in listed])
+        self.items = self._plan_boot([self._choose_boot_device(item, requests) for item in requests])
         self.changed = bool(self.plan.changes or self.boot.changes)
 
     def _read_main_table(self, version: int) -> typing.List[Route]:
@@ -142,7 +142,7 @@ class Run(ModuleRun):
     def _choose_boot_device(
         self, item: route_options.RouteRequest, items: typing.List[route_options.RouteRequest]
     ) -> route_options.RouteRequest:
-        """The item with an interface that brings it back: that of another listed route, else of the default route."""
+        """The request with an interface for the boot: that of another listed route, else that of the default route."""
         if item.boot_device:
             return item
         interfaces = self.machine.interfaces.values()
@@ -163,7 +163,7 @@ class Run(ModuleRun):
             if name != NONE:
                 choice.setdefault(name, {}).setdefault(item.boot_device, []).append(item.route)
         self.boot.plan(choice)
-        return [self._describe_route(*found) for found in zip(items, names, self.plan.results)]
+        return [self._describe_route(*row) for row in zip(items, names, self.plan.results)]
 
     def _describe_route(self, item: route_options.RouteRequest, backend: str, runtime: plan.RouteResult) -> Data:
         place = self.boot.find_place(backend, item.boot_device)
@@ -194,7 +194,7 @@ class Run(ModuleRun):
         }
 
     def _find_boot_conflict(self, route: Route) -> typing.Optional[str]:
-        """The sentence about somebody else's route that a manager would make again at boot, beside ours."""
+        """The sentence where a manager would make a route of somebody else again at boot, beside ours."""
         entry = self.recorded.entries.get(route.key)
         ours = {other.way for other in entry.made} if entry else set()
         for kernel_route in self.current.get(route.key, []):
@@ -216,7 +216,7 @@ class Run(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """One sentence per listed route that routes of others stand against, and one without the right to change anything."""
+        """One sentence for each route that conflicts with routes of others, and one where the right to change routes is missing."""
         return [item["problem"] for item in self.items if item["problem"]] + self._find_obstacles()
 
     def _find_obstacles(self) -> typing.List[str]:
@@ -234,7 +234,7 @@ class Run(ModuleRun):
 
     @property
     def warnings(self) -> typing.List[str]:
-        """The sentences about other default routes, and about routes that could not be taken back as planned."""
+        """The sentences about other default routes, and about routes that were not taken back as planned."""
         sentences = [_SECOND_DEFAULT.format(text=quote(other["text"])) for other in self.foreign_defaults]
         return sentences + [_write_sentence(item) for item in self.taken_back if item["state"] in ("left", "lost")]
 
@@ -271,7 +271,7 @@ class Run(ModuleRun):
         sentences = [f"{changed} of {len(self.items)} routes changed."] if self.items else []
         sentences += [_write_sentence(item) for item in self.taken_back]
         if self.changed and not changed and not self.taken_back:
-            places = sorted(place for listed in self.boot.changes.values() for place in listed)
+            places = sorted(place for changed_places in self.boot.changes.values() for place in changed_places)
             sentences.append(f"{', '.join(places)} is brought up to date.")
         return " ".join(sentences) or "No routes are ours."
 
@@ -384,15 +384,15 @@ class Run(ModuleRun):
                 raise
 
     def _check_kernel(self) -> None:
-        """Raises Problem where the kernel does not hold what was planned."""
+        """Raises Problem where the kernel's routes differ from the plan."""
         now = self._read_kernel()
         for route, item in zip(self.routes, self.items):
             kernel_routes = now.get(route.key, [])
             same = [kernel_route for kernel_route in kernel_routes if route.fits(kernel_route.route)]
             if not same:
-                found = " and ".join(quote(kernel_route.text) for kernel_route in kernel_routes) or "nothing"
+                texts = " and ".join(quote(kernel_route.text) for kernel_route in kernel_routes) or "nothing"
                 raise Problem(
-                    f"routes: {format_route(route)}: the kernel holds {found} afterwards, expected this route: something else "
+                    f"routes: {format_route(route)}: the kernel holds {texts} afterwards, expected this route: something else "
                     "changes it at the same time."
                 )
             item["after"] = same[0].text
@@ -415,7 +415,7 @@ class Run(ModuleRun):
         self._restore_dropped(before)
 
     def _restore_dropped(self, before: plan.Current) -> None:
-        """Restore the routes that a manager has dropped when it was told about changed places."""
+        """Restore the routes that a manager has dropped when it read the changed places."""
         after = self._read_kernel()
         for key, kernel_routes in before.items():
             for kernel_route in kernel_routes:

@@ -4,8 +4,8 @@
 """The contract of a back end: one program that configures interfaces and can bring routes back at boot.
 
 A back end is a file in this folder with a class BackEnd(contract.BackEnd), and a row in table.py. It knows one manager
-and its files. It knows nothing of the kernel's routes: those are already right when it is used. For one run the module
-calls, in this order:
+and its files. It knows nothing of the kernel's routes: they are right before it is used. For one run the module calls, in this
+order:
 
     list_interfaces()     which interfaces does the manager configure now?
     read()                what did earlier runs leave in our places?
@@ -41,16 +41,16 @@ class Machine(typing.NamedTuple):
     """The facts about the machine that every back end may use."""
 
     interfaces: typing.Dict[str, network.Interface]  # by name
-    booted: bool  # this is the running system with systemd, so its managers can be asked and told
+    booted: bool  # this is the running system with systemd, so commands reach its managers
 
 
 def read_machine(root: str = "/") -> Machine:
     """This machine. Raises Problem where its interfaces cannot be read."""
     try:
-        found = network.interfaces()
+        interfaces = network.interfaces()
     except OSError as problem:
         raise Problem(f"routes: {problem}; expected the command ip (package iproute2).") from problem
-    return Machine({link.name: link for link in found}, root == "/" and os.path.isdir("/run/systemd/system"))
+    return Machine({link.name: link for link in interfaces}, root == "/" and os.path.isdir("/run/systemd/system"))
 
 
 class BackEnd:
@@ -89,7 +89,7 @@ class BackEnd:
         """The wanted texts for these routes: of every place of `read`, and of every place of these interfaces.
 
         A route without a device (blackhole and its like) is listed with the interface that brings it back at boot.
-        This runs no command: what must be known has been read before.
+        This runs no command: all facts have been read before.
         """
         raise NotImplementedError
 
@@ -118,7 +118,7 @@ class BackEnd:
         return os.path.join(self.root, place.lstrip("/"))
 
     def read_own_text(self, place: str) -> typing.Optional[str]:
-        """The text of a file of ours, None where there is none. Raises Problem where the file is somebody else's."""
+        """The text of a file of ours, None where it does not exist. Raises Problem where the file is not ours."""
         path = self.path(place)
         if not os.path.lexists(path):
             return None

@@ -126,11 +126,11 @@ class BackEnd(contract.BackEnd):
 
     def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
         sections: typing.Dict[str, typing.Dict[str, typing.List[str]]] = {}
-        for interface, listed in sorted(routes.items()):
-            if listed:
+        for interface, interface_routes in sorted(routes.items()):
+            if interface_routes:
                 self.find_place(interface)
                 definition = self._definitions()[interface]
-                lines = [line for route in listed for line in _render_route(route)]
+                lines = [line for route in interface_routes for line in _render_route(route)]
                 sections.setdefault(definition.section, {}).setdefault(definition.name, []).extend(lines)
         if not sections:
             return {FILE: None}
@@ -199,8 +199,8 @@ def _choose_section(kind: str) -> str:
 
 def _read_setting(text: str, key: str) -> str:
     """The first value of a key in a file of networkd or NetworkManager."""
-    found = re.search(rf"^{re.escape(key)}=(.*)$", text, re.MULTILINE)
-    return found.group(1).strip() if found else ""
+    match = re.search(rf"^{re.escape(key)}=(.*)$", text, re.MULTILINE)
+    return match.group(1).strip() if match else ""
 
 
 def _read_error(answer: commands.Answer) -> str:

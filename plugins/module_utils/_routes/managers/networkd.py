@@ -69,10 +69,10 @@ class BackEnd(contract.BackEnd):
 
     def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
         wanted: contract.PlannedTexts = dict.fromkeys(self.read())
-        for interface, listed in sorted(routes.items()):
-            if listed:
+        for interface, interface_routes in sorted(routes.items()):
+            if interface_routes:
                 wanted[self.find_place(interface)] = contract.HEADER + "".join(
-                    _render_section(route) for route in listed
+                    _render_section(route) for route in interface_routes
                 )
         return wanted
 

@@ -3,7 +3,7 @@
 
 """Routes at boot by NetworkManager: more routes in the profile that is active on the interface (nm-settings-nmcli(5)).
 
-A profile belongs to somebody else, so a place is no file but `nmcli:<uuid>`. Its text has one line per route of ours, in
+A profile belongs to somebody else. So a place is `nmcli:<uuid>`, and not a file. Its text has one line per route of ours, in
 the form of `nmcli connection modify`: "ipv4.routes 192.168.11.0/24 192.168.1.201 0".
 """
 
@@ -80,7 +80,7 @@ class BackEnd(contract.BackEnd):
         super().__init__(machine, root, recorded)
         self._known: typing.Optional[typing.Dict[str, Active]] = None
         self._profiles: typing.Dict[str, typing.Optional[Profile]] = {}
-        self._ours = {place: set(_lines("".join(texts))) for place, texts in recorded.items()}
+        self._ours = {place: set("".join(texts).splitlines()) for place, texts in recorded.items()}
 
     # The profile of an interface
 
@@ -135,24 +135,24 @@ class BackEnd(contract.BackEnd):
         return self._profiles[place]
 
     def read(self) -> contract.Places:
-        found = {}
+        texts = {}
         for place in sorted(self.recorded) if self.machine.booted else []:
             profile = self._profile(place)
             text = _join_lines(line for line in profile.lines if line in self._ours[place]) if profile else None
             if text is not None:
-                found[place] = text
-        return found
+                texts[place] = text
+        return texts
 
     def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
         wanted: contract.PlannedTexts = dict.fromkeys(self.read())
-        for interface, listed in routes.items():
+        for interface, interface_routes in routes.items():
             place = self.find_place(interface)
             profile = self._profile(place)
             if profile is None:
                 raise Problem(f"routes: the profile {place} of {interface} is gone: run again.")
-            # Routes that the profile has by itself are not ours, so they are never removed from it.
+            # Routes that the profile had before are not ours, so they are never removed from it.
             others = set(profile.lines) - self._ours.get(place, set())
-            lines = {format_line(route, profile.tables[route.version]) for route in listed}
+            lines = {format_line(route, profile.tables[route.version]) for route in interface_routes}
             wanted[place] = _join_lines(lines - others)
         return wanted
 
@@ -167,7 +167,7 @@ class BackEnd(contract.BackEnd):
                     f"routes: the profile {_uuid(place)} has connection.autoconnect no, so it brings no routes back at boot, "
                     f"expected yes: nmcli connection modify {_uuid(place)} connection.autoconnect yes."
                 )
-            for version in sorted({_version(line) for line in _lines(text)}):
+            for version in sorted({_version(line) for line in text.splitlines()}):
                 if profile.methods[version] in _WITHOUT:
                     raise Problem(
                         f"routes: the profile {_uuid(place)} has ipv{version}.method {profile.methods[version]}, with which it "
@@ -179,7 +179,7 @@ class BackEnd(contract.BackEnd):
 
     def write(self, place: str, content: typing.Optional[str]) -> None:
         """Add the missing lines to the profile and remove our other ones, in one step of NetworkManager: all or nothing."""
-        profile, wanted = _read_profile(place), _lines(content or "")
+        profile, wanted = _read_profile(place), (content or "").splitlines()
         if profile is None:
             if content is None:
                 return
@@ -225,7 +225,7 @@ def _read_error(answer: commands.Answer) -> str:
 
 
 def _read_profile(place: str) -> typing.Optional[Profile]:
-    """A profile, None where it is gone, or NetworkManager with it. Raises Problem where it cannot be read."""
+    """A profile, None where it or NetworkManager is gone. Raises Problem where it cannot be read."""
     names = ["connection.autoconnect"]
     names += [f"ipv{version}.{name}" for version in (4, 6) for name in ("method", "route-table", "routes")]
     answer = nmcli("--fields", ",".join(names), "connection", "show", "uuid", _uuid(place))
@@ -297,10 +297,6 @@ def _version(line: str) -> int:
     return int(line[len("ipv")])
 
 
-def _lines(text: str) -> typing.List[str]:
-    return text.splitlines()
-
-
 def _join_lines(lines: typing.Iterable[str]) -> typing.Optional[str]:
-    """Lines as the text of a place, None for none."""
+    """Lines as the text of a place, None where there are no lines."""
     return "".join(f"{line}\n" for line in sorted(set(lines))) or None
