@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.confirmed import GuardedAction
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.guarded_action import GuardedAction
 
 # The names by which an inventory has the port of ssh.
 PORTS = ("ansible_port", "ansible_ssh_port")
@@ -20,20 +20,20 @@ class ActionModule(GuardedAction):
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
         """Run the module and return its result; see ActionBase."""
-        given = self._task.args.get("ssh_ports") or []
+        ports = self._task.args.get("ssh_ports") or []
         hostvars = (task_vars or {}).get("hostvars") or {}
-        if isinstance(given, list):
-            self._task.args = {**self._task.args, "ssh_ports": sorted({*given, *ssh_ports(hostvars)})}
+        if isinstance(ports, list):
+            self._task.args = {**self._task.args, "ssh_ports": sorted({*ports, *ssh_ports(hostvars)})}
         result: dict[str, Any] = super().run(tmp, task_vars)
         return result
 
 
 def ssh_ports(hostvars: Any) -> set[int]:
     """Return the ports of ssh in an inventory: a gateway passes them on to the computers behind it."""
-    found = set()
+    ports = set()
     for host in hostvars:
         for name in PORTS:
             value = hostvars[host].get(name)
             if str(value).isdigit() and 0 < int(str(value)) < 65536:
-                found.add(int(str(value)))
-    return found
+                ports.add(int(str(value)))
+    return ports

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action fleet_adopt: what was read on machines that somebody set up by hand in, an inventory for them out."""
+"""The action fleet_adopt: facts of machines that were set up by hand in, an inventory for them out."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 
 
 class ActionModule(ActionBase):
-    """Writes the inventory of machines that are there."""
+    """Writes an inventory of machines that already run."""
 
     _VALID_ARGS = frozenset(("machines", "machine", "path"))
     _requires_connection = False
 
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return what was written; see ActionBase."""
+        """Return the files of the inventory; see ActionBase."""
         result: dict[str, Any] = super().run(tmp, task_vars)
         hostvars = (task_vars or {})["hostvars"]
         names = [str(name) for name in self._task.args.get("machines") or ()]
         path = os.path.abspath(os.path.expanduser(str(self._task.args.get("path") or "")))
-        problem = _refused(self._task.args.get("path"), path, names)
+        problem = _check_options(self._task.args.get("path"), path, names)
         if problem:
             result.update(failed=True, msg=problem)
             return result
-        machines, unread = _read(names, hostvars, str(self._task.args.get("machine")))
+        machines, unread = _read_machines(names, hostvars, str(self._task.args.get("machine")))
         proposal = propose(machines, unread)
         if not proposal.robots:
-            result.update(failed=True, msg=_nothing(proposal), left_out=_told(proposal))
+            result.update(failed=True, msg=_explain_no_robot(proposal), left_out=_list_left_out(proposal))
             return result
-        files = write.files(proposal, {name: _given(hostvars, name) for name in names})
+        files = write.files(proposal, {name: _read_variables(hostvars, name) for name in names})
         if not self._task.check_mode:
             try:
-                _put(path, files)
+                _write_folder(path, files)
             except OSError as problem_of_disk:
                 result.update(
                     failed=True,
@@ -56,9 +56,9 @@ class ActionModule(ActionBase):
             path=path,
             files=files,
             guesses=[plain(text, LINE) for text in proposal.guesses()],
-            left_out=_told(proposal),
-            problems=_problems(proposal),
-            msg=_summary(path, proposal, bool(self._task.check_mode)),
+            left_out=_list_left_out(proposal),
+            problems=_find_problems(proposal),
+            msg=_summarize(path, proposal, bool(self._task.check_mode)),
         )
         result["warnings"] = [*result["problems"], *result["left_out"]]
         if self._task.diff:
@@ -69,9 +69,9 @@ class ActionModule(ActionBase):
         return result
 
 
-def _refused(given: Any, path: str, names: list[str]) -> str:
-    """Return why nothing can be written, or an empty text."""
-    if not given:
+def _check_options(option: Any, path: str, names: list[str]) -> str:
+    """Return the reason why no inventory can be written, or an empty text."""
+    if not option:
         return "The option path is empty; expected a folder for the inventory, such as inventory-adopted: set adopt_inventory."
     if not names:
         return (
@@ -86,13 +86,15 @@ def _refused(given: Any, path: str, names: list[str]) -> str:
     return ""
 
 
-def _read(names: list[str], hostvars: Mapping[str, Any], variable: str) -> tuple[list[found.Machine], dict[str, str]]:
-    """Return the machines, and those that were not read with the reason."""
+def _read_machines(
+    names: list[str], hostvars: Mapping[str, Any], variable: str
+) -> tuple[list[found.Machine], dict[str, str]]:
+    """Return the machines, and machine -> reason for those that could not be read."""
     machines, unread = [], {}
     for name in names:
         info = plain_data(hostvars[name].get(variable) or {})
         if not info or info.get("unreachable") or info.get("failed"):
-            unread[name] = _why(info)
+            unread[name] = _explain_failure(info)
             continue
         try:
             machines.append(found.read(name, info))
@@ -101,27 +103,27 @@ def _read(names: list[str], hostvars: Mapping[str, Any], variable: str) -> tuple
     return machines, unread
 
 
-def _why(info: Mapping[str, Any]) -> str:
-    told = plain(info.get("msg") or "it was not looked at").rstrip(".")
-    return f"it cannot be reached ({told})" if info.get("unreachable") else f"it could not be read ({told})"
+def _explain_failure(info: Mapping[str, Any]) -> str:
+    message = plain(info.get("msg") or "it was not looked at").rstrip(".")
+    return f"it cannot be reached ({message})" if info.get("unreachable") else f"it could not be read ({message})"
 
 
-def _given(hostvars: Any, name: str) -> dict[str, Any]:
-    """Return the variables that the list of machines has for one, as they are written; what is encrypted is only named."""
+def _read_variables(hostvars: Any, name: str) -> dict[str, Any]:
+    """Return the variables of a machine in the list, as they are written. Of an encrypted one only its name is returned."""
     host = hostvars._inventory.get_host(name)
-    given: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     for group in sorted(host.get_groups(), key=lambda group: (group.depth, group.priority, group.name)):
-        given.update(group.vars)
-    given.update(host.vars)
-    return {key: value if isinstance(value, (str, int, float)) else "a secret" for key, value in given.items()}
+        variables.update(group.vars)
+    variables.update(host.vars)
+    return {key: value if isinstance(value, (str, int, float)) else "a secret" for key, value in variables.items()}
 
 
-def _told(proposal: Proposal) -> list[str]:
+def _list_left_out(proposal: Proposal) -> list[str]:
     return [plain(f"{name}: left out, since {why}.", LINE) for name, why in sorted(proposal.left_out.items())]
 
 
-def _problems(proposal: Proposal) -> list[str]:
-    """Return what site.yml would refuse of the inventory."""
+def _find_problems(proposal: Proposal) -> list[str]:
+    """Return the sentences with which site.yml would refuse the inventory."""
     try:
         read.read_fleet(proposal.inventory())
     except read.InventoryProblems as problems:
@@ -129,15 +131,15 @@ def _problems(proposal: Proposal) -> list[str]:
     return []
 
 
-def _nothing(proposal: Proposal) -> str:
-    why = " ".join(_told(proposal)[:3])
+def _explain_no_robot(proposal: Proposal) -> str:
+    why = " ".join(_list_left_out(proposal)[:3])
     return (
         f"No robot was found on {len(proposal.left_out)} machines; expected a running roscore, or a ROS_MASTER_URI in the files that "
         f"shells read, on at least one of them: start the robots as usual, and run this again. {why}"
     )
 
 
-def _summary(path: str, proposal: Proposal, check: bool) -> str:
+def _summarize(path: str, proposal: Proposal, check: bool) -> str:
     router = ", a router" if proposal.router else ""
     left_out = f", {len(proposal.left_out)} of the machines left out" if proposal.left_out else ""
     return (
@@ -146,7 +148,7 @@ def _summary(path: str, proposal: Proposal, check: bool) -> str:
     )
 
 
-def _put(path: str, files: Mapping[str, str]) -> None:
+def _write_folder(path: str, files: Mapping[str, str]) -> None:
     """Write the folder as a whole: it is there with all files, or not at all."""
     parent = os.path.dirname(path)
     os.makedirs(parent, exist_ok=True)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action fleet_bundle: what a run has registered in, a file for those who are asked for help out."""
+"""The action fleet_bundle: the registered results of a run in, a file for helpers out."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ROLES = Path(__file__).parents[2] / "roles"
 WORD = re.compile(r"[\w.-]+")
 NAME = "rosfleet-bundle-%Y-%m-%dT%H%M%S.zip"
 ENCRYPTED = ("EncryptedString", "AnsibleVaultEncryptedUnicode")  # of ansible-core 2.19, and before
-SHIFTED = (
+DIFFERENT_FINDINGS = (
     "The findings in the bundle are not all those of the fleet, since a name or a secret is a word that the verification uses; "
     "what verify prints is right."
 )
@@ -49,61 +49,65 @@ class ActionModule(ActionBase):
         """Return the path of the bundle; see ActionBase."""
         result: dict[str, Any] = super().run(tmp, task_vars)
         task_vars = task_vars or {}
-        given = str(self._task.args.get("path") or "")
-        if not given:
+        option = str(self._task.args.get("path") or "")
+        if not option:
             result.update(
                 failed=True,
                 msg="The option path is empty; expected a file for the bundle, such as bundle.zip: set verify_bundle.",
             )
             return result
-        path = place(given)
+        path = name_file(option)
         try:
-            bundle = fleet_report.run_of(self._task.args, task_vars)
-            cleaned = self._cleaned(bundle, task_vars["hostvars"])
+            bundle = fleet_report.read_run(self._task.args, task_vars)
+            clean_run = self._remove_secrets(bundle, task_vars["hostvars"])
             if boolean(self._task.args.get("anonymous") or False):
-                cleaned = bundles.renamed(
-                    cleaned, *people(bundle, task_vars["hostvars"], self._task.args.get("machine"))
+                clean_run = bundles.renamed(
+                    clean_run, *people(bundle, task_vars["hostvars"], self._task.args.get("machine"))
                 )
-            judged = judgement.verdict(cleaned, pages=True, everything=False)
-            data = made(cleaned, judged)
+            judged = judgement.verdict(clean_run, pages=True, everything=False)
+            data = make_bundle(clean_run, judged)
             fleet_report.write(path, data, fleet_report.OWN_MODE)
         except Mismatch as problem:
             result.update(failed=True, msg=str(problem))
             return result
         except OSError as problem:
-            said = f"The bundle cannot be written to {path}: {problem.strerror}; expected a file in a folder of yours: name another one."
-            result.update(failed=True, msg=said)
+            message = f"The bundle cannot be written to {path}: {problem.strerror}; expected a file in a folder of yours: name another one."
+            result.update(failed=True, msg=message)
             return result
         same = kinds(judged) == kinds(judgement.verdict(bundle, pages=False, everything=False))
         result.update(changed=True, path=path, bytes=len(data), msg=f"Wrote {path} for those who help. {READ_IT}")
         Display().display(plain_lines(f"Bundle: {path}"))
         if not same:
-            result["warnings"] = [SHIFTED]
+            result["warnings"] = [DIFFERENT_FINDINGS]
         return result
 
-    def _cleaned(self, bundle: Run, hostvars: Any) -> Run:
-        """Take out what is known to be secret, or looks so."""
+    def _remove_secrets(self, bundle: Run, hostvars: Any) -> Run:
+        """Take out the values that are secrets or look like secrets."""
         context = self._play_context
         known = {str(getattr(context, name, "") or "") for name in ("password", "become_pass")}
         known |= secrets.values(dict(os.environ))
         foreign: set[str] = set()
         registered_as = {text.partition(".")[0] for text in self._task.args.values() if isinstance(text, str)}
-        listed = {*BY_NAME, *RESERVED, *role_options(), *registered_as}
+        own = {*BY_NAME, *RESERVED, *role_options(), *registered_as}
         for host in [*hostvars]:
-            variables = raw(hostvars, host)
-            known |= secrets.values(variables) | set(encrypted(variables)) | set(rendered(hostvars, host, variables))
-            foreign |= secrets.foreign(variables, listed)
+            variables = read_raw(hostvars, host)
+            known |= (
+                secrets.values(variables)
+                | set(find_vault_values(variables))
+                | set(find_template_secrets(hostvars, host, variables))
+            )
+            foreign |= secrets.foreign(variables, own)
         return bundles.without(bundle, secrets.Secrets(known, names(bundle), foreign - words(bundle)))
 
 
 def role_options() -> set[str]:
-    """Return the names of the options that the collection's roles have: with those of the fleet, all that is the collection's."""
+    """Return the names of the options of the collection's roles."""
     specs = [yaml.safe_load(path.read_text()) for path in ROLES.glob("*/meta/argument_specs.yml")]
     return {name for spec in specs for entry in spec["argument_specs"].values() for name in entry.get("options") or {}}
 
 
 def words(bundle: Run) -> set[str]:
-    """Return the words that a bundle has anyway: those of the plan and of versions, and the names of interfaces."""
+    """Return the words that each bundle contains: those of the plan and of versions, and the names of interfaces."""
     plan = {text for text in secrets.texts(to_plain(bundle.fleet)) if " " not in text}
     seen = [entry.probe.forwarding.interfaces for entry in bundle.observations.values() if entry.probe]
     versions = {
@@ -115,15 +119,15 @@ def words(bundle: Run) -> set[str]:
 READ_IT = "Passwords and keys were taken out where they could be recognised; read it before you give it away."
 
 
-def place(given: str) -> str:
-    """Return the file that an option names: itself, or a new one in a folder."""
-    path = os.path.abspath(os.path.expanduser(given))
-    if given.endswith("/") or os.path.isdir(path):
+def name_file(option: str) -> str:
+    """Return the file that an option names; for a folder, the path of a new file in it."""
+    path = os.path.abspath(os.path.expanduser(option))
+    if option.endswith("/") or os.path.isdir(path):
         return os.path.join(path, time.strftime(NAME))
     return path
 
 
-def made(bundle: Run, judged: Any) -> bytes:
+def make_bundle(bundle: Run, judged: Any) -> bytes:
     """Return the bytes of the bundle, with its report."""
     document = plain_data({**judgement.document(bundle, judged), "file": "report.json", "since": "", "differences": []})
     template = TEMPLATE.read_text(encoding="utf-8")
@@ -132,12 +136,12 @@ def made(bundle: Run, judged: Any) -> bytes:
 
 
 def kinds(judged: Any) -> list[tuple[str, str, str]]:
-    """Return what the findings are, whatever the names."""
+    """Return kind, mode and verdict of each finding, without its names."""
     return sorted((entry.part.kind, entry.part.mode, entry.verdict) for entry in judged.diagnosis.findings)
 
 
 def names(bundle: Run) -> set[str]:
-    """Return what is no secret, since the plan has it: names and addresses."""
+    """Return the names and addresses of the plan, which are no secrets."""
     fleet = bundle.fleet
     hosts = {name for entry in fleet.hosts_entries for name in (*entry.names, str(entry.address))}
     return {*fleet.master_of, *fleet.computers, *hosts}
@@ -147,7 +151,7 @@ def people(bundle: Run, hostvars: Any, machine: Any) -> tuple[dict[str, list[str
     """Return other names of the computers, and the names of the persons who log in."""
     aliases, users = {}, set()
     for host in bundle.fleet.computers:
-        variables = raw(hostvars, host)
+        variables = read_raw(hostvars, host)
         others = [variables.get("ansible_host"), variables.get("ansible_ssh_host")]
         if host in bundle.observations:
             others.append(find_result(hostvars[host], str(machine or "")).get("hostname"))
@@ -160,27 +164,27 @@ def people(bundle: Run, hostvars: Any, machine: Any) -> tuple[dict[str, list[str
     return aliases, users
 
 
-def raw(hostvars: Any, host: str) -> Mapping[str, Any]:
+def read_raw(hostvars: Any, host: str) -> Mapping[str, Any]:
     """Return the variables of a host as they are written."""
     return hostvars.raw_get(host) if hasattr(hostvars, "raw_get") else hostvars[host]
 
 
-def encrypted(value: Any) -> Iterator[str]:
-    """Yield the values that the inventory has encrypted, as they are in clear."""
+def find_vault_values(value: Any) -> Iterator[str]:
+    """Yield the values that the inventory has encrypted, in clear text."""
     if type(value).__name__ in ENCRYPTED:
         try:
             yield str(value)
-        except AnsibleError:  # nobody gave the password, so nobody knows it here
+        except AnsibleError:  # this run has no password for it, so its values have no clear text here
             return
     elif isinstance(value, Mapping):
         for part in value.values():
-            yield from encrypted(part)
+            yield from find_vault_values(part)
     elif isinstance(value, (list, tuple)):
         for part in value:
-            yield from encrypted(part)
+            yield from find_vault_values(part)
 
 
-def rendered(hostvars: Any, host: str, variables: Mapping[str, Any]) -> Iterator[str]:
+def find_template_secrets(hostvars: Any, host: str, variables: Mapping[str, Any]) -> Iterator[str]:
     """Yield the secrets of a host that a template makes, such as a look-up in a keyring."""
     for name, value in variables.items():
         if any("{" in text for text in secrets.values({name: value})):

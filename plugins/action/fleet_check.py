@@ -18,13 +18,13 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
 
 
 class ActionModule(ActionBase):
-    """Fails with every reason why the plan cannot be applied to this machine, or with `refuse: false` notes them."""
+    """Fails with every reason why the plan cannot be applied to this machine. With `refuse: false` it only notes them."""
 
     _VALID_ARGS = frozenset(("plan", "machine", "refuse"))
     _requires_connection = False
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return the plan with what only the machine knows, and the problems and warnings beside it; see ActionBase."""
+        """Return the plan with the facts of the machine, its problems and its warnings; see ActionBase."""
         result: dict[str, Any] = super().run(tmp, task_vars)
         try:
             plan = from_plain(ComputerPlan, self._task.args["plan"])
@@ -39,7 +39,7 @@ class ActionModule(ActionBase):
         problems = [plain(text, LINE) for text in comparison.problems]
         result.update(changed=False, warnings=[plain(text, LINE) for text in comparison.warnings])
         if problems and boolean(self._task.args.get("refuse", True)):
-            # Ansible prints the result of what fails, so the plan, which nobody uses then, is not in it.
+            # Ansible prints the result of a failed task. So the plan, which no task uses then, is not in it.
             result.update(failed=True, problems=problems, noted=[], msg=numbered(problems))
             return result
         result.update(to_plain(comparison.plan), problems=[], noted=problems)

@@ -11,11 +11,11 @@ from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
 
-SHOWN = ("kind", "place", "mode", "what", "verdict", "sentence", "remedy", "decide", "since")
+PARTS = ("kind", "place", "mode", "what", "verdict", "sentence", "remedy", "decide", "since")
 
 
 class ActionModule(ActionBase):
-    """Returns the finding; it fails where a check failed because of it."""
+    """Returns the finding. The task fails if the finding explains a failed check."""
 
     _VALID_ARGS = frozenset(("finding",))
     _requires_connection = False
@@ -25,10 +25,10 @@ class ActionModule(ActionBase):
         result: dict[str, Any] = super().run(tmp, task_vars)
         finding = plain_data(self._task.args.get("finding") or {}, LINE)
         if not isinstance(finding, dict) or not {"sentence", "verdict"} <= finding.keys():
-            said = f"The option finding is {plain(finding)}; expected an entry of findings, as fleet_report returns it: correct it."
-            result.update(failed=True, msg=said)
+            message = f"The option finding is {plain(finding)}; expected an entry of findings, as fleet_report returns it: correct it."
+            result.update(failed=True, msg=message)
             return result
-        told = {name: finding[name] for name in SHOWN if name in finding}
+        parts = {name: finding[name] for name in PARTS if name in finding}
         sentence = f"{finding['sentence']}; {finding['remedy']}" if finding.get("remedy") else finding["sentence"]
-        result.update(**told, msg=sentence, failed=finding["verdict"] == FAILED, changed=False)
+        result.update(**parts, msg=sentence, failed=finding["verdict"] == FAILED, changed=False)
         return result

@@ -31,8 +31,8 @@ class ActionModule(ActionBase):
                 task_vars, self._task.args.get("group", "robots"), self._task.args.get("router_group", "routers")
             )
             plan = fleet_plan(read.read_fleet(inventory))
-        except read.InventoryProblems as found:
-            result.update(failed=True, problems=found.problems, msg=numbered(found.problems))
+        except read.InventoryProblems as error:
+            result.update(failed=True, problems=error.problems, msg=numbered(error.problems))
             return result
         result.update(
             changed=False,

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action fleet_predict: the plan and what was read of all machines in, the prediction out."""
+"""The action fleet_predict: the plan and the facts of all machines in, the prediction out."""
 
 from __future__ import annotations
 
@@ -57,10 +57,10 @@ class ActionModule(ActionBase):
 
 
 def machines(fleet: FleetPlan, hostvars: Mapping[str, Any], name: str) -> dict[str, Mapping[str, Any]]:
-    """Return what was read on each computer, registered by this name (with a dot: a part of it); one whose result makes no sense counts as not looked at."""
-    read = {}
+    """Return the facts of each computer, which it registered by this name (with a dot: a part of it). Facts that make no sense are left out."""
+    facts = {}
     for host in fleet.computers:
         info = plain_data(find_result(hostvars[host], name)) if host in hostvars else {}
         if found.looked_at(info) and found.makes_sense(fleet, host, info):
-            read[host] = info
-    return read
+            facts[host] = info
+    return facts

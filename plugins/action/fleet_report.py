@@ -44,7 +44,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page 
 
 AUTO = "auto"  # the folder of the user
 LARGEST_DATA = 100_000_000  # bytes of an earlier document
-OWN_MODE, NAMED_MODE = 0o600, 0o644  # they hold the addresses of the fleet
+OWN_MODE, NAMED_MODE = 0o600, 0o644  # of a report in our own folder, and in a named place
 STRANGE = (ArithmeticError, AttributeError, IndexError, KeyError, RecursionError, RuntimeError, TypeError, ValueError)
 CONTRADICTION = "contradicts itself, so nothing can be judged; expected a bundle as verify has written it (verify_bundle): ask for another one."
 COLOURS = {
@@ -56,12 +56,12 @@ COLOURS = {
 }
 
 
-class NotWritten(ValueError):
-    """A file that was asked for cannot be written; a sentence."""
+class UnwritableReport(ValueError):
+    """A file of the options cannot be written. The message is a sentence."""
 
 
 class ActionModule(ActionBase):
-    """Judges the results of the whole run, prints what is wrong, and writes the report."""
+    """Judges the results of the whole run, prints the findings, and writes the report."""
 
     _VALID_ARGS = frozenset((*OPTIONS, "path", "junit", "bundle", "each", "marks"))
     _requires_connection = False
@@ -70,30 +70,32 @@ class ActionModule(ActionBase):
         result: dict[str, Any] = super().run(tmp, task_vars)
         task_vars, bundle = task_vars or {}, str(self._task.args.get("bundle") or "")
         try:
-            seen = opened(bundle) if bundle else run_of(self._task.args, task_vars)
+            run = open_bundle(bundle) if bundle else read_run(self._task.args, task_vars)
             place = os.path.abspath(bundle) if bundle else str(task_vars.get("inventory_dir") or "")
-            result.update(self._told(seen, place))
-        except (Mismatch, Unreadable, NotWritten) as problem:
+            result.update(self._report(run, place))
+        except (Mismatch, Unreadable, UnwritableReport) as problem:
             result.update(failed=True, msg=str(problem))
-        except STRANGE:  # of a bundle, which may be anybody's
+        except STRANGE:  # a bundle may come from any person
             if not bundle:
                 raise
             result.update(failed=True, msg=f"{bundle} {CONTRADICTION}")
         return result
 
-    def _told(self, seen: Run, place: str) -> dict[str, Any]:
+    def _report(self, run: Run, place: str) -> dict[str, Any]:
         """Judge, write and print. Raises NotWritten."""
         path, cases = (str(self._task.args.get(option) or "") for option in ("path", "junit"))
-        files = Files.at(path, place)
-        judged = verdict(seen, bool(files or cases), bool(files and not files.own))
+        files = Files.from_option(path, place)
+        judged = verdict(run, bool(files or cases), bool(files and not files.own))
         written = ""
         try:
-            written = kept(files, cases, seen.fleet, document_of(seen, judged), judged.matrices)
+            written = write_files(files, cases, run.fleet, document_of(run, judged), judged.matrices)
         except OSError as problem:
-            said = f"The report cannot be written to {problem.filename or path}: {problem.strerror}; name another file."
+            message = (
+                f"The report cannot be written to {problem.filename or path}: {problem.strerror}; name another file."
+            )
             if cases or not (files and files.own):
-                raise NotWritten(said) from None
-            Display().display(plain_lines(said))  # nobody asked for this one
+                raise UnwritableReport(message) from None
+            Display().display(plain_lines(message))  # no option asks for this file
         show(judged.summary, judged.diagnosis, written)
         findings = plain_data(report.findings(judged.diagnosis))
         wanted = self._task.args.get("each")
@@ -105,80 +107,84 @@ class ActionModule(ActionBase):
             "checks": report.counts(judged.summary),
             "pairs": report.sampled(judged.summary),
             "findings": findings,
-            "each": [alone(entry) for entry in findings[: report.SENTENCES]]
-            if wanted == "always" or (wanted == "auto" and recorded())
+            "each": [join_rivals(entry) for entry in findings[: report.SENTENCES]]
+            if wanted == "always" or (wanted == "auto" and has_callbacks())
             else [],
             "unexplained": plain_data([row._asdict() for row in judged.diagnosis.unexplained]),
         }
 
 
-def kept(files: Files | None, cases: str, fleet: FleetPlan, document: dict[str, Any], matrices: Matrices | None) -> str:
-    """Write what is asked for; return the path of the page. Raises OSError."""
+def write_files(
+    files: Files | None, cases: str, fleet: FleetPlan, document: dict[str, Any], matrices: Matrices | None
+) -> str:
+    """Write the files of the options, and return the path of the page. Raises OSError."""
     if cases:
         write(os.path.abspath(os.path.expanduser(cases)), junit(document), NAMED_MODE)
     return files.write(fleet, document, matrices) if files and matrices else ""
 
 
-def alone(finding: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a finding as it is told on its own: its sentence has all that it may be instead."""
+def join_rivals(finding: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a finding for a task of its own. Its sentence also has the other possible causes."""
     sentences = [finding["sentence"], *(rival["sentence"] for rival in finding["rivals"])]
     return {**finding, "sentence": f"one of these: {'; or '.join(sentences)}" if finding["rivals"] else sentences[0]}
 
 
-def recorded() -> bool:
-    """Say whether callbacks are set up beside that of the terminal: ARA and ansible-navigator name a folder of theirs."""
+def has_callbacks() -> bool:
+    """Return True if the user has set up callbacks. ARA and ansible-navigator, for example, name a folder of their own."""
     _value, origin = constants.config.get_config_value_and_origin("DEFAULT_CALLBACK_PLUGIN_PATH")
     return origin != "default" or bool(constants.config.get_config_value("CALLBACKS_ENABLED"))
 
 
-def run_of(given: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Run:
-    """Read what the tasks of this run have registered. Raises Mismatch."""
+def read_run(options: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Run:
+    """Read the registered results of this run. Raises Mismatch."""
     about = {
         "time": time.strftime("%Y-%m-%d %H:%M:%S %z"),
         "collection": collection_version(),
         "ansible": ansible_version,
         "python": platform.python_version(),
-        "durations": durations(given.get("marks"), time.time()),
+        "durations": format_durations(options.get("marks"), time.time()),
     }
     try:
-        return gathered(given, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], about)
+        return gathered(options, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], about)
     except Mismatch as problem:
         raise Mismatch(f"The plan of the fleet cannot be read: {problem}") from None
 
 
-def durations(marks: Any, now: float) -> str:
-    """Say how long each part took that began at one of these moments, and all together."""
-    begun: list[tuple[str, float]] = []
+def format_durations(marks: Any, now: float) -> str:
+    """Return the seconds of each part of the run, and of all together. `marks` has the moment at which each part began."""
+    starts: list[tuple[str, float]] = []
     for name, moment in marks.items() if isinstance(marks, Mapping) else ():
         try:
-            begun.append((plain(name, 80), float(moment)))
+            starts.append((plain(name, 80), float(moment)))
         except (TypeError, ValueError):  # this part has not begun
             continue
-    if not begun:
+    if not starts:
         return ""
-    ends = [moment for _name, moment in begun[1:]] + [now]
-    parts = [f"{name} {end - moment:.1f} s" for (name, moment), end in zip(begun, ends, strict=True)]
-    return f"{', '.join(parts)}; together {now - begun[0][1]:.1f} s"
+    ends = [moment for _name, moment in starts[1:]] + [now]
+    parts = [f"{name} {end - moment:.1f} s" for (name, moment), end in zip(starts, ends, strict=True)]
+    return f"{', '.join(parts)}; together {now - starts[0][1]:.1f} s"
 
 
-def opened(path: str) -> Run:
+def open_bundle(path: str) -> Run:
     """Read a bundle. Raises Unreadable, with a sentence."""
     try:
-        descriptor = os.open(os.path.expanduser(path), os.O_RDONLY | os.O_NONBLOCK)  # a FIFO does not keep us waiting
+        descriptor = os.open(
+            os.path.expanduser(path), os.O_RDONLY | os.O_NONBLOCK
+        )  # without O_NONBLOCK a FIFO would block
         with open(descriptor, "rb") as stream:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 raise Unreadable("is no file")
             data = stream.read(LARGEST + 1)
         return heard(read(unpacked(data, JUDGED)))
     except OSError as problem:
-        said = f"cannot be read: {problem.strerror}"
+        reason = f"cannot be read: {problem.strerror}"
     except Unreadable as problem:
-        said = plain(str(problem), LINE)
-    raise Unreadable(f"{path} {said}; expected a bundle that verify has written (verify_bundle): name another file.")
+        reason = plain(str(problem), LINE)
+    raise Unreadable(f"{path} {reason}; expected a bundle that verify has written (verify_bundle): name another file.")
 
 
 def collection_version() -> str:
-    """Read the version of the collection, as it is installed or in a checkout; empty where it is not told."""
+    """Read the version of the collection, installed or in a checkout. Empty if no file has it."""
     root = Path(__file__).resolve().parents[2]
     try:
         installed = json.loads((root / "MANIFEST.json").read_text(encoding="utf-8"))
@@ -194,13 +200,13 @@ def collection_version() -> str:
 
 @dataclass(frozen=True)
 class Files:
-    """Where the page and the data of a run go: two files beside each other."""
+    """The places of the page and the data of a run: two files in one folder."""
 
     data: Path
-    own: bool  # nobody named a place: they are in a folder of ours, which keeps the last ones
+    own: bool  # the option names no place: our own folder keeps the latest reports
 
     @classmethod
-    def at(cls, path: str, inventory: str) -> Files | None:
+    def from_option(cls, path: str, inventory: str) -> Files | None:
         """Read the option `path`: empty, auto, a folder or a file."""
         if not path:
             return None
@@ -214,7 +220,7 @@ class Files:
         """Write both, compare with the run before, and return the path of the page. Raises OSError."""
         if self.own:
             self.data.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        before = self._before()
+        before = self._read_previous()
         since = earlier.since(before, document)
         document = {**document, "file": str(self.data), "since": since["time"], "differences": since["differences"]}
         template = TEMPLATE.read_text(encoding="utf-8")
@@ -224,13 +230,13 @@ class Files:
         write(str(self.data), json.dumps(plain_data(document), indent=1) + "\n", mode)
         write(str(shown), html, mode)
         if self.own:
-            for old in earlier.expired(self._beside()):
+            for old in earlier.expired(self._list_folder()):
                 self.data.with_name(old).unlink(missing_ok=True)
         return str(shown)
 
-    def _before(self) -> dict[str, Any]:
-        """Read the data of the run before: the latest in the folder, or the file that is written anew."""
-        name = self.data.name if self.data.exists() else earlier.latest(self._beside())
+    def _read_previous(self) -> dict[str, Any]:
+        """Read the data of the previous run: the file to be replaced, or else the latest in the folder."""
+        name = self.data.name if self.data.exists() else earlier.latest(self._list_folder())
         path = self.data.with_name(name) if name else None
         try:
             if path and path.stat().st_size <= LARGEST_DATA:
@@ -239,13 +245,13 @@ class Files:
             pass
         return {}
 
-    def _beside(self) -> list[str]:
+    def _list_folder(self) -> list[str]:
         """List the names in the folder."""
         return [path.name for path in self.data.parent.glob("*")]
 
 
 def folder_of(inventory: str) -> Path:
-    """Name the folder for the reports of an inventory, below Ansible's own folder of the user."""
+    """Return the folder for the reports of an inventory, below Ansible's own folder of the user."""
     home = Path(constants.config.get_config_value("ANSIBLE_HOME"))
     return home / "rosfleet" / "reports" / earlier.folder_name(inventory)
 

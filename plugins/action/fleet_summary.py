@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action fleet_summary: what the tasks of a run have registered on each computer in, a line for each out."""
+"""The action fleet_summary: the registered results of each computer in, a line for each computer out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.summa
 
 
 class ActionModule(ActionBase):
-    """Prints what changed, by computer."""
+    """Prints the changes of each computer."""
 
     _VALID_ARGS = frozenset(("results",))
     _requires_connection = False

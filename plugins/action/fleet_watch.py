@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action fleet_watch: what all computers told of a watch in, a progress line and the first loss out."""
+"""The action fleet_watch: the reports of all computers of a watch in, a progress line and the first loss out."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ OPTIONS = ("watched", "duration", "known")
 
 
 class ActionModule(ActionBase):
-    """Tells how a watch over the fleet goes."""
+    """Prints the progress of a watch over the fleet."""
 
     _VALID_ARGS = frozenset(OPTIONS)
     _requires_connection = False
 
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return what was lost so far; see ActionBase."""
+        """Return the losses so far; see ActionBase."""
         result: dict[str, Any] = super().run(tmp, task_vars)
         task_vars = task_vars or {}
         name, duration, known = (self._task.args.get(option) or "" for option in OPTIONS)
@@ -43,34 +43,34 @@ class ActionModule(ActionBase):
             result.update(failed=True, msg=str(problem))
             return result
         hosts = frozenset(task_vars["ansible_play_hosts_all"])
-        told = {
-            host: told_by(task_vars["hostvars"][host], name, hosts)
+        reports = {
+            host: read_watch(task_vars["hostvars"][host], name, hosts)
             for host in task_vars["ansible_play_hosts_all"]
             if name in task_vars["hostvars"][host]
         }
         before = known if isinstance(known, Mapping) else {}
-        Display().display(plain_lines(watched.progress(told, seconds, before)))
-        events = watched.events_of(told)
-        lost = sum(len(seen.lost) for seen in told.values())
+        Display().display(plain_lines(watched.progress(reports, seconds, before)))
+        events = watched.events_of(reports)
+        lost = sum(len(report.lost) for report in reports.values())
         first = plain(watched.first_loss(events), LINE)
         result.update(
             changed=False,
             lost=lost,
             first_loss=first,
             events=plain_data([{"observer": host, **vars(event)} for host, event in events]),
-            known={host: len(seen.events) for host, seen in told.items()},
+            known={host: len(report.events) for host, report in reports.items()},
             msg=first or f"Nothing was lost in {watched.clock(seconds)}.",
         )
         return result
 
 
-def told_by(variables: Mapping[str, Any], name: str, hosts: Collection[str] = ()) -> Watched:
-    """Read what a computer has told, in which the names of the `hosts` are planned; one that has told nothing is lost itself."""
-    told = task_results.quote_texts(variables[name], names=hosts)
+def read_watch(variables: Mapping[str, Any], name: str, hosts: Collection[str] = ()) -> Watched:
+    """Read the report of a computer, in which the names of the `hosts` are planned. A computer without a report is lost itself."""
+    report = task_results.quote_texts(variables[name], names=hosts)
     try:
-        if "events" in told:
-            return from_plain(Watched, told)
-        why = str(told.get("msg", "no result"))
+        if "events" in report:
+            return from_plain(Watched, report)
+        why = str(report.get("msg", "no result"))
     except Mismatch as problem:
         why = f"its results cannot be read: {quote(problem, LINE)}"
     gone = Event("computer", "", False, "an answer", why, time.time(), 0.0)

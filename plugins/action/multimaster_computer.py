@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action multimaster_computer: the concerns of a computer in one run of the module, or in two, of which the second confirms the first."""
+"""The action multimaster_computer: the concerns of a computer in one run of the module, or in two. The second run confirms the first."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import Any
 
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import trees
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.confirmed import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.guarded_action import (
     GuardedAction,
     Result,
     seconds_of,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.environment import SEEN, differences
 
-# The concerns that can cut the controller off. Where one of them waits for its confirmation, the others wait, too.
+# The concerns that can cut the controller off. If one of them waits for its confirmation, the others wait, too.
 GUARDED = ("sysctl", "routes", "firewall")
 REST = 600.0  # seconds for the other concerns, which start services
 
@@ -26,54 +26,56 @@ Args = Mapping[str, Any]
 
 
 class ActionModule(GuardedAction):
-    """Runs the module; where a change waits, runs it again over a new connection to confirm that, and for all the rest."""
+    """Runs the module. If a change waits, a second run over a new connection confirms it and applies the other concerns."""
 
     what = "kernel settings, routes and packet filter rules"
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
         """Run the module and return the result of all concerns; see ActionBase."""
         result: Result = ActionBase.run(self, tmp, task_vars)
-        # Before ansible-core 2.19, a template makes an empty text of None.
+        # Before ansible-core 2.19, a template turns None into an empty text.
         args = {name: options for name, options in self._task.args.items() if options not in (None, "")}
         if "managed_files" in args:
-            args["managed_files"] = [trees.read(bundle) for bundle in args["managed_files"]]
+            args["managed_files"] = [trees.read_trees(bundle) for bundle in args["managed_files"]]
         wanted = args.get("shells")
         if not isinstance(wanted, Mapping):
-            return {**result, **self._brought(args, task_vars)}
+            return {**result, **self._apply(args, task_vars)}
         args["shells"] = {**wanted, "before": {}, "notes": []}  # the module only reads
-        found = {**result, **self._brought(args, task_vars)}
-        found["warnings"] = [*found.get("warnings", []), *(wanted.get("notes") or ())]
-        return found if self._task.check_mode or found.get("failed") else compared(found, wanted)
+        result.update(self._apply(args, task_vars))
+        result["warnings"] = [*result.get("warnings", []), *(wanted.get("notes") or ())]
+        return result if self._task.check_mode or result.get("failed") else compare_shells(result, wanted)
 
-    def _brought(self, args: Args, task_vars: dict[str, Any] | None) -> Result:
+    def _apply(self, args: Args, task_vars: dict[str, Any] | None) -> Result:
         """Return the result of one run, or of two."""
         word = "" if self.cannot_be_cut else secrets.token_hex(8)
-        trial, rest = split(args, word)
+        trial, rest = split_concerns(args, word)
         seconds = max((seconds_of(options.get("confirm_within")) for options in trial.values()), default=0)
         if not seconds:
-            one: Result = self._execute_module(module_args={**trial, **rest}, task_vars=task_vars)
-            return one
+            only: Result = self._execute_module(module_args={**trial, **rest}, task_vars=task_vars)
+            return only
         more = REST if rest else 0.0
-        first, reason = self._first({**trial, **rest}, seconds, task_vars, more)
+        first, reason = self._run_first({**trial, **rest}, seconds, task_vars, more)
         if first and not first.get("unconfirmed"):
             return first
         # The module has left the rest to the run that confirms.
-        return joined(first, self._second({**confirmations(trial, first), **rest}, seconds, reason, task_vars, more))
+        return join_results(
+            first, self._run_second({**choose_confirmations(trial, first), **rest}, seconds, reason, task_vars, more)
+        )
 
 
-def compared(found: Result, wanted: Args) -> Result:
-    """Return a result, as a failure where shells do not see what they are to see."""
-    seen = found["shells"] if "shells" in found else wanted.get("before") or {}
+def compare_shells(result: Result, wanted: Args) -> Result:
+    """Return the result; as a failure if shells do not see the variables that are expected."""
+    seen = result["shells"] if "shells" in result else wanted.get("before") or {}
     expected = (wanted.get(name) or () for name in ("files", "exports"))
     wrong = differences(wanted.get("variables") or {}, {what: seen.get(what) for what in SEEN}, *expected)
     if not wrong:
-        return found
-    said = {name: value for name, value in found.items() if name in ("changed", "diff", "warnings")}
-    return {**said, "failed": True, "msg": " ".join(wrong)}
+        return result
+    rest = {name: value for name, value in result.items() if name in ("changed", "diff", "warnings")}
+    return {**rest, "failed": True, "msg": " ".join(wrong)}
 
 
-def split(args: Args, word: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the concerns that can cut the controller off, with the word of their confirmation, and the others."""
+def split_concerns(args: Args, word: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the concerns that can cut the controller off, each with the word of its confirmation, and the others."""
     trial, rest = {}, {}
     for name, options in args.items():
         if name not in GUARDED or not isinstance(options, Mapping):
@@ -85,8 +87,8 @@ def split(args: Args, word: str) -> tuple[dict[str, Any], dict[str, Any]]:
     return trial, rest
 
 
-def confirmations(trial: Args, first: Result) -> dict[str, Any]:
-    """Return the options that confirm what waits for it; where there is no answer of the first run, all may wait."""
+def choose_confirmations(trial: Args, first: Result) -> dict[str, Any]:
+    """Return the options that confirm each waiting concern. Without an answer of the first run, all may wait."""
     concerns = first.get("concerns") or {name: [{"unconfirmed": True}] for name in trial}
     return {
         name: {**options, "confirm_within": 0}
@@ -95,8 +97,8 @@ def confirmations(trial: Args, first: Result) -> dict[str, Any]:
     }
 
 
-def joined(first: Result, second: Result) -> Result:
-    """Return the results of both runs as one: the first says what changed, the second that it was confirmed, and the rest."""
+def join_results(first: Result, second: Result) -> Result:
+    """Return the results of both runs as one. The first has the changes; the second has the confirmation and the other concerns."""
     if not first:
         return second
     shown = list(first.get("diff", []))

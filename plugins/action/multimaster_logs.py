@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action multimaster_logs: runs the module multimaster_logs, of which the documented answer comes back."""
+"""The action multimaster_logs: runs the module multimaster_logs, and returns its documented answer."""
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.asked import RobotAction
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.robot_action import RobotAction
 
 
 class ActionModule(RobotAction):

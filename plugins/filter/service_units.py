@@ -120,7 +120,7 @@ def service_units(
             f"take {unknown[0]} out of services_list."
         )
     try:
-        made = units.services(
+        service_list = units.services(
             names,
             robot,
             address,
@@ -131,7 +131,7 @@ def service_units(
         )
     except quoting.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem
-    return [dataclasses.asdict(unit) for unit in made]
+    return [dataclasses.asdict(unit) for unit in service_list]
 
 
 class FilterModule:

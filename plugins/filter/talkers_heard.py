@@ -66,10 +66,10 @@ def talkers_heard(
     fleet: Mapping[str, Any], *, hostvars: Mapping[str, Any], hosts: Sequence[str], registered: str
 ) -> dict[str, list[str]]:
     """Return the computers to hear, by robot; see DOCUMENTATION."""
-    return from_plain(FleetPlan, fleet).heard([host for host in hosts if _talks(hostvars[host], registered)])
+    return from_plain(FleetPlan, fleet).heard([host for host in hosts if _has_talker(hostvars[host], registered)])
 
 
-def _talks(variables: Mapping[str, Any], registered: str) -> bool:
+def _has_talker(variables: Mapping[str, Any], registered: str) -> bool:
     result = variables[registered] if registered in variables else {}
     return bool((result.get("talker") or {}).get("running"))
 

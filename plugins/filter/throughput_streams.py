@@ -63,10 +63,10 @@ def throughput_streams(
     fleet: Mapping[str, Any], seconds: Any, pairs: str = tried.AUTO, least: Any = 0
 ) -> dict[str, Any]:
     """Return who sends to whom; see DOCUMENTATION. Raises AnsibleFilterError."""
-    length = _number(
+    length = _read_number(
         "verify_throughput", seconds, tried.SHORTEST, tried.LONGEST, "0, or the seconds of a stream, from 0.1 to 2"
     )
-    _number("verify_throughput_least", least, 0, MOST, f"a number of Mbit/s from 0 to {MOST}")
+    _read_number("verify_throughput_least", least, 0, MOST, f"a number of Mbit/s from 0 to {MOST}")
     if not length:
         return {"to": {}, "seconds": 0}
     networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
@@ -74,15 +74,15 @@ def throughput_streams(
     return {"to": to, "seconds": math.ceil(tried.number(to) * length + len(to) * tried.START)}
 
 
-def _number(variable: str, value: Any, least: float, most: float, expected: str) -> float:
+def _read_number(variable: str, value: Any, least: float, most: float, expected: str) -> float:
     """Read a number; 0 and false are always good. Raises AnsibleFilterError."""
     try:
-        found = float(value)
+        number = float(value)
     except (TypeError, ValueError):
-        found = -1.0 if str(value).lower() not in ("false", "no") else 0.0
-    if found and not least <= found <= most:
+        number = -1.0 if str(value).lower() not in ("false", "no") else 0.0
+    if number and not least <= number <= most:
         raise AnsibleFilterError(f"{variable} is {value!r}, expected {expected}.")
-    return found
+    return number
 
 
 class FilterModule:

@@ -78,7 +78,7 @@ _raw:
 from typing import Any
 
 from ansible.plugins.lookup import LookupBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.trees import COLLECTION, tree
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.trees import COLLECTION, read_tree
 
 
 class LookupModule(LookupBase):
@@ -88,4 +88,4 @@ class LookupModule(LookupBase):
         """Return the files below each of the folders."""
         self.set_options(var_options=variables, direct=kwargs)
         destination, content = self.get_option("destination"), self.get_option("content")
-        return [file for source in terms for file in tree(str(COLLECTION / source), destination, content)]
+        return [file for source in terms for file in read_tree(str(COLLECTION / source), destination, content)]

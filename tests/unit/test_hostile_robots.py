@@ -24,7 +24,7 @@ from ansible_collections.rosfleet.multimaster.plugins.action import (
     fleet_watch,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.asked import answer_of
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.robot_action import answer_of
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned
 
@@ -69,8 +69,8 @@ def answered(drawn, true, module):
     """What the controller keeps of an answer that was changed in any way."""
     said = hostile_answers.answer(drawn, copy.deepcopy(true), "/mark", HONEST, drawn.choice(SHAPED))
     try:
-        return answer.taken(said.decode("utf-8", "replace"), answer_of(module)).result
-    except answer.Strange as strange:
+        return answer.check_answer(said.decode("utf-8", "replace"), answer_of(module)).result
+    except answer.StrangeAnswer as strange:
         return {"failed": True, "msg": str(strange)}
 
 

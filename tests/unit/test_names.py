@@ -15,8 +15,6 @@ TREES = ("plugins", "roles", "lab", "tools")
 #: rooms whose names are still to be changed
 LATER = set(
     """
-    plugins/action
-    plugins/filter
     plugins/module_utils/_client
     plugins/module_utils/_machine
     plugins/module_utils/_module
@@ -25,12 +23,9 @@ LATER = set(
     plugins/module_utils/_verify
     plugins/module_utils/_watch
     plugins/plugin_utils/_adopt
-    plugins/plugin_utils/_answers
     plugins/plugin_utils/_bundle
     plugins/plugin_utils/_case
-    plugins/plugin_utils/_changes
     plugins/plugin_utils/_checks
-    plugins/plugin_utils/_data
     plugins/plugin_utils/_diagnosis
     plugins/plugin_utils/_fleet
     plugins/plugin_utils/_judgement

@@ -18,7 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands, foreign
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import asked
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import robot_action
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
@@ -111,7 +111,8 @@ FIGURES = {
     "more than 16 Mi characters, a million values, 24 of them in each other, a number of more than 20 digits": (
         (answer.MOST_TEXT / MIB, answer.MOST_VALUES, answer.DEEPEST, answer.DIGITS) == (16, 1_000_000, 24, 20)
     ),
-    "more than 96 MiB while it comes, or for more than half an hour": (asked.MEMORY / MIB, asked.LONGEST) == (96, 1800),
+    "more than 96 MiB while it comes, or for more than half an hour": (robot_action.MEMORY / MIB, robot_action.LONGEST)
+    == (96, 1800),
     "| an answer of another computer | 64 KiB": documents.ANSWER / KIB == 64,
     "| of a node of this robot | 2 MiB": documents.NODE / MIB == 2,
     "| the state of a master, and what the own roscore says | 16 MiB": documents.STATE / MIB == 16,

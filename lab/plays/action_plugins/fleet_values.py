@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action fleet_values: what the robots of an inventory need, as JSON in a file, or the sentences that preflight would tell.
+"""The action fleet_values: the variables and networks of an inventory as JSON in a file, or the problems that preflight would find.
 
-Templates are computed with the variables of the inventory, so `multimaster_address: "{{ ansible_host }}"` is an address.
+Templates are computed with the variables of the inventory. So `multimaster_address: "{{ ansible_host }}"` is an address.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class ActionModule(ActionBase):
         result: dict[str, Any] = super().run(tmp, task_vars)
         try:
             values = fleet_values(task_vars or {}, self._task.args["options"])
-        except InventoryProblems as found:
-            values = {"problems": found.problems}
+        except InventoryProblems as error:
+            values = {"problems": error.problems}
         Path(self._task.args["path"]).write_text(json.dumps(plain_data(values), indent=1, default=str) + "\n")
         result.update(changed=False)
         return result
@@ -56,13 +56,13 @@ def fleet_values(task_vars: Mapping[str, Any], options: Sequence[str]) -> dict[s
 
 
 def _read_options(host: str, variables: Mapping[str, Any], options: Sequence[str]) -> dict[str, Any]:
-    found = {}
+    values = {}
     for name in options:
         try:
             if name in variables:
-                found[name] = variables[name]
+                values[name] = variables[name]
         except AnsibleError as problem:
             raise InventoryProblems(
                 [f"{host}: {name} cannot be computed ({problem}); expected a value: correct it in the inventory."]
             ) from problem
-    return found
+    return values

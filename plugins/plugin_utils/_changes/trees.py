@@ -16,22 +16,22 @@ from ansible.errors import AnsibleError
 COLLECTION = pathlib.Path(__file__).resolve().parents[3]
 
 
-def read(bundle: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of managed_files with the files of its trees in place of the trees. Raises AnsibleError."""
+def read_trees(bundle: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of managed_files, each tree replaced by its files. Raises AnsibleError."""
     files = list(bundle.get("files") or ())
     for part in bundle.get("trees") or ():
         left_out = re.compile(part.get("left_out") or "$^")
-        found = tree(str(COLLECTION / part["folder"]), part["destination"])
-        files += [file for file in found if not left_out.search(file["path"])]
+        tree = read_tree(str(COLLECTION / part["folder"]), part["destination"])
+        files += [file for file in tree if not left_out.search(file["path"])]
     return {**{name: value for name, value in bundle.items() if name != "trees"}, "files": files}
 
 
-def skipped(name: str) -> bool:
+def is_skipped(name: str) -> bool:
     """Return True if a file or folder of this name is byte code, hidden, or an editor's."""
     return name == "__pycache__" or name.startswith((".", "#")) or name.endswith((".pyc", ".pyo", "~"))
 
 
-def tree(source: str, destination: str, content: bool = True) -> list[dict[str, str]]:
+def read_tree(source: str, destination: str, content: bool = True) -> list[dict[str, str]]:
     """Return the text files below a folder as path, content or sha256, and mode, sorted. Raises AnsibleError with a sentence."""
     if not os.path.isdir(source):
         raise AnsibleError(
@@ -43,10 +43,10 @@ def tree(source: str, destination: str, content: bool = True) -> list[dict[str, 
         )
     files = []
     for folder, folders, names in os.walk(source):
-        folders[:] = [name for name in folders if not skipped(name)]
+        folders[:] = [name for name in folders if not is_skipped(name)]
         for name in names:
             path = os.path.join(folder, name)
-            if skipped(name) or not os.path.isfile(path):
+            if is_skipped(name) or not os.path.isfile(path):
                 continue
             files.append(
                 {

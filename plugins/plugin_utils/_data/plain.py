@@ -4,7 +4,7 @@
 """Conversion between dataclasses and plain data, as Ansible's variables and JSON have it.
 
 The type of a field decides: a dataclass is a dictionary, a tuple is a list, an address or a network is its text.
-Where a field may be None, plain data has an empty text or an empty dictionary. `spelling` names what is different.
+Where a field may be None, plain data has an empty text or an empty dictionary. `notation` names the exceptions.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_ty
 
 T = TypeVar("T")
 
-_SPELLING = "spelling"
+_NOTATION = "spelling"
 
 
 class Mismatch(ValueError):
     """Plain data does not fit its type; the text says where, what was found and what was expected."""
 
 
-class Spelling(NamedTuple):
-    """The exceptions to the rules above for one field; see `spelling`."""
+class Notation(NamedTuple):
+    """The exceptions to the rules above for one field; see `notation`."""
 
     key: str = ""
     words: tuple[tuple[Any, str], ...] = ()
     left_out: bool = False
 
 
-def spelling(key: str = "", words: tuple[tuple[Any, str], ...] = (), left_out: bool = False) -> dict[str, Any]:
+def notation(key: str = "", words: tuple[tuple[Any, str], ...] = (), left_out: bool = False) -> dict[str, Any]:
     """Metadata for a field of a dataclass.
 
     `key` is its key in plain data where that is no Python name, such as `from`. `words` are values with a text of their
     own, such as (0.0.0.0/0, "default"). With `left_out` the key is missing while the field is None.
     """
-    return {_SPELLING: Spelling(key, words, left_out)}
+    return {_NOTATION: Notation(key, words, left_out)}
 
 
 def to_plain(value: Any) -> Any:
@@ -66,16 +66,16 @@ _CONVERTERS: dict[Any, Converter] = {}  # made once for each type
 
 def _converter(kind: Any) -> Converter:
     if kind not in _CONVERTERS:
-        _CONVERTERS[kind] = _made(kind)
+        _CONVERTERS[kind] = _make_converter(kind)
     return _CONVERTERS[kind]
 
 
-def _made(kind: Any) -> Converter:
+def _make_converter(kind: Any) -> Converter:
     origin, arguments = get_origin(kind), get_args(kind)
     if dataclasses.is_dataclass(kind):
         return _record(kind)
     if origin in (types.UnionType, Union):
-        return _optional(_converter(next(each for each in arguments if each is not type(None))))
+        return _optional(_converter(next(argument for argument in arguments if argument is not type(None))))
     if origin is tuple:
         return _list(_converter(arguments[0]))
     if origin is not None:
@@ -83,20 +83,20 @@ def _made(kind: Any) -> Converter:
     return _SCALARS[kind]
 
 
-def _same(value: Any) -> Any:
+def _pass_on(value: Any) -> Any:
     return value
 
 
-def _checked(kind: type | tuple[type, ...], expected: str) -> Converter:
+def _check_type(kind: type | tuple[type, ...], expected: str) -> Converter:
     def read(data: Any, path: str) -> Any:
         if not isinstance(data, kind) or (isinstance(data, bool) and kind is not bool):
             raise Mismatch(f"{path} is {data!r}; expected {expected}.")
         return data
 
-    return Converter(_same, read)
+    return Converter(_pass_on, read)
 
 
-def _parsed(kind: Callable[[str], Any], expected: str) -> Converter:
+def _convert_text(kind: Callable[[str], Any], expected: str) -> Converter:
     def read(data: Any, path: str) -> Any:
         try:
             return kind(str(data))
@@ -107,13 +107,13 @@ def _parsed(kind: Callable[[str], Any], expected: str) -> Converter:
 
 
 _SCALARS: Mapping[Any, Converter] = {
-    Any: Converter(_same, lambda data, path: data),
-    str: _checked(str, "a text"),
-    int: _checked(int, "a whole number"),
-    float: _checked((int, float), "a number"),
-    bool: _checked(bool, "true or false"),
-    IPv4Address: _parsed(IPv4Address, "an IPv4 address"),
-    IPv4Network: _parsed(IPv4Network, "an IPv4 network"),
+    Any: Converter(_pass_on, lambda data, path: data),
+    str: _check_type(str, "a text"),
+    int: _check_type(int, "a whole number"),
+    float: _check_type((int, float), "a number"),
+    bool: _check_type(bool, "true or false"),
+    IPv4Address: _convert_text(IPv4Address, "an IPv4 address"),
+    IPv4Network: _convert_text(IPv4Network, "an IPv4 network"),
 }
 
 
@@ -124,7 +124,7 @@ def _optional(inner: Converter) -> Converter:
     def read(data: Any, path: str) -> Any:
         return None if data is None or data == inner.nothing else inner.read(data, path)
 
-    # The empty dictionary is made anew each time, since plain data may be changed by whoever gets it.
+    # Each caller gets an empty dictionary of its own, since callers may change plain data.
     if inner.nothing == {}:
         return Converter(lambda value: {} if value is None else inner.write(value), read, inner.nothing)
     return Converter(write, read, inner.nothing)
@@ -160,17 +160,17 @@ class _Field(NamedTuple):
     left_out: bool
 
     @classmethod
-    def of(cls, field: dataclasses.Field[Any], kind: Any) -> _Field:
-        """Make it of a field whose type is `kind`."""
-        spelled: Spelling = field.metadata.get(_SPELLING, Spelling())
+    def from_field(cls, field: dataclasses.Field[Any], kind: Any) -> _Field:
+        """Describe a field whose type is `kind`."""
+        exceptions: Notation = field.metadata.get(_NOTATION, Notation())
         return cls(
             name=field.name,
-            key=spelled.key or field.name,
+            key=exceptions.key or field.name,
             converter=_converter(kind),
             required=field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING,
-            words=dict(spelled.words),
-            values={word: value for value, word in spelled.words},
-            left_out=spelled.left_out,
+            words=dict(exceptions.words),
+            values={word: value for value, word in exceptions.words},
+            left_out=exceptions.left_out,
         )
 
     def write(self, content: Any) -> Any:
@@ -186,7 +186,7 @@ class _Field(NamedTuple):
 
 def _record(kind: Any) -> Converter:
     hints = get_type_hints(kind)
-    fields = [_Field.of(each, hints[each.name]) for each in dataclasses.fields(kind)]
+    fields = [_Field.from_field(each, hints[each.name]) for each in dataclasses.fields(kind)]
     return Converter(partial(_write_record, fields), partial(_read_record, kind, fields), {})
 
 
@@ -202,5 +202,5 @@ def _read_record(kind: Any, fields: Sequence[_Field], data: Any, path: str) -> A
     missing = [field.key for field in fields if field.required and field.key not in data]
     if missing:
         raise Mismatch(f"{begin}{missing[0]} is missing.")
-    given = [field for field in fields if field.key in data]
-    return kind(**{field.name: field.read(data[field.key], begin + field.key) for field in given})
+    present = [field for field in fields if field.key in data]
+    return kind(**{field.name: field.read(data[field.key], begin + field.key) for field in present})

@@ -15,7 +15,7 @@ from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import spelling
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import notation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway, Router
 
 DEFAULT_ROUTE = IPv4Network("0.0.0.0/0")
@@ -53,7 +53,7 @@ class Master:
 class Flow:
     """Topics and services that each of `givers` gives to each of `to`."""
 
-    givers: tuple[str, ...] = field(metadata=spelling(key="from"))
+    givers: tuple[str, ...] = field(metadata=notation(key="from"))
     to: tuple[str, ...]
     topics: tuple[str, ...] = ()
     services: tuple[str, ...] = ()
@@ -134,14 +134,14 @@ class Setting:
     name: str
     value: str
     # Values of a file of somebody else that serve as well, and that stay.
-    enough: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))
+    enough: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
 
 
 @dataclass(frozen=True)
 class Route:
     """A route that the computer needs."""
 
-    destination: IPv4Network = field(metadata=spelling(words=((DEFAULT_ROUTE, "default"),)))
+    destination: IPv4Network = field(metadata=notation(words=((DEFAULT_ROUTE, "default"),)))
     gateway: IPv4Address
 
 
@@ -170,7 +170,7 @@ class LookAt:
     destinations: tuple[IPv4Address, ...] = ()
     packages: tuple[str, ...] = ()
     nodes: tuple[Node, ...] = ()
-    folders: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))
+    folders: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class MulticastRouting:
 
     group: IPv4Address
     addresses: tuple[IPv4Address, ...]
-    interfaces: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))  # filled in by preflight
+    interfaces: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))  # filled in by preflight
 
 
 @dataclass(frozen=True)
@@ -248,16 +248,16 @@ class ComputerPlan:
     discovery: Parameters = field(default_factory=dict)
     sync: Parameters = field(default_factory=dict)
     # Where node_exporter reads what the nodes measure. None: nowhere.
-    metrics_folder: str | None = field(default=None, metadata=spelling(left_out=True))
+    metrics_folder: str | None = field(default=None, metadata=notation(left_out=True))
     limits: tuple[str, ...] = ()  # sentences about what the provider cannot do
     listens: bool = False  # it is one of the listeners
     # Filled in by preflight, which knows the machine.
-    programs: Mapping[str, UnitLines] | None = field(default=None, metadata=spelling(left_out=True))
-    packages: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))
+    programs: Mapping[str, UnitLines] | None = field(default=None, metadata=notation(left_out=True))
+    packages: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
     # Multicast routing is planned, or an earlier plan left some behind.
-    multicast_routing_due: bool | None = field(default=None, metadata=spelling(left_out=True))
-    firewall_due: bool | None = field(default=None, metadata=spelling(left_out=True))  # the same of the packet filter
-    found: AsFound | None = field(default=None, metadata=spelling(left_out=True))
+    multicast_routing_due: bool | None = field(default=None, metadata=notation(left_out=True))
+    firewall_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the packet filter
+    found: AsFound | None = field(default=None, metadata=notation(left_out=True))
 
 
 @dataclass(frozen=True, kw_only=True)

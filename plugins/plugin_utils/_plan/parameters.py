@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import spelling, to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import notation, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
     FILTERS,
     FROM_CLIENT,
@@ -107,7 +107,7 @@ class Discovery:
     hide_subscribers: tuple[str, ...]
     strangers: str
     allow: tuple[IPv4Network, ...]
-    exports: tuple[Served, ...] | None = field(default=None, metadata=spelling(left_out=True))  # None: not declared
+    exports: tuple[Served, ...] | None = field(default=None, metadata=notation(left_out=True))  # None: not declared
 
 
 def _discovery(fleet: Fleet, robot: Robot) -> Discovery:

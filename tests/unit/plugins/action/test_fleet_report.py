@@ -202,7 +202,7 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     ],
 )
 def test_durations(marks, told):
-    assert fleet_report.durations(marks, 110.0) == told
+    assert fleet_report.format_durations(marks, 110.0) == told
 
 
 @pytest.mark.parametrize(
@@ -210,5 +210,5 @@ def test_durations(marks, told):
     [([], "a link is down"), ([{"sentence": "a switch is off"}], "one of these: a link is down; or a switch is off")],
 )
 def test_a_finding_that_is_told_alone_says_what_it_may_be_instead(rivals, told):
-    found = fleet_report.alone({"sentence": "a link is down", "rivals": rivals, "verdict": "failed"})
+    found = fleet_report.join_rivals({"sentence": "a link is down", "rivals": rivals, "verdict": "failed"})
     assert (found["sentence"], found["verdict"]) == (told, "failed")

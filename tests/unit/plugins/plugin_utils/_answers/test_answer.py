@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers.documented import documented
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers.documentation import read_documentation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain
 
 ROOT = Path(__file__).parents[5]
@@ -34,7 +34,7 @@ def text_of(module):
 
 @pytest.fixture(scope="module")
 def kinds():
-    return {module: documented(module, text_of) for module in ON_ROBOTS}
+    return {module: read_documentation(module, text_of) for module in ON_ROBOTS}
 
 
 def drawn_value(drawn, kind):
@@ -70,7 +70,7 @@ def checked(value, lines=False):
 def test_a_documented_answer_is_taken_whole(kinds, module):
     said = {name: drawn_value(random.Random(1), kind) for name, kind in kinds[module].items()}
     said["failed"] = False
-    taken = answer.taken(json.dumps(said), kinds[module])
+    taken = answer.check_answer(json.dumps(said), kinds[module])
     assert (taken.result, taken.left_out, taken.trace) == (said, [], "")
 
 
@@ -81,10 +81,10 @@ def test_a_drawn_answer_is_plain_data_of_documented_keys_or_refused(kinds, modul
     refused = 0
     for _case in range(CASES):
         said = hostile_answers.answer(drawn, {**true, "failed": drawn.random() < 0.2}, "/mark", "kobuki2computer")
-        text = answer.found_in(said.decode("utf-8", "replace"))
+        text = answer.find_answer(said.decode("utf-8", "replace"))
         try:
-            taken = answer.taken(text, kinds[module])
-        except answer.Strange as strange:
+            taken = answer.check_answer(text, kinds[module])
+        except answer.StrangeAnswer as strange:
             assert 0 < len(str(strange)) < 400
             assert is_plain(str(strange))
             refused += 1
@@ -98,8 +98,8 @@ def test_a_drawn_answer_is_plain_data_of_documented_keys_or_refused(kinds, modul
 def test_an_order_to_ansible_is_refused_or_left_out(kinds, order):
     said = {"changed": False, "installed": [], "removed": [], "msg": "The packages were right.", **order}
     try:
-        taken = answer.taken(json.dumps(said), kinds["multimaster_packages"])
-    except answer.Strange:
+        taken = answer.check_answer(json.dumps(said), kinds["multimaster_packages"])
+    except answer.StrangeAnswer:
         return
     assert set(taken.result) <= {*kinds["multimaster_packages"], "diff", "warnings"}
     checked(taken.result)
@@ -123,13 +123,13 @@ def test_an_order_to_ansible_is_refused_or_left_out(kinds, order):
     ],
 )
 def test_what_is_found_is_said(kinds, said, found):
-    with pytest.raises(answer.Strange) as strange:
-        answer.taken(said, kinds["multimaster_packages"])
+    with pytest.raises(answer.StrangeAnswer) as strange:
+        answer.check_answer(said, kinds["multimaster_packages"])
     assert str(strange.value) == found
 
 
 def test_undocumented_keys_are_left_out_and_told(kinds):
-    taken = answer.taken('{"installed": [], "removed": [], "hidden": 1}', kinds["multimaster_packages"])
+    taken = answer.check_answer('{"installed": [], "removed": [], "hidden": 1}', kinds["multimaster_packages"])
     assert (taken.result, taken.left_out) == ({"installed": [], "removed": []}, ['"hidden"'])
 
 
@@ -141,7 +141,7 @@ def test_undocumented_keys_are_left_out_and_told(kinds):
     ],
 )
 def test_warnings_are_texts_in_each_ansible_core(kinds, messages):
-    taken = answer.taken(
+    taken = answer.check_answer(
         json.dumps({"installed": [], "removed": [], "warnings": messages}), kinds["multimaster_packages"]
     )
     assert taken.result["warnings"] == ["one", "two"]
@@ -149,11 +149,11 @@ def test_warnings_are_texts_in_each_ansible_core(kinds, messages):
 
 def test_a_crash_says_its_last_line(kinds):
     crash = {"failed": True, "exception": "Traceback (most recent call last):\nValueError: no such thing\n"}
-    taken = answer.taken(json.dumps(crash), kinds["multimaster_packages"])
+    taken = answer.check_answer(json.dumps(crash), kinds["multimaster_packages"])
     assert taken.result == {"failed": True, "msg": "ValueError: no such thing"}
     assert taken.trace.startswith("Traceback")
 
 
 def test_what_shells_write_around_an_answer_does_not_matter():
-    assert answer.found_in('motd\n{"a": 1}\n \nbye') == '{"a": 1}'
-    assert answer.found_in("nothing") == ""
+    assert answer.find_answer('motd\n{"a": 1}\n \nbye') == '{"a": 1}'
+    assert answer.find_answer("nothing") == ""

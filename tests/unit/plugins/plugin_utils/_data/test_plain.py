@@ -12,7 +12,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import (
     Mismatch,
     from_plain,
-    spelling,
+    notation,
     to_plain,
 )
 
@@ -22,7 +22,7 @@ EVERYWHERE = IPv4Network("0.0.0.0/0")
 @dataclass(frozen=True)
 class Inner:
     address: IPv4Address
-    source: str = field(default="", metadata=spelling(key="from"))
+    source: str = field(default="", metadata=notation(key="from"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,13 +30,13 @@ class Outer:
     name: str
     number: int = 0
     there: bool = False
-    network: IPv4Network = field(default=EVERYWHERE, metadata=spelling(words=((EVERYWHERE, "default"),)))
+    network: IPv4Network = field(default=EVERYWHERE, metadata=notation(words=((EVERYWHERE, "default"),)))
     gateway: IPv4Address | None = None
     part: Inner | None = None
     parts: tuple[Inner, ...] = ()
     by_name: Mapping[str, Inner] = field(default_factory=dict)
     free: Mapping[str, Any] = field(default_factory=dict)
-    later: tuple[str, ...] | None = field(default=None, metadata=spelling(left_out=True))
+    later: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
 
 
 INNER = Inner(IPv4Address("192.168.1.1"), "tibi")

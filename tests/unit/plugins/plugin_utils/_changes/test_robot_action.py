@@ -16,7 +16,7 @@ import pytest
 from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure, AnsibleError
 from ansible.playbook.task import Task
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import asked
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import robot_action
 
 DUE = '{"changed": false, "installed": [], "removed": [], "msg": "The packages were right."}'
 
@@ -25,7 +25,7 @@ DUE = '{"changed": false, "installed": [], "removed": [], "msg": "The packages w
 def action():
     task = Task()
     task.action, task.async_val, task.check_mode = "rosfleet.multimaster.multimaster_packages", 0, False
-    made = asked.RobotAction(task, types.SimpleNamespace(), None, None, None, None)
+    made = robot_action.RobotAction(task, types.SimpleNamespace(), None, None, None, None)
     made._robot, made._used_interpreter = "kobuki", "/usr/bin/python3"
     return made
 
@@ -88,7 +88,7 @@ def test_no_answer_is_a_sentence_with_the_last_words(action):
 def test_the_last_words_are_plain_and_not_many(action):
     words = "\x1b[2J" + "x" * 30000
     found = action._parse_returned_data({"stdout": words, "stderr": words, "rc": 1}, "legacy")
-    assert len(found["module_stdout"]) <= asked.LAST_WORDS and "\x1b" not in str(found)
+    assert len(found["module_stdout"]) <= robot_action.LAST_WORDS and "\x1b" not in str(found)
     found = action._parse_returned_data({"stdout": "", "stderr": "", "rc": -9}, "legacy")
     assert "(exit status -9). Expected" in found["msg"]
 
@@ -99,7 +99,7 @@ def low_level(action, monkeypatch, work):
 
 
 def test_an_endless_answer_ends_and_so_does_what_brings_it(action, monkeypatch):
-    monkeypatch.setattr(asked, "MEMORY", 32 << 20)
+    monkeypatch.setattr(robot_action, "MEMORY", 32 << 20)
     started = []
 
     def work():
@@ -115,7 +115,7 @@ def test_an_endless_answer_ends_and_so_does_what_brings_it(action, monkeypatch):
 
 
 def test_a_silent_robot_ends_by_its_time_and_so_does_what_waits_for_it(action, monkeypatch):
-    monkeypatch.setattr(asked, "LONGEST", 0.2)
+    monkeypatch.setattr(robot_action, "LONGEST", 0.2)
     started = []
 
     def work():
@@ -150,17 +150,17 @@ def test_what_ssh_says_of_a_robot_is_plain(action, monkeypatch, kind):
 
 
 def test_the_limit_leaves_others_alone():
-    with asked.limited(60):
+    with robot_action.limit_time(60):
         pass
     assert signal.getsignal(signal.SIGALRM) == signal.SIG_DFL
-    with pytest.raises(AnsibleConnectionFailure, match="no answer within 0 s"), asked.limited(0.05):
+    with pytest.raises(AnsibleConnectionFailure, match="no answer within 0 s"), robot_action.limit_time(0.05):
         time.sleep(5)
-    with pytest.raises(ZeroDivisionError), asked.limited(60):
+    with pytest.raises(ZeroDivisionError), robot_action.limit_time(60):
         1 / 0  # noqa: B018
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
     signal.setitimer(signal.ITIMER_REAL, 50)  # as a task's own timeout
     try:
-        with asked.limited(0.01):
+        with robot_action.limit_time(0.01):
             time.sleep(0.05)
         assert 40 < signal.getitimer(signal.ITIMER_REAL)[0] <= 50
     finally:
@@ -171,7 +171,7 @@ def test_the_limit_needs_the_main_thread():
     ended = []
 
     def work():
-        with asked.limited(0.01):
+        with robot_action.limit_time(0.01):
             time.sleep(0.05)
         ended.append(True)
 

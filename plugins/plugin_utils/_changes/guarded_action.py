@@ -17,13 +17,13 @@ from typing import Any
 from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure
 from ansible.plugins.action import ActionBase
 from ansible.plugins.connection import ConnectionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.asked import RobotAction, limited
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.robot_action import RobotAction, limit_time
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
 
-GRACE = 60.0  # seconds for a run of the module, and for reaching the machine after its former state is back
+GRACE = 60.0  # seconds for a run of the module, and to reach the machine after its rollback
 PAUSE = 1.0  # seconds between two attempts
-# Words of ssh when no session ever began; then nothing can have changed.
-NEVER_BEGAN = (
+# Messages of ssh without a session: nothing can have changed.
+UNSTARTED = (
     "ssh: connect to host",
     "Could not resolve hostname",
     "Host key verification failed",
@@ -50,24 +50,24 @@ class GuardedAction(RobotAction):
         if not seconds:
             return {**result, **self._execute_module(module_args=args, task_vars=task_vars)}
         confirming = {**args, "confirm_within": 0, "confirmation": secrets.token_hex(8)}
-        first, reason = self._first({**confirming, "confirm_within": seconds}, seconds, task_vars)
+        first, reason = self._run_first({**confirming, "confirm_within": seconds}, seconds, task_vars)
         if first and not first.get("unconfirmed"):
             return {**result, **first}
-        return {**result, **_merged(first, self._second(confirming, seconds, reason, task_vars))}
+        return {**result, **_merge(first, self._run_second(confirming, seconds, reason, task_vars))}
 
     @property
     def cannot_be_cut(self) -> bool:
         """True where nothing changes, or no connection can be cut."""
         return bool(self._task.check_mode or self._connection.transport == "local")
 
-    def _second(
+    def _run_second(
         self, args: Mapping[str, Any], seconds: int, reason: str, task_vars: dict[str, Any] | None, more: float = 0.0
     ) -> Result:
-        """Return the result of the run that confirms, over a new connection; it may take so many seconds more."""
+        """Return the result of the run that confirms, over a new connection. It has `more` seconds beside those of the switch."""
         last = time.monotonic() + seconds + GRACE
         while True:
             try:
-                self._new_connection()
+                self._reconnect()
                 second = self._attempt(args, task_vars, seconds + GRACE + more)
             except AnsibleConnectionFailure as problem:
                 reason = _line(problem)
@@ -83,18 +83,18 @@ class GuardedAction(RobotAction):
                 }
             time.sleep(PAUSE)
 
-    def _first(
+    def _run_first(
         self, args: Mapping[str, Any], seconds: int, task_vars: dict[str, Any] | None, more: float = 0.0
     ) -> tuple[Result, str]:
-        """Return the result of the first run, or an empty one and the reason why there is none; it may take so many seconds more."""
+        """Return the result of the first run, or an empty result and the reason. The run has `more` seconds beside those of the switch."""
         last = time.monotonic() + seconds + GRACE
         while True:
             try:
                 # TCP doubles its pauses between retries. After a rollback an answer may come as late as twice the time.
                 first = self._attempt(args, task_vars, 2 * seconds + GRACE + more)
-                return _with_crash(first, self.what, seconds), ""
+                return _explain_crash(first, self.what, seconds), ""
             except AnsibleConnectionFailure as problem:
-                if not self._never_began(problem):
+                if not self._is_unstarted(problem):
                     return {}, _line(problem)
                 # The same task may have cut off the gateway of this machine; it comes back after its rollback.
                 if time.monotonic() > last or isinstance(problem, AnsibleAuthenticationFailure):
@@ -103,30 +103,30 @@ class GuardedAction(RobotAction):
 
     def _attempt(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None, limit: float) -> Result:
         """Run the module once. Raises AnsibleConnectionFailure, also after `limit` seconds."""
-        with limited(limit):
-            return self._once(args, task_vars)
+        with limit_time(limit):
+            return self._run_once(args, task_vars)
 
-    def _once(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None) -> Result:
+    def _run_once(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None) -> Result:
         """Run the module once, however long it takes."""
-        # Ansible writes its own into the options.
+        # Ansible writes into the options, so it gets a copy.
         result: Result = self._execute_module(module_args={**args}, task_vars=task_vars)
         return result
 
-    def _new_connection(self) -> None:
-        """Close a connection that is kept open; a plugin that keeps none has no reset()."""
+    def _reconnect(self) -> None:
+        """Close a connection that stays open between tasks. A plugin without such connections has no reset()."""
         if type(self._connection).reset is not ConnectionBase.reset:
             self._connection.reset()
 
-    def _never_began(self, problem: AnsibleConnectionFailure) -> bool:
-        """Return True if a failed first run has certainly not reached the machine."""
+    def _is_unstarted(self, problem: AnsibleConnectionFailure) -> bool:
+        """Return True if the failed run has certainly not reached the machine."""
         if isinstance(problem, AnsibleAuthenticationFailure):
             return True
-        # If there is a temporary folder, the machine was reached before, in the same task.
-        return self._connection._shell.tmpdir is None and any(words in str(problem) for words in NEVER_BEGAN)
+        # A temporary folder shows that this task has reached the machine before.
+        return self._connection._shell.tmpdir is None and any(words in str(problem) for words in UNSTARTED)
 
 
 def seconds_of(value: Any) -> int:
-    """Return the option as a number; 0 where it is none, since the module complains about that."""
+    """Return the option as a number. A value that is no number is 0 here; the module refuses it."""
     try:
         return max(int(value or 0), 0)
     except (TypeError, ValueError):
@@ -137,15 +137,15 @@ def _line(problem: Exception) -> str:
     return plain(problem, LINE).rstrip(".")
 
 
-def _merged(first: Result, second: Result) -> Result:
+def _merge(first: Result, second: Result) -> Result:
     """Merge two results: the first says what changed, the second that it was confirmed."""
     if second.get("failed") or not first:
         return second
     return {**first, "unconfirmed": False, "confirmed": True}
 
 
-def _with_crash(first: Result, what: str, seconds: int) -> Result:
-    """Add a sentence to the result of a module that crashed: it may have changed something before."""
+def _explain_crash(first: Result, what: str, seconds: int) -> Result:
+    """Add a sentence to the result of a module that crashed, since it may have changed something before."""
     if first.get("failed") and "unconfirmed" not in first and "module_stdout" in first:
         first["msg"] = (
             f"{first.get('msg', '')} The {what} that it may have changed are taken back by the machine within {seconds} s."

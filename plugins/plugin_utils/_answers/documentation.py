@@ -30,7 +30,7 @@ TEXT, NUMBER, YES_NO = Kind("str"), Kind("int"), Kind("bool")
 DIFFERENCE = Kind("dict", dict.fromkeys(("before", "after", "before_header", "after_header", "prepared"), TEXT))
 DIFFERENCES = Kind("list", each=DIFFERENCE)
 
-#: what Ansible's own part of a module answers
+#: the keys of Ansible's own part of a module
 COMMON: Mapping[str, Kind] = {
     "changed": YES_NO,
     "failed": YES_NO,
@@ -59,32 +59,32 @@ RUNS = {
 Answer = Mapping[str, Kind]
 
 
-def documented(module: str, text_of: Callable[[str], str]) -> Answer:
+def read_documentation(module: str, text_of: Callable[[str], str]) -> Answer:
     """Return the kinds of the keys that a module answers.
 
-    `text_of(module)` returns its source. Raises KeyError where that documents no answer.
+    `text_of(module)` returns its source. Raises KeyError if the module documents no answer.
     """
-    own = _section(text_of(module))
+    own = _read_section(text_of(module))
     for (name, key), (other, part) in ELSEWHERE.items():
         if name == module:
-            there = documented(other, text_of)
-            own[key] = there[part] if part else Kind("dict", there)
+            answer = read_documentation(other, text_of)
+            own[key] = answer[part] if part else Kind("dict", answer)
     for (name, key), modules in RUNS.items():
         if name == module:
-            own[key] = Kind("dict", {one: _runs(one, text_of) for one in modules})
+            own[key] = Kind("dict", {one: _run_list(one, text_of) for one in modules})
     own.pop("diff", None)  # in any module as Ansible has it
     return {**COMMON, **own}
 
 
-def _runs(module: str, text_of: Callable[[str], str]) -> Kind:
-    return Kind("list", each=Kind("dict", documented(module, text_of)))
+def _run_list(module: str, text_of: Callable[[str], str]) -> Kind:
+    return Kind("list", each=Kind("dict", read_documentation(module, text_of)))
 
 
-def _section(source: str) -> dict[str, Kind]:
-    found = SECTION.search(source)
-    if found is None:
+def _read_section(source: str) -> dict[str, Kind]:
+    section = SECTION.search(source)
+    if section is None:
         raise KeyError("RETURN")
-    return _kinds(yaml.load(found[1], _LOADER) or {})
+    return _kinds(yaml.load(section[1], _LOADER) or {})
 
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

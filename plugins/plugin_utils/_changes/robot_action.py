@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The one door by which answers of robots reach the controller: a module of the collection runs there, and what comes back is data."""
+"""The one door by which answers of robots reach the controller: each module of the collection runs by it, and its answer is data."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ from typing import Any
 from ansible.errors import AnsibleConnectionFailure, AnsibleError
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers.documented import Answer, documented
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers.documentation import (
+    Answer,
+    read_documentation,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     LINE,
     plain,
@@ -31,13 +34,13 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 MODULES = Path(__file__).resolve().parents[2] / "modules"
 LONGEST = 1800.0  # seconds for one answer; `timeout` of a task, or ANSIBLE_TASK_TIMEOUT, ends it earlier
 MEMORY = 96 << 20  # bytes for one answer while it comes: Ansible keeps all of it, in several copies
-LAST_WORDS = 20_000  # characters of what a module that crashed has written
+LAST_WORDS = 20_000  # characters of the output of a module that crashed
 
 Result = dict[str, Any]
 
 
 class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no types
-    """Runs the module of its own name on a robot. Only what the module documents comes back, within bounds."""
+    """Runs the module of its own name on a robot. Only documented values come back, within bounds."""
 
     _robot = "this computer"
 
@@ -47,58 +50,56 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
         return {**result, **self._execute_module(task_vars=task_vars)}
 
     def _execute_module(self, *args: Any, task_vars: dict[str, Any] | None = None, **options: Any) -> Result:
-        """Run a module; see ActionBase. Ansible asks the robot about its Python before, so that has bounds as well."""
+        """Run a module; see ActionBase. Ansible first asks the robot for its Python, so that answer has bounds as well."""
         self._robot = str((task_vars or {}).get("inventory_hostname", self._robot))
         result: Result = super()._execute_module(*args, task_vars=task_vars, **options)
         return result
 
     def _low_level_execute_command(self, *args: Any, **options: Any) -> Result:
-        """Run a command; see ActionBase. Its output has bounds, and what ssh says of a robot is plain text."""
+        """Run a command; see ActionBase. Its output has bounds, and the messages of ssh are plain text."""
         try:
-            with bounded(LONGEST, MEMORY):
-                said: Result = super()._low_level_execute_command(*args, **options)
-                return said
+            with limit_run(LONGEST, MEMORY):
+                output: Result = super()._low_level_execute_command(*args, **options)
+                return output
         except AnsibleConnectionFailure as problem:
             raise type(problem)(plain(problem, LINE)) from None
         except MemoryError:
             pass
-        # Raised here and as this, Ansible does not show where the memory ended.
-        raise AnsibleError(self._strange(f"more than {MEMORY >> 20} MiB"))
+        # An AnsibleError from here has no traceback of the place where the memory ended.
+        raise AnsibleError(self._explain_strange_answer(f"more than {MEMORY >> 20} MiB"))
 
     def _parse_returned_data(self, res: Mapping[str, Any], *profile: Any) -> Any:
-        """Let Ansible read the output of a module, of which no more is left than its answer; see ActionBase."""
-        return super()._parse_returned_data({**res, **self._taken(res)}, *profile)
+        """Let Ansible read the output of a module, which has only its answer left; see ActionBase."""
+        checked = {**res, "stdout": json.dumps(self._read_result(res)), "stderr": ""}
+        return super()._parse_returned_data(checked, *profile)
 
-    def _taken(self, res: Mapping[str, Any]) -> Result:
-        """Return what Ansible may read of an output: an answer, or a sentence that says why there is none."""
-        return {"stdout": json.dumps(self._result(res)), "stderr": ""}
-
-    def _result(self, res: Mapping[str, Any]) -> Result:
-        text = answer.found_in(str(res.get("stdout") or ""))
+    def _read_result(self, res: Mapping[str, Any]) -> Result:
+        """Return the answer in an output, or a failure with the reason why there is no answer."""
+        text = answer.find_answer(str(res.get("stdout") or ""))
         if not text:
-            return self._silent(res)
+            return self._explain_silence(res)
         try:
-            taken = answer.taken(text, answer_of(self._task.action.rpartition(".")[2]))
-        except answer.Strange as strange:
-            return {"failed": True, "msg": self._strange(str(strange))}
-        result = dict(taken.result)
+            checked = answer.check_answer(text, answer_of(self._task.action.rpartition(".")[2]))
+        except answer.StrangeAnswer as strange:
+            return {"failed": True, "msg": self._explain_strange_answer(str(strange))}
+        result = dict(checked.result)
         if "warnings" in result:  # Ansible shows them without the name of the robot
             result["warnings"] = [f"{self._robot} warns: {quote(text, LINE)}" for text in result["warnings"]]
-        if taken.left_out:
-            names = ", ".join(sorted(taken.left_out)[:3])
+        if checked.left_out:
+            names = ", ".join(sorted(checked.left_out)[:3])
             note = f"{self._robot}: {self._task.action} does not document {names} of its answer, so they are left out."
             result["warnings"] = [*result.get("warnings", []), note]
-        if taken.trace:
-            result["exception"] = taken.trace[-LAST_WORDS:]
+        if checked.trace:
+            result["exception"] = checked.trace[-LAST_WORDS:]
         return result
 
-    def _silent(self, res: Mapping[str, Any]) -> Result:
-        """Return the result of a module that has not answered: it could not run, or was killed."""
+    def _explain_silence(self, res: Mapping[str, Any]) -> Result:
+        """Return the result of a module without an answer: it could not run, or was killed."""
         words = [plain_lines(str(res.get(name) or "")[-LAST_WORDS:]) for name in ("stdout", "stderr")]
         last = next((line for text in reversed(words) for line in reversed(text.splitlines()) if line.strip()), "")
-        said = f"; it said last: {quote(last, LINE)}" if last else ""
+        ending = f"; it said last: {quote(last, LINE)}" if last else ""
         message = (
-            f"{self._robot}: {self._task.action} has not answered (exit status {res.get('rc')}){said}. Expected that "
+            f"{self._robot}: {self._task.action} has not answered (exit status {res.get('rc')}){ending}. Expected that "
             "ansible_python_interpreter is a Python 3.6 or later there, and that nothing ends it."
         )
         return {
@@ -109,49 +110,49 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
             "rc": res.get("rc"),
         }
 
-    def _strange(self, found: str) -> str:
+    def _explain_strange_answer(self, content: str) -> str:
         return (
-            f"{self._robot}: the answer to {self._task.action} is none of this module: found {found}; expected what its "
+            f"{self._robot}: the answer to {self._task.action} is none of this module: found {content}; expected what its "
             "documentation says. Something else than the module answers there: look at this computer before you trust it."
         )
 
 
 @functools.cache
 def answer_of(module: str) -> Answer:
-    """Return what a module of the collection answers."""
-    return documented(module, lambda name: (MODULES / f"{name}.py").read_text(encoding="utf-8"))
+    """Return the documented answer of a module of the collection."""
+    return read_documentation(module, lambda name: (MODULES / f"{name}.py").read_text(encoding="utf-8"))
 
 
-class _Expired(BaseException):
+class _Timeout(BaseException):
     """A timeout. It is no Exception, since connection plugins catch those and try again."""
 
 
 @contextlib.contextmanager
-def bounded(seconds: float, memory: int) -> Iterator[None]:
-    """Let what runs inside take so many seconds and bytes; programs that it started end with it.
+def limit_run(seconds: float, memory: int) -> Iterator[None]:
+    """Give the block so many seconds and bytes. After an error, the programs that it started end.
 
-    Raises AnsibleConnectionFailure after the time, and MemoryError.
+    Raises AnsibleConnectionFailure after the time, and MemoryError beyond the memory.
     """
-    before = set(_children())
+    before = set(_list_children())
     try:
-        with limited(seconds), _room(memory):
+        with limit_time(seconds), _limit_memory(memory):
             yield
     except BaseException:
-        for process in set(_children()) - before:
+        for process in set(_list_children()) - before:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
         raise
 
 
 @contextlib.contextmanager
-def limited(seconds: float) -> Iterator[None]:
+def limit_time(seconds: float) -> Iterator[None]:
     """Raise AnsibleConnectionFailure after this time. Without an answer, ssh waits as long as TCP does, for hours.
 
     The `timeout` of a task uses the same alarm. Where it is set, it limits the time already.
     """
 
     def ring(number: int, frame: FrameType | None) -> None:
-        raise _Expired
+        raise _Timeout
 
     if threading.current_thread() is not threading.main_thread() or signal.getitimer(signal.ITIMER_REAL)[0]:
         yield
@@ -160,7 +161,7 @@ def limited(seconds: float) -> Iterator[None]:
     signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         yield
-    except _Expired:
+    except _Timeout:
         raise AnsibleConnectionFailure(f"no answer within {seconds:.0f} s") from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
@@ -168,9 +169,9 @@ def limited(seconds: float) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _room(memory: int) -> Iterator[None]:
-    """Let this process, one of Ansible's workers, grow by so many bytes: MemoryError beyond. Only Linux counts them."""
-    used = _data()
+def _limit_memory(memory: int) -> Iterator[None]:
+    """Let this process, one of Ansible's workers, grow by so many bytes; MemoryError beyond. Only Linux counts them."""
+    used = _measure_memory()
     if not used:
         yield
         return
@@ -183,8 +184,8 @@ def _room(memory: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
-def _data() -> int:
-    """Return the bytes of data that this process has (proc_pid_status(5), VmData); 0 where that is not told."""
+def _measure_memory() -> int:
+    """Return the bytes of data that this process has (proc_pid_status(5), VmData); 0 if the system does not say it."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     except OSError:
@@ -192,10 +193,10 @@ def _data() -> int:
     return next((int(line.split()[1]) << 10 for line in lines if line.startswith("VmData:")), 0)
 
 
-def _children() -> list[int]:
-    """Return the processes that this one has started (proc_pid_task_children(5)); none where that is not told."""
-    found: list[int] = []
+def _list_children() -> list[int]:
+    """Return the processes that this one has started (proc_pid_task_children(5)); an empty list if the system does not say it."""
+    children: list[int] = []
     for path in Path("/proc/self/task").glob("*/children"):
         with contextlib.suppress(OSError):
-            found += map(int, path.read_text(encoding="ascii").split())
-    return found
+            children += map(int, path.read_text(encoding="ascii").split())
+    return children
