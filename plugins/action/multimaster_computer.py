@@ -11,7 +11,7 @@ from typing import Any
 
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import trees
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.guarded_action import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.confirmation import (
     GuardedAction,
     Result,
     seconds_of,

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.guarded_action import GuardedAction
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.confirmation import GuardedAction
 
 
 class ActionModule(GuardedAction):

@@ -150,7 +150,7 @@ def test_the_picture_in_the_documentation_is_this_table(tree):
 
 
 #: where actions share what needs Ansible's classes
-ACTIONS_SHARE = {"_changes/robot_action.py", "_changes/guarded_action.py", "_changes/trees.py"}
+ACTIONS_SHARE = {"_changes/robot_action.py", "_changes/confirmation.py", "_changes/trees.py"}
 
 
 def test_the_halves_do_not_know_each_other():

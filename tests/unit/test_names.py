@@ -53,9 +53,9 @@ DEEDS = {"from", "to", "as", "on"}
 #: folders of programs, which have nothing in common
 PROGRAMS = "lab/nodes"
 #: contracts of a table, the entry of each program, and the classes that Ansible looks for
-SHARED = {"main", "BackEnd", "CallbackModule", "ModuleDocFragment"}
-#: a module's file has the name that users write in their plays
-NAMED_BY_USERS = {"plugins/modules"}
+SHARED = {"main", "BackEnd", "CallbackModule", "ActionModule", "FilterModule", "ModuleDocFragment"}
+#: the file of a plugin has the name that users write in their plays
+NAMED_BY_USERS = {"plugins/action", "plugins/filter", "plugins/lookup", "plugins/modules"}
 
 
 def first_words(name):

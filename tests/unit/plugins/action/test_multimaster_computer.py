@@ -10,7 +10,7 @@ from ansible.errors import AnsibleConnectionFailure
 from ansible.playbook.task import Task
 from ansible.plugins.connection import ConnectionBase
 from ansible_collections.rosfleet.multimaster.plugins.action import multimaster_computer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import guarded_action
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import confirmation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment
 
 SYSCTL = {"settings": [], "confirm_within": 60}
@@ -50,7 +50,7 @@ class Kept(ConnectionBase):
 
 @pytest.fixture
 def play(monkeypatch):
-    monkeypatch.setattr(guarded_action, "PAUSE", 0.01)
+    monkeypatch.setattr(confirmation, "PAUSE", 0.01)
 
     def play(*answers, transport="ssh", check=False, **args):
         task = Task()

@@ -11,7 +11,7 @@ import pytest
 from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure
 from ansible.playbook.task import Task
 from ansible.plugins.connection import ConnectionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import guarded_action
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import confirmation
 
 UNCONFIRMED = {"changed": True, "unconfirmed": True, "diff": [1], "settings": ["first"]}
 CONFIRMED = {"changed": True, "unconfirmed": False, "diff": [], "settings": ["second"]}
@@ -45,10 +45,10 @@ class Keepless(Kept):
 @pytest.fixture
 def play(monkeypatch):
     """Run the action against a machine that answers so; returns the result, the runs' options and the connection."""
-    monkeypatch.setattr(guarded_action, "PAUSE", 0.01)
-    monkeypatch.setattr(guarded_action, "GRACE", 0.3)
-    monkeypatch.setattr(guarded_action.ConnectionBase, "reset", lambda self: pytest.fail("this one warns"))
-    Keepless.reset = guarded_action.ConnectionBase.reset
+    monkeypatch.setattr(confirmation, "PAUSE", 0.01)
+    monkeypatch.setattr(confirmation, "GRACE", 0.3)
+    monkeypatch.setattr(confirmation.ConnectionBase, "reset", lambda self: pytest.fail("this one warns"))
+    Keepless.reset = confirmation.ConnectionBase.reset
 
     def play(*answers, kind=Kept, transport="ssh", check=False, tmpdir=None, confirm_within=0.2, **args):
         task = Task()
@@ -69,9 +69,9 @@ def play(monkeypatch):
                 raise answer
             return dict(answer)
 
-        action = guarded_action.GuardedAction(task, connection, None, None, None, None)
+        action = confirmation.GuardedAction(task, connection, None, None, None, None)
         action._execute_module = execute
-        monkeypatch.setattr(guarded_action, "seconds_of", lambda value: value or 0)  # fractions, for a quick test
+        monkeypatch.setattr(confirmation, "seconds_of", lambda value: value or 0)  # fractions, for a quick test
         return action.run(task_vars={}), runs, connection
 
     return play
@@ -194,4 +194,4 @@ def test_no_switch_where_none_is_needed(play, options):
 
 @pytest.mark.parametrize(("value", "seconds"), [("30", 30), (30, 30), (None, 0), ("", 0), ("soon", 0), (-5, 0), (0, 0)])
 def test_seconds(value, seconds):
-    assert guarded_action.seconds_of(value) == seconds
+    assert confirmation.seconds_of(value) == seconds
