@@ -29,7 +29,7 @@ NODES = "roles/nodes/files/python/rosfleet_multimaster"
 sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
 
 from rosfleet_multimaster.discovery.core import report as links  # noqa: E402
-from rosfleet_multimaster.discovery.core.health import Seen, Shown  # noqa: E402
+from rosfleet_multimaster.discovery.core.health import LinkHealth, LinkList  # noqa: E402
 from rosfleet_multimaster.discovery.rpc_server import Refused, RpcServer  # noqa: E402
 from rosfleet_multimaster.discovery.served import OwnMaster, Served  # noqa: E402
 from rosfleet_multimaster.edge import journal  # noqa: E402
@@ -234,8 +234,8 @@ def through_diagnostics(text):
 
 
 def through_metrics(text):
-    seen = Seen(text, "http://own:11311/", True, 100.0, 0.1, 0, None)
-    return metrics.text(links.of_links(Shown([seen]))).split("\n")
+    seen = LinkHealth(text, "http://own:11311/", True, 100.0, 0.1, 0, None)
+    return metrics.text(links.link_samples(LinkList([seen]))).split("\n")
 
 
 def through_an_answer(text):

@@ -51,7 +51,7 @@ def core(**settings):
 
 def running(**settings):
     made = core(**settings)
-    made.own_state(OWN, 0.0)
+    made.take_own_state(OWN, 0.0)
     made.tick(6.0)
     made.actions.clear()
     return made
@@ -60,7 +60,7 @@ def running(**settings):
 def met(**settings):
     made = running(**settings)
     made.datagram(beat(), PEER, True, 10.0)
-    made.contacted(KEY, CONTACT, "", 10.0)
+    made.take_contact(KEY, CONTACT, "", 10.0)
     made.actions.clear()
     return made
 
@@ -149,7 +149,7 @@ def test_16_a2_no_packet_before_the_first_state():
     for now in range(2, 20):
         made.tick(float(now))
     assert sent(made) == []
-    made.own_state(OWN, 20.0)
+    made.take_own_state(OWN, 20.0)
     assert (Kind.STATE, None) in sent(made)
 
 
@@ -178,7 +178,7 @@ def test_16_a4_leave_on_shutdown_and_of_others():
     assert sent(made) == [(Kind.LEAVE, None)]
     made.datagram(beat(kind=Kind.LEAVE), PEER, True, 12.0)
     made.tick(12.2)
-    made.contacted(KEY, None, "Connection refused", 12.2, gone=True)
+    made.take_contact(KEY, None, "Connection refused", 12.2, gone=True)
     assert [event.change for event in take(made, Event)] == ["removed"]
 
 
@@ -195,14 +195,14 @@ def test_16_a4_versions_2_and_3_are_accepted_and_all_others_said_under_one_topic
 
 def test_16_a5_the_own_master_is_listed_and_announced():
     made = core()
-    made.own_state(OWN, 0.0)
+    made.take_own_state(OWN, 0.0)
     assert made.masters() == [OWN]
     assert take(made, Event) == [Event("new", OWN)]
 
 
 def test_16_a6_stamps_are_the_same_double_in_heartbeat_contacts_and_info():
     made = core()
-    made.own_state(Master("robot1", URI, "http://x:1", "/d", STATE.stamp, STATE.local_stamp, True), 0.0)
+    made.take_own_state(Master("robot1", URI, "http://x:1", "/d", STATE.stamp, STATE.local_stamp, True), 0.0)
     record = decode(take(made, Send)[0].datagram)
     info = document(STATE)
     assert record.stamp.seconds == float(info[0]) == float(stamp_text(STATE.stamp)) == STATE.stamp
@@ -286,7 +286,7 @@ def test_16_a9_a_costly_filter_is_refused():
 
 def test_15_1_a_change_is_repeated():
     made = running()
-    made.own_state(OWN._replace(stamp=1001.0), 20.0)
+    made.take_own_state(OWN._replace(stamp=1001.0), 20.0)
     for now in (20.0, 20.2, 20.5, 21.0, 22.0):
         made.tick(now)
     assert sent(made) == [(Kind.STATE, None)] * 3
@@ -302,9 +302,9 @@ def test_15_2_who_had_no_state_or_did_not_answer_is_asked_again(answer):
         made.tick(now)
         for action in take(made, Ask):
             asked.append(now)
-            made.contacted(action.key, answer, "timed out", now)
+            made.take_contact(action.key, answer, "timed out", now)
     made.tick(now + 6.0)
-    made.contacted(KEY, CONTACT, "", now + 6.0)
+    made.take_contact(KEY, CONTACT, "", now + 6.0)
     assert len(asked) == 3 and [event.change for event in take(made, Event)] == ["new"]
 
 
@@ -331,10 +331,10 @@ def test_15_9_a_leave_from_one_address_leaves_a_master_that_lives_at_another():
     made = met()
     second = ("10.0.0.2", 11511)
     made.datagram(beat(), second, True, 10.0)
-    made.contacted((*second, 11611), CONTACT, "", 10.0)
+    made.take_contact((*second, 11611), CONTACT, "", 10.0)
     made.datagram(beat(kind=Kind.LEAVE), PEER, True, 11.0)
     made.tick(11.5)
-    made.contacted(KEY, None, "Connection refused", 11.5, gone=True)
+    made.take_contact(KEY, None, "Connection refused", 11.5, gone=True)
     assert [event.change for event in take(made, Event)] == ["changed"]
     assert [master.monitor_uri for master in made.masters()] == [OWN.monitor_uri, "http://10.0.0.2:11611"]
 
@@ -347,7 +347,7 @@ def test_15_10_a_clock_that_steps_ends_nothing_and_every_change_is_another_stamp
     assert first.local_stamp != second.local_stamp != third.local_stamp
     made = running()
     for found in (first, second, third):
-        made.own_state(Master("robot1", URI, "http://x:1", "/d", found.stamp, found.local_stamp, True), 20.0)
+        made.take_own_state(Master("robot1", URI, "http://x:1", "/d", found.stamp, found.local_stamp, True), 20.0)
         record = decode(take(made, Send)[0].datagram)
         assert record.stamp.seconds == float(document(found)[0]) == float(stamp_text(found.stamp))
         assert record.local_stamp.seconds == float(document(found)[1])
@@ -358,7 +358,7 @@ def test_15_10_the_core_knows_no_wall_clock():
     world = World([one, two])
     world.run(20.0)
     for two.stamp in (990.0, 4600.0):  # its clock stepped by -10 s, then by an hour
-        two.core.own_state(two.master(), world.now)
+        two.core.take_own_state(two.master(), world.now)
         world.carry_out(two)
         world.run(world.now + 10.0)
         assert one.core.masters()[1].stamp == two.stamp and one.core.masters()[1].online
@@ -370,7 +370,7 @@ def test_15_11_one_silent_master_does_not_postpone_the_others():
     for number in range(1, 4):
         address = f"10.0.0.{number}"
         made.datagram(beat(rate=1.0), (address, 11511), True, 10.0)
-        made.contacted(
+        made.take_contact(
             (address, 11511, 11611), CONTACT._replace(uri=f"http://r{number}:1/", name=f"r{number}"), "", 10.0
         )
     now = 10.0
@@ -394,13 +394,13 @@ def test_15_12_the_pace_of_the_looks_is_a_parameter_and_nothing_lowers_it_for_go
 
 def test_15_17_a_dead_roscore_is_offline_and_its_state_is_told_to_nobody():
     made = running(heartbeat_hz=1.0)
-    assert made.own_failed(20.0, 21.5)
+    assert made.note_silent_roscore(20.0, 21.5)
     assert [(event.change, event.master.online) for event in take(made, Event)] == [("changed", False)]
     for now in (22.0, 23.0, 24.0):
         made.tick(now)
         made.datagram(beat(kind=Kind.REQUEST), PEER, True, now)
     assert sent(made) == []
-    made.own_failed(20.0, 25.5)
+    made.note_silent_roscore(20.0, 25.5)
     assert (Kind.LEAVE, None) in sent(made), "upstream's receivers learn it by this, ours by this or by silence"
 
 
@@ -408,11 +408,11 @@ def test_15_17_those_who_hear_of_it_forget_it_and_find_it_again():
     one, two = Robot("one", "10.0.0.1"), Robot("two", "10.0.0.2")
     world = World([one, two])
     world.run(20.0)
-    world.answered = lambda robot, action, contact, problem: robot.core.contacted(
+    world.answered = lambda robot, action, contact, problem: robot.core.take_contact(
         action.key, None, "no state", world.now, gone=True
     )
     for tenth in range(0, 80, 5):
-        two.core.own_failed(20.0, world.now)
+        two.core.note_silent_roscore(20.0, world.now)
         world.carry_out(two)
         world.run(20.0 + tenth / 10)
     assert [change for _now, change, master in one.events if master.uri == two.uri][-1] == "removed"

@@ -67,7 +67,7 @@ class Bystander:
         self.core = Discovery(Settings(heartbeat_hz=1.0), ["127.0.0.1", OWN_ADDRESS], RPC)
         self.contacts = {f"http://{PEER_ADDRESS}:{RPC}": PEER}
         self.now, self.beat_due, self.events, self.asked = 0.0, 0.5, [], []
-        self.core.own_state(OWN, 0.0)
+        self.core.take_own_state(OWN, 0.0)
         self.wait(2.0)
         self.events.clear()
 
@@ -92,7 +92,7 @@ class Bystander:
         for due, action in [item for item in self.asked if item[0] <= self.now]:
             self.asked.remove((due, action))
             contact = self.contacts.get(action.monitor_uri)
-            self.core.contacted(action.key, contact, "" if contact else "timed out", self.now)
+            self.core.take_contact(action.key, contact, "" if contact else "timed out", self.now)
         assert len(self.core.actions) <= 2 * MAX_ASKED + 8 + 2 * len(self.core.peers.table)
         while self.core.actions:
             action = self.core.actions.popleft()
@@ -174,7 +174,7 @@ def test_a_leave_is_not_believed_because_one_check_of_it_came_to_nothing(problem
     robot.core.datagram(encode(Heartbeat(Kind.LEAVE, RPC)), (PEER_ADDRESS, PORT), False, robot.now)
     robot.core.tick(robot.now + 0.9)
     (asked,) = [action for action in robot.core.actions if isinstance(action, Ask)]
-    robot.core.contacted(asked.key, None, problem, robot.now + 0.95)
+    robot.core.take_contact(asked.key, None, problem, robot.now + 0.95)
     assert robot.master(PEER.uri).online
 
 
@@ -408,13 +408,13 @@ def test_a_true_state_comes_back_over_the_wire(publishers, subscribers, services
 @given(st.lists(values, max_size=6) | hostile)
 def test_any_contact_is_one_that_can_be_shown_or_refused(answer):
     with contextlib.suppress(ValueError):
-        contact = Contact.of(answer)
+        contact = Contact.from_answer(answer)
         assert "".join(contact[1:]).isprintable()
 
 
 def test_a_masters_name_cannot_speak_to_the_service_manager():
     with pytest.raises(ValueError, match="name"):
-        Contact.of(["1.0", "http://peer:11311/", "peer\nMAINPID=1", "/master_discovery"])
+        Contact.from_answer(["1.0", "http://peer:11311/", "peer\nMAINPID=1", "/master_discovery"])
 
 
 @given(st.lists(texts, max_size=4) | values)

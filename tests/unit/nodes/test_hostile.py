@@ -32,8 +32,8 @@ def running(members):
     core = Discovery(
         Settings(heartbeat_hz=1.0), ["127.0.0.1", "192.168.1.202"], 11611, Members.from_parameters(members)
     )
-    core.in_networks(Networks(["192.168.1.202/24"]))
-    core.own_state(OWN, 0.0)
+    core.take_networks(Networks(["192.168.1.202/24"]))
+    core.take_own_state(OWN, 0.0)
     return core
 
 
@@ -66,7 +66,7 @@ class Fleet:
                 there = self.alive and action.monitor_uri == f"http://{ADDRESS}:11611"
                 answer = KNOWN if there else None if action.key[0] == ADDRESS else self.answer
                 gone = answer is None and self.closed
-                self.core.contacted(action.key, answer, "timed out", self.now, gone=gone)
+                self.core.take_contact(action.key, answer, "timed out", self.now, gone=gone)
             elif isinstance(action, Event):
                 self.events.append((self.now, action.change, action.master))
             elif isinstance(action, Say):
@@ -147,7 +147,7 @@ def test_a_rogue_is_named_once():
     fleet.go(60.0, [(at, ROGUE, 11511, beat()) for at in range(2, 60)])
     said = [text for text in fleet.said if ROGUE in text]
     assert len(said) == 1 and said[0].startswith(f'"rogue" (http://rogue:11311/) at {ROGUE} is ignored: ')
-    assert [outsider.name for outsider in fleet.core.outsiders.shown()] == ["rogue"]
+    assert [outsider.name for outsider in fleet.core.outsiders.list_ignored()] == ["rogue"]
 
 
 def test_a_member_with_another_port_than_the_planned_one_is_named_with_the_reason():
@@ -155,8 +155,8 @@ def test_a_member_with_another_port_than_the_planned_one_is_named_with_the_reaso
     fleet.core.datagram(beat(port=11999), (ADDRESS, 11511), True, 0.0)
     fleet.core.tick(0.1)
     (key,) = [action.key for action in fleet.core.actions if isinstance(action, Ask)]
-    fleet.core.contacted(key, KNOWN, "", 0.2)
-    (outsider,) = fleet.core.outsiders.shown()
+    fleet.core.take_contact(key, KNOWN, "", 0.2)
+    (outsider,) = fleet.core.outsiders.list_ignored()
     assert outsider.why == "its discovery answers at port 11999, which is not the planned one"
 
 

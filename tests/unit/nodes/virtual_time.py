@@ -72,7 +72,7 @@ class World:
         self.now = until
 
     def start(self, robot):
-        robot.core.own_state(robot.master(), self.now)
+        robot.core.take_own_state(robot.master(), self.now)
         self.carry_out(robot)
 
     def carry_out(self, robot):
@@ -123,5 +123,5 @@ class World:
         if robot.alive:
             if contact is not None:
                 robot.last_heard[action.key[0]] = self.now
-            robot.core.contacted(action.key, contact, problem, self.now)
+            robot.core.take_contact(action.key, contact, problem, self.now)
             self.carry_out(robot)

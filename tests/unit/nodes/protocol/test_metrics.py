@@ -12,7 +12,7 @@ import subprocess
 import pytest
 import yaml
 from rosfleet_multimaster.discovery.core import report as links
-from rosfleet_multimaster.discovery.core.health import Answer, Seen, Shown
+from rosfleet_multimaster.discovery.core.health import Answer, LinkHealth, LinkList
 from rosfleet_multimaster.protocol import metrics
 from rosfleet_multimaster.protocol.messages import Registration
 from rosfleet_multimaster.sync.core import report as registrations
@@ -20,11 +20,11 @@ from rosfleet_multimaster.sync.core.sync import Refusal
 
 ROOT = pathlib.Path(__file__).parents[4]
 HOSTILE = 'a"b\\c\nd\x1b[31m\u202e{}=,#'
-LINKS = Shown(
+LINKS = LinkList(
     [
-        Seen("tibi-visio", "http://tibi-visio:11311/", True, 98.0, 0.4, 2, Answer(0.0021, -0.0375)),
-        Seen("dabo-nav", "http://dabo-nav:11311/", False, -1.0, None, 0, None),
-        Seen(HOSTILE, "http://x:1/", True, 0.0, 1e6, 1, Answer(3.0, 1e9)),
+        LinkHealth("tibi-visio", "http://tibi-visio:11311/", True, 98.0, 0.4, 2, Answer(0.0021, -0.0375)),
+        LinkHealth("dabo-nav", "http://dabo-nav:11311/", False, -1.0, None, 0, None),
+        LinkHealth(HOSTILE, "http://x:1/", True, 0.0, 1e6, 1, Answer(3.0, 1e9)),
     ],
     7,
 )
@@ -39,7 +39,7 @@ def everything():
         **metrics.node_samples("/master_sync", 1763826000.25, 0, 12345),
         "multimaster_malformed_total": {("datagram",): 3, ("request",): 0},
         "multimaster_registration_changes_total": {(what,): 5 for what in metrics.CHANGES},
-        **links.of_links(LINKS),
+        **links.link_samples(LINKS),
         **registrations.of_refusals([Refusal("node", "/a", "tibi", "http://a", "b")], {"node": 4}),
         **registrations.of_registrations({"http://tibi-visio:11311/": "tibi-visio", "http://x:1/": HOSTILE}, held),
     }

@@ -13,7 +13,7 @@ from .discovery.contacts import Contacts
 from .discovery.core import report
 from .discovery.core.actions import Ask, Event, Say, Send
 from .discovery.core.discovery import Discovery
-from .discovery.core.health import Health, Shown
+from .discovery.core.health import Health, LinkList
 from .discovery.core.outsiders import Outsider
 from .discovery.core.peer import Contact, Key
 from .discovery.core.peers import FAR
@@ -156,7 +156,7 @@ class MasterDiscovery:
     def _event(self, event: Event) -> None:
         master, before = event.master, self.told.get(event.master.uri)
         self.told[master.uri] = master
-        self.health.changed(event.change, before, master)
+        self.health.take_event(event.change, before, master)
         self.display.changed()
         if event.change == "removed":
             del self.told[master.uri]
@@ -186,7 +186,7 @@ class MasterDiscovery:
             notify(f"STATUS={text}")
 
     def _report(self) -> None:
-        before, self.outsiders = self.outsiders, tuple(self.core.outsiders.shown())
+        before, self.outsiders = self.outsiders, tuple(self.core.outsiders.list_ignored())
         if self.node is None:
             return
         self.node.links(self.own.name, lambda: self.core.links(monotonic()), wall_clock())
@@ -197,13 +197,13 @@ class MasterDiscovery:
             self.display.changed()
         self.display.look(self.diagnostics)
 
-    def _links(self) -> Shown:
+    def _links(self) -> LinkList:
         return self.health.links(self.masters, self.core.links(monotonic()))
 
     def _entries(self) -> List[Diagnosis]:
         """The entries of /diagnostics."""
         own = report.roscore(self.own.uri, self.own.away, self.source.refused)
-        return [own, *report.links(self._links()), report.ignored(self.outsiders)]
+        return [own, *report.links(self._links()), report.outsiders(self.outsiders)]
 
     def _samples(self) -> metrics.Samples:
         return {
@@ -219,7 +219,7 @@ class MasterDiscovery:
                 ("datagram",): self.core.malformed,
                 ("request",): self.malformed_requests,
             },
-            **report.of_links(self._links()),
+            **report.link_samples(self._links()),
         }
 
     def _pause_of_looks(self) -> float:
@@ -233,7 +233,7 @@ class MasterDiscovery:
 
     def _look_at_networks(self) -> None:
         try:
-            self.core.in_networks(Networks(networks()))
+            self.core.take_networks(Networks(networks()))
         except OSError:  # the kernel is busy: in a second again
             pass
 
@@ -247,7 +247,7 @@ class MasterDiscovery:
         self.core.datagram(datagram.data, datagram.source, datagram.multicast, now)
 
     def _moved(self) -> None:
-        self.core.own_moved(self.datagrams.own_addresses)
+        self.core.take_addresses(self.datagrams.own_addresses)
         self._carry_out()
 
     def _opened(self, now: float) -> None:
@@ -261,7 +261,7 @@ class MasterDiscovery:
     def _contacted(self, key: Key, contact: Optional[Contact], problem: str, gone: bool, fault: bool) -> bool:
         if contact is not None and contact.uri == self.own.uri:  # perhaps this node itself, at a new address
             self._look_at_addresses()
-        return self.core.contacted(key, contact, problem, monotonic(), gone=gone, fault=fault)
+        return self.core.take_contact(key, contact, problem, monotonic(), gone=gone, fault=fault)
 
     def _polled(self, state: State, do_not_sync: Any = None) -> None:
         if self.own.away and self.own.state is not None:
@@ -286,12 +286,12 @@ class MasterDiscovery:
         master = self.own.announced(self.datagrams.place[0])
         self.shown = None if master is None else master.local_stamp
         if master is not None:
-            self.core.own_state(master, now)
+            self.core.take_own_state(master, now)
             self._carry_out()  # at once: who sees READY=1 or the node finds the own master
 
     def _no_roscore(self, problem: str, since: float) -> None:
         """Nothing of a dead roscore is announced or served; but one that fails once is not dead."""
-        if self.core.own_failed(since, monotonic()):
+        if self.core.note_silent_roscore(since, monotonic()):
             if not self.own.away:
                 program.LOG.error("the roscore at %s does not answer: %s", self.roscore.rpc.uri, problem)
                 notify(f"STATUS=the roscore at {self.roscore.rpc.uri} does not answer")

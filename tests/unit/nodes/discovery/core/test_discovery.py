@@ -6,7 +6,7 @@ import pytest
 from fleet_of_one import TIBI, URI
 from rosfleet_multimaster.discovery.core.actions import STRANGER_LIMIT, Ask, Event, Say, Send
 from rosfleet_multimaster.discovery.core.discovery import Discovery
-from rosfleet_multimaster.discovery.core.peer import Contact, Peer, misnamed
+from rosfleet_multimaster.discovery.core.peer import Contact, Peer, find_name_problem
 from rosfleet_multimaster.discovery.core.peers import ECHO, MAX_MASTERS, MAX_PER_ADDRESS, RETURNED, Peers
 from rosfleet_multimaster.discovery.core.strangers import MAX_ASKED, MAX_STRANGERS
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, decode, encode
@@ -59,7 +59,7 @@ def leave():
 
 def started(**settings):
     core = node(**settings)
-    core.own_state(OWN, 0.0)
+    core.take_own_state(OWN, 0.0)
     for now in (0.2, 1.0, 5.0, 10.0):
         core.tick(now)
     take(core)
@@ -70,7 +70,7 @@ def met(**settings):
     """A core that knows one other master, heard last at 10 s."""
     core = started(**settings)
     core.datagram(state(), PEER, True, 10.0)
-    core.contacted(KEY, CONTACT, "", 10.0)
+    core.take_contact(KEY, CONTACT, "", 10.0)
     take(core)
     return core
 
@@ -100,7 +100,7 @@ def run(core, begin, end, step=0.25):
             elif isinstance(action, Event):
                 events.append((now, action.change, action.master.online))
             elif isinstance(action, Ask):
-                core.contacted(action.key, None, REFUSED, now)
+                core.take_contact(action.key, None, REFUSED, now)
         now += step
     return out, events
 
@@ -117,14 +117,14 @@ def test_nothing_is_sent_before_the_first_state():
 
 def test_state_and_requests_at_the_start_to_group_and_hosts():
     core = node(robot_hosts=["peer"])
-    core.own_state(OWN, 0.0)
+    core.take_own_state(OWN, 0.0)
     both = [(Kind.STATE, None), (Kind.STATE, "peer"), (Kind.REQUEST, None), (Kind.REQUEST, "peer")]
     assert sent(core) == both
 
 
 def test_a_change_is_announced_at_once_and_twice_again():
     core = started(heartbeat_hz=0.02)
-    core.own_state(OWN._replace(stamp=1001.0), 20.0)
+    core.take_own_state(OWN._replace(stamp=1001.0), 20.0)
     out, _events = run(core, 20.0, 22.0, 0.1)
     assert [round(now, 1) for now, kind, host in out if kind is Kind.STATE] == [20.0, 20.2, 21.0]
 
@@ -133,7 +133,7 @@ def test_a_change_is_announced_at_once_and_twice_again():
 def test_what_is_of_others_is_told_with_the_next_beat_where_that_comes_soon(rate, local, beats):
     core = started(heartbeat_hz=rate)
     run(core, 0.25, 20.25)
-    core.own_state(OWN._replace(stamp=1001.0, local_stamp=local), 20.4)
+    core.take_own_state(OWN._replace(stamp=1001.0, local_stamp=local), 20.4)
     out, _events = run(core, 20.4, 22.2, 0.1)
     told = [now for now, kind, _host in out if kind is Kind.STATE]
     assert len(told) == beats
@@ -172,7 +172,7 @@ def test_a_flood_of_beats_of_a_known_master_is_not_remembered():
 
 def test_the_announced_stamps_are_those_of_the_state():
     core = node()
-    core.own_state(OWN._replace(stamp=1700000000.123456, local_stamp=1700000000.0), 0.0)
+    core.take_own_state(OWN._replace(stamp=1700000000.123456, local_stamp=1700000000.0), 0.0)
     record = decode(take(core, Send)[0].datagram)
     assert record.stamp.seconds == 1700000000.123456
     assert record.local_stamp.seconds == 1700000000.0
@@ -204,7 +204,7 @@ def test_a_flood_of_requests_is_not_answered_by_a_flood():
 
 def test_without_multicast_the_known_masters_are_told():
     core = met(send_mcast=False, listen_mcast=False, robot_hosts=["third"])
-    core.own_state(OWN._replace(stamp=1001.0), 20.0)
+    core.take_own_state(OWN._replace(stamp=1001.0), 20.0)
     assert sent(core) == [(Kind.STATE, "third"), (Kind.STATE, PEER[0])]
 
 
@@ -234,7 +234,7 @@ def test_a_new_master_is_asked_who_it_is():
     core = started()
     core.datagram(state(), PEER, True, 10.0)
     assert take(core) == [Ask(KEY, "http://192.168.1.239:11611", STRANGER_LIMIT, True)]
-    core.contacted(KEY, CONTACT, "", 10.1)
+    core.take_contact(KEY, CONTACT, "", 10.1)
     assert changes(core) == [("new", "kobuki2computer", True)]
 
 
@@ -242,12 +242,12 @@ def test_it_is_asked_again_where_it_does_not_answer_or_has_no_state_yet():
     core = started()
     core.datagram(state(), PEER, True, 10.0)
     take(core)
-    core.contacted(KEY, CONTACT._replace(stamp=0.0), "", 10.0)
+    core.take_contact(KEY, CONTACT._replace(stamp=0.0), "", 10.0)
     core.tick(10.9)
     assert take(core, Ask) == []
     core.tick(11.0)
     assert len(take(core, Ask)) == 1
-    core.contacted(KEY, None, REFUSED, 11.0)
+    core.take_contact(KEY, None, REFUSED, 11.0)
     core.tick(15.9)
     assert take(core, Ask) == []
     core.tick(16.0)
@@ -288,11 +288,11 @@ def test_two_addresses_of_one_master_are_one_master():
     core = met()
     second = ("10.0.0.2", 11511)
     core.datagram(state(), second, True, 11.0)
-    core.contacted((*second, 11611), CONTACT, "", 11.0)
+    core.take_contact((*second, 11611), CONTACT, "", 11.0)
     assert changes(core) == []
     core.datagram(leave(), PEER, True, 12.0)
     core.tick(12.2)
-    core.contacted(KEY, None, REFUSED, 12.2, gone=True)
+    core.take_contact(KEY, None, REFUSED, 12.2, gone=True)
     assert [(event.change, event.master.monitor_uri) for event in take(core, Event)] == [
         ("changed", "http://10.0.0.2:11611")
     ]
@@ -301,12 +301,12 @@ def test_two_addresses_of_one_master_are_one_master():
 def test_a_gateway_may_have_its_name_in_the_network_of_its_robot():
     """It is heard from its address in the common network; whether its name leads to it shows who answers there."""
     heard, named = "192.168.1.239", "192.168.11.101"
-    assert misnamed(CONTACT, heard, heard, None) == ""
-    assert misnamed(CONTACT, heard, named, CONTACT._replace(stamp=2001.0)) == ""
+    assert find_name_problem(CONTACT, heard, heard, None) == ""
+    assert find_name_problem(CONTACT, heard, named, CONTACT._replace(stamp=2001.0)) == ""
     for there in (None, CONTACT._replace(uri="http://other:11311/")):
-        problem = misnamed(CONTACT, heard, named, there)
+        problem = find_name_problem(CONTACT, heard, named, there)
         assert f"kobuki2computer resolves to {named}" in problem and f"heard from {heard}" in problem
-    assert "kobuki2computer has no address" in misnamed(CONTACT, heard, "", None)
+    assert "kobuki2computer has no address" in find_name_problem(CONTACT, heard, "", None)
 
 
 def test_one_name_or_one_uri_for_two_masters_is_reported():
@@ -316,7 +316,7 @@ def test_one_name_or_one_uri_for_two_masters_is_reported():
         ("10.0.0.4", CONTACT._replace(uri=OWN.uri)),
     ):
         core.datagram(state(), (address, 11511), True, 11.0)
-        core.contacted((address, 11511, 11611), contact, "", 11.0)
+        core.take_contact((address, 11511, 11611), contact, "", 11.0)
     texts = [action.text for action in take(core, Say)]
     assert any("two masters are called kobuki2computer" in text for text in texts)
     assert any("ROS_HOSTNAME" in text for text in texts)
@@ -329,7 +329,7 @@ def heard_from_two_addresses(answers):
     second = ("10.0.0.2", 11511)
     for source in (PEER, second):
         core.datagram(state(rate=1.0), source, True, 10.0)
-        core.contacted((*source, 11611), CONTACT, "", 10.0)
+        core.take_contact((*source, 11611), CONTACT, "", 10.0)
     take(core)
     shown, asked = [], []
     for tenth in range(1, 100):
@@ -341,7 +341,7 @@ def heard_from_two_addresses(answers):
         for due, key in [one for one in asked if one[0] <= now]:
             asked.remove((due, key))
             lives = answers or key[0] == second[0]
-            core.contacted(key, CONTACT if lives else None, "timed out", now)
+            core.take_contact(key, CONTACT if lives else None, "timed out", now)
         for event in take(core, Event):
             shown.append((now, event.change, event.master.monitor_uri, event.master.online))
     return shown
@@ -363,7 +363,7 @@ def test_whoever_answers_with_the_uri_of_another_robot_is_named():
     second = ("10.0.0.2", 11511)
     for source in (PEER, second):
         core.datagram(state(rate=1.0), source, True, 10.0)
-        core.contacted((*source, 11611), CONTACT, "", 10.0)
+        core.take_contact((*source, 11611), CONTACT, "", 10.0)
     (said,) = [action.text for action in take(core, Say) if "10.0.0.2" in action.text]
     assert "answers at 192.168.1.239 and at 10.0.0.2: it stays where it is" in said
 
@@ -372,8 +372,8 @@ def test_an_own_address_that_is_new_is_not_another_master():
     core = started()
     new = ("10.5.5.5", 11511)
     core.datagram(state(), new, True, 11.0)
-    core.own_moved(["127.0.0.1", "192.168.1.229", new[0]])
-    core.contacted((*new, 11611), CONTACT._replace(uri=OWN.uri), "", 11.1)
+    core.take_addresses(["127.0.0.1", "192.168.1.229", new[0]])
+    core.take_contact((*new, 11611), CONTACT._replace(uri=OWN.uri), "", 11.1)
     core.datagram(state(), new, True, 12.0)
     assert take(core, Say) == [] and [master.uri for master in core.masters()] == [OWN.uri]
 
@@ -396,7 +396,7 @@ def flooded(core, seconds, senders, meet, begin=20.0):
         for due, key in [one for one in running if one[0] <= now]:
             running.remove((due, key))
             real = key == (*meet, 11611)
-            core.contacted(key, CONTACT if real else None, "" if real else TIMED_OUT, now)
+            core.take_contact(key, CONTACT if real else None, "" if real else TIMED_OUT, now)
             met = now - begin - 1.0 if real and met is None else met
         core.tick(now)
         assert len(running) <= MAX_ASKED
@@ -459,7 +459,7 @@ def test_one_address_has_few_masters_and_the_one_that_is_heard_stays():
         core.datagram(state(), PEER, True, now)
         core.datagram(state(), (PEER[0], port), True, now)
         for action in take(core, Ask):
-            core.contacted(action.key, CONTACT, "", now)
+            core.take_contact(action.key, CONTACT, "", now)
     assert len(core.peers.table) == MAX_PER_ADDRESS and KEY in core.peers.table
 
 
@@ -473,7 +473,7 @@ def test_leave_of_a_master_that_no_longer_answers():
     assert take(core, Ask) == []
     core.tick(11.2)
     assert len(take(core, Ask)) == 1
-    core.contacted(KEY, None, REFUSED, 11.2, gone=True)
+    core.take_contact(KEY, None, REFUSED, 11.2, gone=True)
     assert changes(core) == [("removed", "kobuki2computer", False)]
     assert [master.name for master in core.masters()] == ["kobuki1computer"]
 
@@ -486,7 +486,7 @@ def test_leave_of_a_computer_that_is_off():
         core.tick(now)
         for action in take(core, Ask):
             now += action.limit
-            core.contacted(action.key, None, TIMED_OUT, now)
+            core.take_contact(action.key, None, TIMED_OUT, now)
     assert now < 11.0 + 4.5
 
 
@@ -505,7 +505,7 @@ def test_leaves_with_the_true_address_for_minutes_remove_nobody(answers):
         for action in take(core, Ask):
             asked += 1
             late = answers != "always" and asked % 2
-            core.contacted(action.key, None if late else CONTACT, TIMED_OUT if late else "", now)
+            core.take_contact(action.key, None if late else CONTACT, TIMED_OUT if late else "", now)
         assert not [event for event in take(core, Event) if event.change == "removed" or not event.master.online]
     assert asked <= 2 * 180, "and not every LEAVE is a connection"
     out, events = run(core, now, now + 10.0)
@@ -553,7 +553,7 @@ def test_any_answer_is_a_sign_of_life():
     core.datagram(state(rate=1.0), PEER, True, 10.0)
     for now in (13.0, 16.0, 19.0):
         assert [type(action) for action in wait(core, now - 2.75, now) if not isinstance(action, Send)] == [Ask]
-        core.contacted(KEY, CONTACT, "", now)
+        core.take_contact(KEY, CONTACT, "", now)
     wait(core, 19.25, 22.0)
     core.datagram(request(), PEER, False, 22.0)
     _out, events = run(core, 22.0, 30.0, 0.05)
@@ -564,11 +564,11 @@ def test_an_answer_brings_a_change_whose_datagrams_were_lost_but_no_old_state():
     core = met()
     core.datagram(state(2000, rate=1.0), PEER, True, 10.0)
     wait(core, 10.25, 13.0)
-    core.contacted(KEY, CONTACT._replace(stamp=2005.5), "", 13.1)
+    core.take_contact(KEY, CONTACT._replace(stamp=2005.5), "", 13.1)
     assert [event.master.stamp for event in take(core, Event)] == [2005.5]
     assert [type(action) for action in wait(core, 13.25, 16.0) if not isinstance(action, Send)] == [Ask]
     core.datagram(state(2009, rate=1.0), PEER, True, 16.1)
-    core.contacted(KEY, CONTACT._replace(stamp=2005.5), "", 16.2)
+    core.take_contact(KEY, CONTACT._replace(stamp=2005.5), "", 16.2)
     assert [event.master.stamp for event in take(core, Event)] == [2009.0]
 
 
@@ -651,9 +651,9 @@ def test_back_online_is_a_change_and_it_is_asked_again_who_it_is():
 def test_a_robot_at_its_planned_place_is_asked_again_who_it_is_once_its_topics_had_their_time():
     there, contact = (TIBI["addresses"][0], 11511), CONTACT._replace(uri=URI, name=TIBI["name"])
     core = Discovery(Settings(), ["192.168.1.229"], 11611, Members.from_parameters({"members": [TIBI]}))
-    core.own_state(OWN, 0.0)
+    core.take_own_state(OWN, 0.0)
     core.datagram(state(rate=1.0), there, True, 1.0)
-    core.contacted((there[0], 0, 11611), contact, "", 1.0)
+    core.take_contact((there[0], 0, 11611), contact, "", 1.0)
     run(core, 1.0, 10.0)
     asked, events = [], []
     for quarter in range(40, 70):
@@ -679,24 +679,24 @@ def test_removal_can_be_switched_off():
 
 def test_a_dead_roscore_is_not_announced_as_alive():
     core = met(heartbeat_hz=1.0)
-    assert core.own_failed(10.5, 11.6)
+    assert core.note_silent_roscore(10.5, 11.6)
     assert changes(core) == [("changed", "kobuki1computer", False)]
     core.datagram(request(), PEER, True, 11.7)
     out, _events = run(core, 11.75, 15.25)
     assert out == []
-    assert core.own_failed(10.5, 15.5)
+    assert core.note_silent_roscore(10.5, 15.5)
     out, _events = run(core, 15.5, 20.0)
     assert [kind for _now, kind, _host in out] + [kind for kind, _host in sent(core)] == [Kind.LEAVE] * 3
-    core.own_state(OWN, 21.0)
+    core.take_own_state(OWN, 21.0)
     assert (Kind.STATE, None) in sent(core)
 
 
 def test_a_roscore_that_fails_for_a_moment_is_not_dead():
     core = met(heartbeat_hz=1.0)
-    assert not core.own_failed(10.5, 10.6) and not core.own_failed(10.5, 11.5)
+    assert not core.note_silent_roscore(10.5, 10.6) and not core.note_silent_roscore(10.5, 11.5)
     assert changes(core) == [] and core.masters()[0].online
-    core.own_state(OWN, 11.6)
-    assert not core.own_failed(12.0, 12.0)
+    core.take_own_state(OWN, 11.6)
+    assert not core.note_silent_roscore(12.0, 12.0)
     assert changes(core) == []
 
 
@@ -720,7 +720,7 @@ def test_the_next_tick_is_never_late():
     core = met(heartbeat_hz=0.5)
     core.tick(20.0)
     assert 20.0 < core.next_tick() <= 21.0
-    core.own_state(OWN._replace(stamp=1001.0), 20.5)
+    core.take_own_state(OWN._replace(stamp=1001.0), 20.5)
     assert core.next_tick() == pytest.approx(20.7)
 
 
@@ -739,7 +739,7 @@ ANSWER = ["2000.000000000", "http://kobuki2computer:11311/", "kobuki2computer", 
 
 
 def test_the_answer_of_another_discovery_node():
-    assert Contact.of(ANSWER) == CONTACT
+    assert Contact.from_answer(ANSWER) == CONTACT
 
 
 @pytest.mark.parametrize(
@@ -763,7 +763,7 @@ def test_the_answer_of_another_discovery_node():
 )
 def test_an_answer_that_cannot_be_used_is_refused(at, value):
     with pytest.raises(ValueError):
-        Contact.of([*ANSWER[:at], value, *ANSWER[at + 1 :]])
+        Contact.from_answer([*ANSWER[:at], value, *ANSWER[at + 1 :]])
 
 
 def test_a_full_list_of_masters_takes_a_new_one_later(monkeypatch):
@@ -776,7 +776,7 @@ def test_a_full_list_of_masters_takes_a_new_one_later(monkeypatch):
         for action in take(core, Ask):
             known = action.key[0] == new[0]
             contact = CONTACT._replace(uri="http://new:11311/", name="new") if known else None
-            core.contacted(action.key, contact, "" if known else TIMED_OUT, float(now))
+            core.take_contact(action.key, contact, "" if known else TIMED_OUT, float(now))
     assert core.strangers.refused == 1 and [master.name for master in core.masters()[1:]] == ["new"]
 
 
@@ -787,7 +787,7 @@ def looks(monkeypatch, masters):
         address = f"192.168.2.{number}"
         core.datagram(state(rate=1.0), (address, 11511), True, 10.0)
         contact = Contact(2000.0, f"http://robot{number}:11311/", f"robot{number}", "/master_discovery")
-        core.contacted((address, 11511, 11611), contact, "", 10.0)
+        core.take_contact((address, 11511, 11611), contact, "", 10.0)
     take(core)
     with monkeypatch.context() as patch:
         steps, master = Peers._steps, Peer.master

@@ -6,7 +6,7 @@ import math
 
 import pytest
 from fleet_of_one import ROUTER, TIBI, URI
-from rosfleet_multimaster.discovery.core.health import ANY, EACH, MOST, NAME, Answer, Health, Shown, answer_of
+from rosfleet_multimaster.discovery.core.health import ANY, EACH, MOST, NAME, Answer, Health, LinkList, read_answer
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Link, Master
 
@@ -31,18 +31,18 @@ def health(members=()):
 
 def test_each_loss_is_counted_also_where_the_master_is_removed_at_once():
     seen = health()
-    seen.changed("new", None, master())
+    seen.take_event("new", None, master())
     for before, now in ((True, False), (False, True), (True, False), (False, False)):
-        seen.changed("changed", master(online=before), master(online=now))
+        seen.take_event("changed", master(online=before), master(online=now))
     (link,) = seen.links([master(online=False)], []).links
     assert (link.losses, link.online, link.silent, link.quality) == (2, False, None, -1.0)
-    seen.changed("removed", master(), master(online=False))
+    seen.take_event("removed", master(), master(online=False))
     assert seen.links([master()], []).links[0].losses == 0, "who belongs to nobody is forgotten"
 
 
 def test_the_losses_of_a_robot_of_the_fleet_stay_while_it_is_gone():
     seen = health([TIBI])
-    seen.changed("removed", master(uri=URI), master(uri=URI, online=False))
+    seen.take_event("removed", master(uri=URI), master(uri=URI, online=False))
     (link,) = seen.links([], []).links
     assert (link.name, link.online, link.losses) == ("tibi-visio", False, 1)
 
@@ -92,15 +92,15 @@ def test_a_hundred_masters_cost_no_more_questions_than_ten():
 def test_an_answer_is_kept_until_the_master_is_lost():
     seen, answer = health(), Answer(0.002, 0.3)
     seen.question([master()], 0.0)
-    seen.answered(master().uri, answer)
-    seen.answered("http://never.asked/", answer)
+    seen.take_answer(master().uri, answer)
+    seen.take_answer("http://never.asked/", answer)
     assert seen.links([master()], []).links[0].answer == answer
-    seen.changed("changed", master(), master(online=False))
+    seen.take_event("changed", master(), master(online=False))
     assert seen.links([master()], []).links[0].answer is None
 
 
 def test_the_offset_is_seen_from_the_middle_of_the_answer():
-    assert answer_of(["http://x/", 101.5], 100.0, 1.0) == Answer(1.0, 1.0)
+    assert read_answer(["http://x/", 101.5], 100.0, 1.0) == Answer(1.0, 1.0)
     assert Answer(0.2, -0.25).surely_apart == pytest.approx(0.15) and Answer(0.2, 0.05).surely_apart == 0.0
 
 
@@ -109,8 +109,8 @@ def test_the_offset_is_seen_from_the_middle_of_the_answer():
 )
 def test_an_answer_that_is_no_time_is_refused(value):
     with pytest.raises(ValueError, match="time"):
-        answer_of(value, 0.0, 0.1)
+        read_answer(value, 0.0, 0.1)
 
 
 def test_nothing_is_shown_without_others():
-    assert health().links([master(uri=OWN)], [Link("own", 100.0, 0.1, OWN)]) == Shown([])
+    assert health().links([master(uri=OWN)], [Link("own", 100.0, 0.1, OWN)]) == LinkList([])

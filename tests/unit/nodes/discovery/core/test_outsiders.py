@@ -13,10 +13,10 @@ def asked(outsiders, until, address="10.0.0.6", answer=None):
     """The times at which an outsider that is heard each second is asked."""
     times = []
     for now in range(until):
-        outsiders.heard(address, 11611, float(now), True)
+        outsiders.hear(address, 11611, float(now), True)
         for key in outsiders.due(float(now)):
             times.append(now)
-            outsiders.answered(key, answer, WHY if answer else "", now + 0.5)
+            outsiders.take_answer(key, answer, WHY if answer else "", now + 0.5)
     return times
 
 
@@ -28,7 +28,7 @@ def test_who_says_its_name_is_asked_once_and_told_of_once():
         '"rogue" (http://rogue:11311/) at 10.0.0.6 is ignored: it is no robot of the fleet; add it to the inventory, or its '
         "address to multimaster_allow"
     )
-    assert outsiders.shown() == [news]
+    assert outsiders.list_ignored() == [news]
 
 
 def test_who_does_not_is_asked_twice_and_told_of_by_address():
@@ -40,7 +40,7 @@ def test_who_does_not_is_asked_twice_and_told_of_by_address():
 
 def test_who_may_not_be_asked_is_told_of_by_address_at_once():
     outsiders = Outsiders()
-    outsiders.heard("172.16.0.1", 22, 0.0, False)
+    outsiders.hear("172.16.0.1", 22, 0.0, False)
     assert list(outsiders.due(0.0)) == [] and outsiders.next_due() is None
     assert [news.address for news in outsiders.news] == ["172.16.0.1"]
 
@@ -49,18 +49,18 @@ def test_a_flood_does_not_win_more_questions_for_an_address():
     outsiders, tries = Outsiders(), {}
     for step in range(4 * MAX_OUTSIDERS):
         address = f"10.0.{step % 512 // 256}.{step % 256}"
-        outsiders.heard(address, 1024 + step, step / 100, True)
+        outsiders.hear(address, 1024 + step, step / 100, True)
         for key in list(outsiders.due(step / 100)):
             tries[key[0]] = tries.get(key[0], 0) + 1
-            outsiders.answered(key, None, "", step / 100)
+            outsiders.take_answer(key, None, "", step / 100)
     assert tries and max(tries.values()) <= 2
-    assert len(outsiders.shown()) <= MAX_OUTSIDERS
+    assert len(outsiders.list_ignored()) <= MAX_OUTSIDERS
 
 
 def test_few_are_asked_at_a_time():
     outsiders = Outsiders()
     for number in range(50):
-        outsiders.heard(f"10.0.0.{number}", 11611, 0.0, True)
+        outsiders.hear(f"10.0.0.{number}", 11611, 0.0, True)
     assert len(list(outsiders.due(0.0))) == MAX_ASKED and list(outsiders.due(1.0)) == []
 
 
@@ -68,7 +68,7 @@ def test_the_silent_are_forgotten():
     outsiders = Outsiders()
     asked(outsiders, 3, answer=ROGUE)
     outsiders.forget(FORGET + 3.0)
-    assert outsiders.shown() == []
+    assert outsiders.list_ignored() == []
 
 
 def test_two_connections_and_later_two_more_for_one_that_may_be_allowed():
@@ -79,5 +79,5 @@ def test_two_connections_and_later_two_more_for_one_that_may_be_allowed():
     assert budget.free("a", 6.0) == 5.0 + AGAIN and budget.free("b", 6.0) == 6.0
     budget.spend("a", 5.0 + AGAIN)
     assert budget.free("a", 6.0 + AGAIN) == 6.0 + AGAIN
-    budget.answered("a")
+    budget.refund("a")
     assert budget.free("a", 6.0 + AGAIN) == 6.0 + AGAIN

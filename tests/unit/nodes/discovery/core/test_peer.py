@@ -43,7 +43,7 @@ def test_only_a_peer_that_is_to_leave_is_removed_by_what_it_answers(state):
 
 def test_checks_begin_again_with_the_next_leave():
     peer = Peer(("10.0.0.2", 11511, 11611), 0.0, 0.0, Heartbeat(Kind.STATE, 11611), state=State.LEAVING, checks=2)
-    assert peer.online and peer.leaving and peer.move(Sign.HEARD) is Act.NOTHING
-    assert peer.checks == 0 and not peer.leaving
+    assert peer.online and peer.is_leaving and peer.move(Sign.HEARD) is Act.NOTHING
+    assert peer.checks == 0 and not peer.is_leaving
     with pytest.raises(KeyError):
         peer.move(Sign.LAST_ANSWER)

@@ -3,16 +3,16 @@
 """The entries of /diagnostics."""
 
 import pytest
-from rosfleet_multimaster.discovery.core.health import Answer, Seen, Shown
+from rosfleet_multimaster.discovery.core.health import Answer, LinkHealth, LinkList
 from rosfleet_multimaster.discovery.core.outsiders import Outsider
-from rosfleet_multimaster.discovery.core.report import ignored, links, roscore
+from rosfleet_multimaster.discovery.core.report import links, outsiders, roscore
 from rosfleet_multimaster.protocol.diagnosis import ERROR, OK, VALUES, WARN
 
-LINK = Seen("tibi", "http://tibi:11311/", True, 100.0, 0.3, 0, Answer(0.002, 0.01))
+LINK = LinkHealth("tibi", "http://tibi:11311/", True, 100.0, 0.3, 0, Answer(0.002, 0.01))
 
 
 def entries(*seen, left_out=0):
-    return {entry.name: entry for entry in links(Shown(seen, left_out))}
+    return {entry.name: entry for entry in links(LinkList(seen, left_out))}
 
 
 @pytest.mark.parametrize(
@@ -63,4 +63,4 @@ def test_the_roscore():
 
 def test_strangers_are_warnings_and_not_too_many():
     strangers = [Outsider(f"10.0.{number // 256}.{number % 256}", "", "", "why") for number in range(VALUES + 1)]
-    assert ignored([]).level == OK and len(ignored(strangers).values) == VALUES + 1
+    assert outsiders([]).level == OK and len(outsiders(strangers).values) == VALUES + 1

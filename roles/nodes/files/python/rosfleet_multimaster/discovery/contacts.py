@@ -10,7 +10,7 @@ from ..edge.loop import Loop, Workers
 from ..edge.process import program
 from ..edge.rpc_client import Rpc
 from .core.actions import CONTACT_LIMIT, Ask
-from .core.peer import Contact, Key, misnamed
+from .core.peer import Contact, Key, find_name_problem
 from .core.strangers import MAX_ASKED
 
 # key, contact or None, why not, it says that it has none, a fault says so; true where it is a master that is listed
@@ -62,7 +62,7 @@ class Contacts:
     def _compare(self, contact: Contact, heard: str, address: str, there: Optional[Contact]) -> None:
         """Nodes of a master whose host is not where its name leads cannot be reached either."""
         self._comparing.discard(contact.host)
-        problem = misnamed(contact, heard, address, there)
+        problem = find_name_problem(contact, heard, address, there)
         if problem and self._known(contact.uri):  # else it would stay for ever: nobody reports that a stranger has gone
             self._errors[contact.uri] = problem
             self._limited.say("warning", f"resolve {contact.host}", problem)
@@ -80,4 +80,4 @@ def _who_has(host: str, heard: str, rpc_port: int, may_ask: Callable[[str], bool
 
 
 def _contact(monitor_uri: str, limit: float = CONTACT_LIMIT) -> Contact:
-    return Contact.of(Rpc(monitor_uri, limit).call("masterContacts"))
+    return Contact.from_answer(Rpc(monitor_uri, limit).call("masterContacts"))

@@ -8,12 +8,12 @@ from ..edge.clock import monotonic, wall_clock
 from ..edge.loop import Workers
 from ..edge.rpc_client import Rpc
 from ..protocol.messages import Master
-from .core.health import LIMIT, Answer, Health, answer_of
+from .core.health import LIMIT, Answer, Health, read_answer
 
 
 def ask(master: Master, workers: Workers, health: Health) -> None:
     """Ask a master in a worker, and tell what came of it."""
-    workers.submit(lambda: _answer(master.monitor_uri), lambda answer, _problem: health.answered(master.uri, answer))
+    workers.submit(lambda: _answer(master.monitor_uri), lambda answer, _problem: health.take_answer(master.uri, answer))
 
 
 def _answer(monitor_uri: str) -> Answer:
@@ -21,7 +21,7 @@ def _answer(monitor_uri: str) -> Answer:
     began, wall = monotonic(), wall_clock()
 
     def read(value: Any) -> Answer:
-        return answer_of(value, wall, monotonic() - began)
+        return read_answer(value, wall, monotonic() - began)
 
     try:
         answer: Answer = rpc.call("getCurrentTime", read=read)

@@ -19,7 +19,7 @@ class Send(NamedTuple):
 
 
 class Ask(NamedTuple):
-    """Call masterContacts at a monitor URI and hand the result to `contacted`."""
+    """Call masterContacts at a monitor URI and hand the result to `take_contact`."""
 
     key: Key
     monitor_uri: str
@@ -62,7 +62,7 @@ class Outbox:
         """Have a peer asked over TCP who it is, unless its answer is awaited already."""
         if entry.asked is None:
             entry.asked = now
-            limit = LEAVE_LIMIT if entry.leaving else limit
+            limit = LEAVE_LIMIT if entry.is_leaving else limit
             self.actions.append(Ask(entry.key, entry.monitor_uri, limit, entry.contact is None))
 
     def ask_stranger(self, key: Key) -> None:

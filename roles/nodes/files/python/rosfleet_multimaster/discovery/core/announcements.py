@@ -8,7 +8,7 @@ from ...protocol.heartbeat import Kind
 from ...protocol.messages import Master
 from ...protocol.parameters import Settings
 from .actions import Outbox
-from .here import Here
+from .local_master import LocalMaster
 from .peer import LONG_AGO
 from .peers import Peers
 
@@ -22,8 +22,8 @@ MAX_ANSWERED = 4096  # addresses that are answered in a second
 class Announcements:
     """The announcements of the own master, and the requests of a start."""
 
-    def __init__(self, settings: Settings, here: Here, peers: Peers, outbox: Outbox) -> None:
-        self._settings, self._here, self._peers, self._outbox = settings, here, peers, outbox
+    def __init__(self, settings: Settings, local: LocalMaster, peers: Peers, outbox: Outbox) -> None:
+        self._settings, self._local, self._peers, self._outbox = settings, local, peers, outbox
         self._announce: List[float] = []  # when the state is told, or that it has gone
         self._request: List[float] = []  # when the others are asked
         self._next_beat = 0.0
@@ -57,54 +57,54 @@ class Announcements:
 
     def leave(self) -> None:
         """Tell the others that this node ends."""
-        self._to_all(self._here.record(Kind.LEAVE))
+        self._to_all(self._local.record(Kind.LEAVE))
 
     def refresh(self, now: float) -> None:
-        """Ask everybody for their state now."""
+        """Ask all masters for their state now."""
         for host in set(self._peers.addresses()):
-            self._outbox.send(self._here.record(Kind.REQUEST), host)
+            self._outbox.send(self._local.record(Kind.REQUEST), host)
         self._request = [now]
 
     def answer(self, host: str, multicast: bool, now: float) -> None:
         """Answer a request."""
-        if not self._here.online or len(self._answered) > MAX_ANSWERED:
+        if not self._local.online or len(self._answered) > MAX_ANSWERED:
             return
         group: Tuple[Optional[str], ...] = (None,) if multicast and self._settings.send_mcast else ()
         for target in group + (host,):
             if now - self._answered.get(target, LONG_AGO) >= ANSWER_PAUSE:
                 self._answered[target] = now
-                self._outbox.send(self._here.record(Kind.STATE), target)
+                self._outbox.send(self._local.record(Kind.STATE), target)
 
     def tick(self, now: float) -> None:
         """Tell the others what is due."""
         self._tell(now)
-        if self._here.online and any(due <= now for due in self._request):
+        if self._local.online and any(due <= now for due in self._request):
             self._request = [due for due in self._request if due > now]
             self._ask_for_states()
 
     def tidy(self, now: float) -> None:
-        """Forget who was answered long enough ago."""
+        """Forget the addresses that were answered long enough ago."""
         self._answered = {host: at for host, at in self._answered.items() if now - at < ANSWER_PAUSE}
 
     def due(self) -> List[float]:
         """The times at which something is to be told."""
-        found = [] if self._here.master is None else list(self._announce)
-        return [*found, *self._request, self._next_beat] if self._here.online else found
+        announcements = [] if self._local.master is None else list(self._announce)
+        return [*announcements, *self._request, self._next_beat] if self._local.online else announcements
 
     def _tell(self, now: float) -> None:
-        announce = self._here.master is not None and any(due <= now for due in self._announce)
+        announce = self._local.master is not None and any(due <= now for due in self._announce)
         self._announce = [due for due in self._announce if due > now]
-        if self._here.online and (announce or now >= self._next_beat):
+        if self._local.online and (announce or now >= self._next_beat):
             self._next_beat = now + 1.0 / max(self._settings.heartbeat_hz, 0.02)
-            self._to_all(self._here.record(Kind.STATE))
+            self._to_all(self._local.record(Kind.STATE))
         elif announce:
-            self._to_all(self._here.record(Kind.LEAVE))
+            self._to_all(self._local.record(Kind.LEAVE))
 
     def _ask_for_states(self) -> None:
         if self._settings.listen_mcast and self._settings.send_mcast:
-            self._outbox.send(self._here.record(Kind.REQUEST), None)
+            self._outbox.send(self._local.record(Kind.REQUEST), None)
         for host in self._settings.robot_hosts:
-            self._outbox.send(self._here.record(Kind.REQUEST), host)
+            self._outbox.send(self._local.record(Kind.REQUEST), host)
 
     def _to_all(self, datagram: bytes) -> None:
         hosts = list(self._settings.robot_hosts)

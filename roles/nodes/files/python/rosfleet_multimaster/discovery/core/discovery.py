@@ -10,8 +10,8 @@ does not say who the master is.
 
 So a new sender is a stranger first. It is asked over TCP who it is. Anybody can write any sender into a datagram, so
 the number of strangers is bounded, only a few are asked at a time, and silent ones are forgotten.
-Who answers becomes a peer that others are told of: `Event("new")`. Where the fleet is known (members.py), this is only
-for its robots at their planned addresses, and for who is allowed besides; the rest are outsiders (outsiders.py).
+A sender that answers becomes a peer, and others are told of it: `Event("new")`. Where the fleet is known (members.py), only
+its robots at their planned addresses and allowed strangers become peers; the rest are outsiders (outsiders.py).
 
 A peer that is silent for longer than it promised is asked by datagrams, then over TCP, and then it is offline. It stays
 listed, so that it is online again with its first heartbeat, and is removed after ~remove_after. A LEAVE says that a
@@ -21,7 +21,7 @@ peer goes. Anybody can write that too: the peer is asked several times over TCP,
 The own master is announced several times after each change, since one lost datagram must not delay it. While the own
 roscore does not answer, nothing is announced, and after a while the others are told that it leaves.
 
-So there are the own state (here.py, and announcements.py: what the others are told of it), the strangers (strangers.py),
+So there are the own state (local_master.py, and announcements.py: what the others are told of it), the strangers (strangers.py),
 the peers (peers.py) and the view that others have of all masters (view.py). `Discovery` hands on what comes to them.
 
 There are no sockets, threads and clocks here: every time is an argument, in seconds of a clock that never steps. What is
@@ -36,8 +36,8 @@ from ...protocol.messages import Link, Master
 from ...protocol.parameters import Settings
 from .actions import Outbox
 from .announcements import Announcements
-from .here import Here
 from .life import Life
+from .local_master import LocalMaster
 from .outsiders import Outsiders
 from .peer import LONG_AGO, Contact, Key, Peer, Sign
 from .peers import News, Peers
@@ -58,50 +58,50 @@ class Discovery:
         self.members = Members() if members is None else members
         self.malformed = 0
         self.outsiders = Outsiders()
-        self.here = Here(settings, own_addresses, rpc_port, self.members)
-        self._outbox = Outbox(self.here.is_own)
+        self.local = LocalMaster(settings, own_addresses, rpc_port, self.members)
+        self._outbox = Outbox(self.local.is_own)
         self.actions = self._outbox.actions
-        self.peers = Peers(settings, self.members, self.here, self._outbox)
+        self.peers = Peers(settings, self.members, self.local, self._outbox)
         self.strangers = Strangers(self.members, self.outsiders, self._outbox)
-        self.announcements = Announcements(settings, self.here, self.peers, self._outbox)
-        self.view = View(settings, self.members, self.here, self.peers, self._outbox)
+        self.announcements = Announcements(settings, self.local, self.peers, self._outbox)
+        self.view = View(settings, self.members, self.local, self.peers, self._outbox)
         self.life = Life(self.members, self.outsiders, self.peers, self.strangers, self.view, self._outbox)
         self._ticked: Optional[float] = None
         self._next_scan = 0.0
 
     # What the program tells
 
-    def own_state(self, master: Master, now: float) -> None:
+    def take_own_state(self, master: Master, now: float) -> None:
         """Take the state of the own master: its roscore answers. A changed state is announced, several times."""
-        self.peers.changed()
-        self.announcements.take(self.here.take(master, now), master, now)
+        self.peers.mark_stale()
+        self.announcements.take(self.local.take(master, now), master, now)
         self.view.publish(self._ticked)
         self.tick(now)
 
-    def own_failed(self, since: float, now: float) -> bool:
+    def note_silent_roscore(self, since: float, now: float) -> bool:
         """Note that the roscore has not answered since then. True where it counts as offline by now."""
         if now - since <= DEAD_AFTER:
             return False
-        if self.here.online:
-            self.peers.changed()
-            self.here.lose()
+        if self.local.online:
+            self.peers.mark_stale()
+            self.local.lose()
             self.announcements.stop()
             self.view.publish(self._ticked)
-        if self.here.master is not None and now - since >= LEAVE_AFTER:
+        if self.local.master is not None and now - since >= LEAVE_AFTER:
             self.announcements.say_gone(now)
         self.tick(now)
         return True
 
-    def in_networks(self, networks: Container[str]) -> None:
-        """Take the networks of this computer. Where the fleet is known, who is in none of them is not asked who it is."""
-        self.here.networks = networks if self.members.robots else None
+    def take_networks(self, networks: Container[str]) -> None:
+        """Take the networks of this computer. Where the fleet is known, a sender outside them is not asked who it is."""
+        self.local.networks = networks if self.members.robots else None
 
-    def own_moved(self, own_addresses: Iterable[str]) -> None:
-        """Take the new addresses of this computer: no peer at one of them is another master."""
-        self.peers.changed()
-        self.here.addresses = frozenset(own_addresses)
+    def take_addresses(self, own_addresses: Iterable[str]) -> None:
+        """Take the new addresses of this computer: a peer at one of them is this node itself."""
+        self.peers.mark_stale()
+        self.local.addresses = frozenset(own_addresses)
         for table in (self.peers.table, self.strangers.table):
-            for key in [key for key in table if self.here.is_this_node(key[0], key[2])]:
+            for key in [key for key in table if self.local.is_this_node(key[0], key[2])]:
                 del table[key]
         self.view.publish(self._ticked)
 
@@ -119,7 +119,7 @@ class Discovery:
         self.tick(now)
 
     def datagram(self, data: bytes, source: Tuple[str, int], multicast: bool, now: float) -> None:
-        """Take a datagram. An empty one is a probe of somebody's verification."""
+        """Take a datagram. An empty one is a probe of a verification."""
         if not data or self.peers.is_echo(data, source, now):
             return
         try:
@@ -129,14 +129,14 @@ class Discovery:
             text = f"a datagram from {source[0]}:{source[1]} is ignored: {problem}"
             self._outbox.say("warning", "malformed", text)
             return
-        if self.here.is_this_node(source[0], beat.rpc_port):
+        if self.local.is_this_node(source[0], beat.rpc_port):
             if beat.kind is Kind.STATE:
-                self.here.beats.append(now)
+                self.local.beats.append(now)
             return
         planned = self.members.is_discovery(source[0], beat.rpc_port)
-        if not planned and not self.here.admits(source[0]):
+        if not planned and not self.local.admits(source[0]):
             if beat.kind is not Kind.LEAVE:
-                self.outsiders.heard(source[0], beat.rpc_port, now, self.may_ask(source[0]))
+                self.outsiders.hear(source[0], beat.rpc_port, now, self.may_ask(source[0]))
                 self.strangers.meet(now)
             return
         key = (source[0], 0 if planned else source[1], beat.rpc_port)
@@ -144,22 +144,22 @@ class Discovery:
             self.announcements.answer(source[0], multicast, now)
         entry = self.peers.table.get(key)
         if entry is not None:
-            self._heard(entry, beat, now)
+            self._hear(entry, beat, now)
             self.peers.remember(entry, beat, (source, data), now)
         elif beat.kind is not Kind.LEAVE:
             self.strangers.hear(key, beat, now)
 
-    def _heard(self, entry: Peer, beat: Heartbeat, now: float) -> None:
+    def _hear(self, entry: Peer, beat: Heartbeat, now: float) -> None:
         if beat.kind is Kind.LEAVE:
-            self.peers.changed()
+            self.peers.mark_stale()
             self.life.move(entry, Sign.LEAVE, News(now))
             return
         before = entry.outlook()
         self.life.move(entry, self.peers.hear(entry, beat, now), News(now))
         if entry.outlook() != before:
-            self.peers.changed()  # told with the next tick: where many masters meet, many datagrams are read at once
+            self.peers.mark_stale()  # told with the next tick: where many masters meet, many datagrams are read at once
 
-    def contacted(
+    def take_contact(
         self,
         key: Key,
         contact: Optional[Contact],
@@ -173,16 +173,16 @@ class Discovery:
 
         `gone`: it was answered that there is no master, `fault`: by a discovery node.
         """
-        self.peers.changed()
+        self.peers.mark_stale()
         self.strangers.end_question(key)
         entry = self.peers.table.get(key) or self.strangers.table.get(key)
         if entry is None:
             other = f"its discovery answers at port {key[2]}, which is not the planned one"
-            self.outsiders.answered(key, contact, self.life.objection(key, contact) or other, now)
+            self.outsiders.take_answer(key, contact, self.life.objection(key, contact) or other, now)
             self.strangers.meet(now)
             return False
         asked, entry.asked, entry.contacted, entry.contact_due = entry.asked, None, now, None
-        if contact is not None or fault:  # a port that is closed is nobody's answer
+        if contact is not None or fault:  # a closed port is no answer of a discovery node
             self.strangers.give_back(key)
         if contact is None and not fault:
             entry.failed = now
@@ -230,4 +230,4 @@ class Discovery:
 
     def may_ask(self, address: str) -> bool:
         """True where a connection to an address may be made that somebody else names; also in another thread."""
-        return self.here.may_ask(address)
+        return self.local.may_ask(address)

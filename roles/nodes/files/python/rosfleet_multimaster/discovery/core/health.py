@@ -13,10 +13,10 @@ from ...protocol.members import Members, normalize_uri
 from ...protocol.messages import Link, Master
 from ...protocol.plain_text import plain, quote
 
-EACH, ANY = 30.0, 5.0  # seconds from a question to one master to the next one to it, and to anybody
+EACH, ANY = 30.0, 5.0  # seconds from a question to one master to the next one to it, and to any master
 LIMIT = 3.0  # seconds for an answer
 NAME = 100  # characters of a name
-MOST = 128  # links that are shown: more would be somebody's flood
+MOST = 128  # links that are shown: more would be a flood
 APART = (0.1, 0.5)  # seconds that two clocks are apart: tf extrapolates, and then messages are dropped
 
 
@@ -32,7 +32,7 @@ class Answer(NamedTuple):
         return max(0.0, abs(self.offset) - self.seconds / 2)
 
 
-class Seen(NamedTuple):
+class LinkHealth(NamedTuple):
     """The link to one master."""
 
     name: str
@@ -44,15 +44,15 @@ class Seen(NamedTuple):
     answer: Optional[Answer]
 
 
-class Shown(NamedTuple):
+class LinkList(NamedTuple):
     """All links, or as many as are shown."""
 
-    links: Sequence[Seen]
+    links: Sequence[LinkHealth]
     left_out: int = 0
 
 
-def answer_of(value: Any, began: float, seconds: float) -> Answer:
-    """Read what getCurrentTime returned, which may be anybody's. `began`: the wall clock here. Raises ValueError."""
+def read_answer(value: Any, began: float, seconds: float) -> Answer:
+    """Read what getCurrentTime returned; the sender may be hostile. `began`: the wall clock here. Raises ValueError."""
     if not isinstance(value, list) or len(value) != 2 or not isinstance(value[1], float):
         raise ValueError("it does not tell its time")
     if not (math.isfinite(value[1]) and 0.0 <= value[1] < 2**32):
@@ -70,7 +70,7 @@ class Health:
         self._asked: Dict[str, float] = {}  # in the order of the questions
         self._last = -ANY
 
-    def changed(self, change: str, before: Optional[Master], master: Master) -> None:
+    def take_event(self, change: str, before: Optional[Master], master: Master) -> None:
         """Take an event of discovery. `before`: the master as it was."""
         was_online = before is not None and before.online
         if was_online and not master.online and self._is_other(master):
@@ -94,42 +94,42 @@ class Health:
         self._asked[chosen.uri] = self._last = now
         return chosen
 
-    def answered(self, uri: str, answer: Optional[Answer]) -> None:
+    def take_answer(self, uri: str, answer: Optional[Answer]) -> None:
         """Take an answer, or that there was none."""
         if answer is None or uri not in self._asked:
             self._answers.pop(uri, None)
         else:
             self._answers[uri] = answer
 
-    def links(self, masters: Iterable[Master], links: Iterable[Link]) -> Shown:
+    def links(self, masters: Iterable[Master], links: Iterable[Link]) -> LinkList:
         """The links to the masters that are listed, and to those of the fleet that are not there. No name is there twice."""
         heard: Dict[str, Link] = {}
         for link in links:  # a robot that is heard from two addresses has two
             best = heard.get(link.uri)
             heard[link.uri] = link if best is None or link.silent < best.silent else best
-        found = [self._seen(master, heard.get(master.uri)) for master in masters if self._is_other(master)]
-        found += self._missing({normalize_uri(link.uri) for link in found})
+        found = [self._describe_link(master, heard.get(master.uri)) for master in masters if self._is_other(master)]
+        found += self._absent_links({normalize_uri(link.uri) for link in found})
         found.sort(key=lambda link: (self._members.master(link.uri) is None, link.name))  # those of the fleet first
-        shown: Dict[str, Seen] = {}
+        shown: Dict[str, LinkHealth] = {}
         for seen in found:
             if len(shown) < MOST:
                 shown.setdefault(seen.name, seen)
-        return Shown(list(shown.values()), len(found) - len(shown))
+        return LinkList(list(shown.values()), len(found) - len(shown))
 
-    def _missing(self, there: Set[str]) -> Iterator[Seen]:
+    def _absent_links(self, there: Set[str]) -> Iterator[LinkHealth]:
         """The links to the masters of the fleet that are not listed."""
         for robot in self._members.robots:
             if robot.name and self._own_uri not in robot.uris and not there.intersection(robot.uris):
                 losses = sum(count for uri, count in self._losses.items() if normalize_uri(uri) in robot.uris)
-                yield Seen(plain(robot.name, NAME), min(robot.uris, default=""), False, -1.0, None, losses, None)
+                yield LinkHealth(plain(robot.name, NAME), min(robot.uris, default=""), False, -1.0, None, losses, None)
 
-    def _seen(self, master: Master, link: Optional[Link]) -> Seen:
+    def _describe_link(self, master: Master, link: Optional[Link]) -> LinkHealth:
         quality = link.quality if link is not None and master.online else -1.0
         silent = link.silent if link is not None else None
         losses, answer = self._losses.get(master.uri, 0), self._answers.get(master.uri)
         planned = self._members.master(master.uri) is not None
         name = plain(master.name, NAME) if planned else quote(master.name, NAME - 2)
-        return Seen(name, master.uri, master.online, quality, silent, losses, answer)
+        return LinkHealth(name, master.uri, master.online, quality, silent, losses, answer)
 
     def _is_other(self, master: Master) -> bool:
         return normalize_uri(master.uri) != self._own_uri

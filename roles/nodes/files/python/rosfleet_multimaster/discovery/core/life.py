@@ -55,7 +55,7 @@ class Life:
         return Sign.LAST_ANSWER if last else Sign.ANSWER
 
     def objection(self, key: Key, contact: Optional[Contact]) -> str:
-        """Why a master is not exchanged with that answers so; empty where it is."""
+        """Why nothing is exchanged with a master that answers so; empty where there is no reason."""
         return "" if contact is None else self._members.objection(contact.uri, contact.name, key[0])
 
     def _admit(self, entry: Peer, news: News) -> None:
@@ -86,9 +86,9 @@ class Life:
         entry.contact_due = entry.contacted + FORGET_STRANGER
 
     def _refuse(self, entry: Peer, news: News) -> None:
-        """Do not exchange with who is not what it says. Its heartbeats go on being heard."""
+        """Exchange nothing with a master that is not what it says. Its heartbeats are still heard."""
         if news.contact is not None:
-            self._outsiders.refused(entry.key, news.contact, self.objection(entry.key, news.contact), news.now)
+            self._outsiders.refuse(entry.key, news.contact, self.objection(entry.key, news.contact), news.now)
         self._peers.drop(entry)
         entry.contact_due = news.now + FORGET_STRANGER
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Senders that are not exchanged with: asked for their names, told of once, and else ignored.
 
-Anybody can write any sender into a datagram, so an address may be somebody's who has nothing to do with it. It is asked
-over TCP twice at most, whatever is heard from there.
+Anybody can write any sender into a datagram, so an address may belong to a computer that has nothing to do with it. It is
+asked over TCP twice at most, whatever is heard from there.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 from ...protocol.plain_text import quote
 from .peer import LONG_AGO, Contact, Key
 
-TRIES = 2  # connections to an address from which nobody has said who it is,
+TRIES = 2  # connections to an address that has not said who it is,
 AGAIN = 30.0  # and seconds until there are two more, where it may be an allowed one that is still heard
 PAUSE = 5.0  # seconds between two questions to an outsider
 FORGET = 600.0  # seconds of silence
@@ -21,7 +21,7 @@ MAX_TRIED = 16384  # addresses; more are not asked
 
 
 class Budget:
-    """Connections to addresses from which nobody has said who it is."""
+    """Connections to addresses that have not said who they are."""
 
     def __init__(self) -> None:
         self._spent: Dict[str, Tuple[int, float]] = {}  # address -> how many, and when the last one was
@@ -38,8 +38,8 @@ class Budget:
         while len(self._spent) > MAX_TRIED or now - next(iter(self._spent.values()))[1] > AGAIN:
             del self._spent[next(iter(self._spent))]
 
-    def answered(self, address: str) -> None:
-        """Give back what was spent: somebody is there and has answered."""
+    def refund(self, address: str) -> None:
+        """Give back what was spent: this address has answered."""
         self._spent.pop(address, None)
 
 
@@ -66,7 +66,7 @@ class _Outsider:
     heard: float
     due: Optional[float]  # when it is asked who it is; None for never again
     asking: bool = False
-    told: Optional[Outsider] = None
+    notice: Optional[Outsider] = None
 
 
 class Outsiders:
@@ -78,7 +78,7 @@ class Outsiders:
         self._tries: Dict[str, Tuple[int, float]] = {}  # address -> how many, and when the last one was
         self._asking = 0
 
-    def heard(self, address: str, rpc_port: int, now: float, may_ask: bool) -> None:
+    def hear(self, address: str, rpc_port: int, now: float, may_ask: bool) -> None:
         """Take a datagram of an outsider. `may_ask`: its address is one that this computer may connect to."""
         entry = self._table.pop(address, None)
         if entry is None:
@@ -87,7 +87,7 @@ class Outsiders:
                 entry.due = None
             self._make_room()
         self._table[address], entry.heard = entry, now
-        if entry.due is None and entry.told is None and not entry.asking:
+        if entry.due is None and entry.notice is None and not entry.asking:
             self._tell(entry, Outsider(address, "", "", "it is no robot of the fleet"))
 
     def due(self, now: float) -> Iterator[Key]:
@@ -109,7 +109,7 @@ class Outsiders:
             (entry.due for entry in self._table.values() if entry.due is not None and not entry.asking), default=None
         )
 
-    def answered(self, key: Key, contact: Optional[Contact], why: str, now: float) -> None:
+    def take_answer(self, key: Key, contact: Optional[Contact], why: str, now: float) -> None:
         """Take the end of a question: who it is and why that is ignored, or None."""
         entry = self._table.get(key[0])
         if entry is None or not entry.asking:
@@ -123,7 +123,7 @@ class Outsiders:
         else:
             self._tell(entry, Outsider(key[0], "", "", "it does not say who it is"))
 
-    def refused(self, key: Key, contact: Contact, why: str, now: float) -> None:
+    def refuse(self, key: Key, contact: Contact, why: str, now: float) -> None:
         """Note one that was asked otherwise, and is not who it should be."""
         entry = self._table.pop(key[0], None)
         if entry is None:
@@ -142,9 +142,9 @@ class Outsiders:
         while self._tries and now - next(iter(self._tries.values()))[1] > FORGET:
             del self._tries[next(iter(self._tries))]
 
-    def shown(self) -> List[Outsider]:
-        """Those that people are told of."""
-        return [entry.told for entry in self._table.values() if entry.told is not None]
+    def list_ignored(self) -> List[Outsider]:
+        """The outsiders that people are told of."""
+        return [entry.notice for entry in self._table.values() if entry.notice is not None]
 
     def _has_tries(self, address: str) -> bool:
         if address not in self._tries and len(self._tries) >= MAX_TRIED:
@@ -158,6 +158,6 @@ class Outsiders:
             del self._table[first]
 
     def _tell(self, entry: _Outsider, outsider: Outsider) -> None:
-        if entry.told != outsider:
-            entry.told = outsider
+        if entry.notice != outsider:
+            entry.notice = outsider
             self.news.append(outsider)

@@ -41,10 +41,10 @@ class Sign(Enum):
     ANSWER = "it answered over TCP who it is"
     LAST_ANSWER = "the same, to the last check after a LEAVE"
     NO_ROOM = "it answered, but too many peers are known"
-    FOREIGN = "it answered that it is somebody who does not belong to the fleet, or not at this address"
+    FOREIGN = "it answered as a master that does not belong to the fleet, or not at this address"
     NO_ANSWER = "it did not answer over TCP, or has no state yet"
     LAST_NO_ANSWER = "the same, at the last check after a LEAVE"
-    REFUSAL = "its computer answered over TCP that nobody is there"
+    REFUSAL = "its computer answered over TCP that no master is there"
     SILENCE = "it was not heard for too long"
     LONG_SILENCE = "it was not heard for ~remove_after"
 
@@ -136,8 +136,8 @@ class Contact(NamedTuple):
     discoverer: str
 
     @classmethod
-    def of(cls, answer: Any) -> "Contact":
-        """Read an answer, which may be anybody's. Raises ValueError."""
+    def from_answer(cls, answer: Any) -> "Contact":
+        """Read an answer; the sender may be hostile. Raises ValueError."""
         if not isinstance(answer, list) or len(answer) < 4 or not all(isinstance(part, str) for part in answer[:4]):
             raise ValueError("it does not say who it is")
         stamp, (uri, name, discoverer) = float(answer[0]), answer[1:4]
@@ -156,10 +156,10 @@ class Contact(NamedTuple):
         return urlsplit(self.uri).hostname or ""
 
 
-def misnamed(contact: Contact, heard: str, address: str, there: Optional[Contact]) -> str:
+def find_name_problem(contact: Contact, heard: str, address: str, there: Optional[Contact]) -> str:
     """The reason why the nodes of a master cannot be reached by its name; empty where they can.
 
-    `heard` is the address that it sends from, `address` that of its name ("" for none), `there` who answers at the latter.
+    `heard` is the address that it sends from, `address` that of its name ("" for none), `there` the contact that answers at the latter.
     A gateway has two: its name leads to the one in the robot's network, and it is heard from the other.
     """
     if not address:
@@ -204,14 +204,14 @@ class Peer:
         return self.state in (State.ONLINE, State.LEAVING)
 
     @property
-    def leaving(self) -> bool:
+    def is_leaving(self) -> bool:
         """True while it is checked whether it has left."""
         return self.state in (State.LEAVING, State.LEAVING_OFFLINE)
 
     def move(self, sign: Sign) -> Act:
         """Change the state after a sign, and return what is to be done."""
         self.state, act = LIFE[self.state][sign]
-        if not self.leaving:
+        if not self.is_leaving:
             self.checks = 0
         return act
 
@@ -220,12 +220,12 @@ class Peer:
         """The address of its XML-RPC server."""
         return f"http://{self.key[0]}:{self.key[2]}"
 
-    def promised(self, since: float) -> float:
+    def highest_rate(self, since: float) -> float:
         """The highest rate of its heartbeats since a time: anybody can write a lower one."""
         return max((rate for rate, heard in self.promises.items() if heard >= since), default=self.beat.rate)
 
     @property
-    def given_up(self) -> bool:
+    def unreachable(self) -> bool:
         """True where it did not answer over TCP, and has not been heard since."""
         return self.failed > self.heard
 
@@ -236,7 +236,7 @@ class Peer:
 
     def outlook(self) -> Tuple[Any, ...]:
         """All that the view of others and the next steps depend on, but for the time of the last sign of life."""
-        silent = (self.overdue, self.given_up, self.probed < self.heard)
+        silent = (self.overdue, self.unreachable, self.probed < self.heard)
         return (self.beat.stamp, self.beat.local_stamp, self.state, self.rate, self.contact_due, self.contact, silent)
 
     def master(self) -> Master:

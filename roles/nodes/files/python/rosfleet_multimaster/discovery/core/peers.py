@@ -8,7 +8,7 @@ from ...protocol.heartbeat import Heartbeat, Kind, Stamp
 from ...protocol.members import Members
 from ...protocol.parameters import Settings
 from .actions import Outbox
-from .here import Here
+from .local_master import LocalMaster
 from .peer import LONG_AGO, Contact, Key, Peer, Sign
 
 ECHO = 0.05  # seconds between a heartbeat to the group and the same one by unicast, or the other way round, at most
@@ -17,9 +17,9 @@ ASK_PAUSE = 0.2  # seconds between two requests to a master that missed its beat
 SLOW_PAUSE, SLOW_PATIENCE = 1.0, 5.5  # seconds: the same for a master that promises few beats, and how long it is asked
 RETURNED = 5.0  # seconds after the return of a robot of the fleet: its place says who it is, and what it offers is wanted first
 CONTACT_PAUSE = 5.0  # seconds between two contacts that nothing but requests of the other side ask for
-LEAVE_CHECKS = (0.2, 1.0, 3.0)  # seconds: who still answers after these has not left
+LEAVE_CHECKS = (0.2, 1.0, 3.0)  # seconds: a peer that still answers after these has not left
 LEAVE_PAUSE = 1.0  # seconds between a contact and the first check of another LEAVE
-MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be somebody's flood
+MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be a flood
 FAR = float("inf")
 
 Sent = Tuple[Tuple[str, int], bytes]  # a datagram: from, content
@@ -35,7 +35,7 @@ class Patience(NamedTuple):
     offline: float  # it is offline
 
     @classmethod
-    def with_rate(cls, rate: float, settings: Settings) -> "Patience":
+    def from_rate(cls, rate: float, settings: Settings) -> "Patience":
         """Patience with a master that promises so many beats a second."""
         if rate * settings.offline_after < 2:
             ask = settings.active_request_after
@@ -57,16 +57,16 @@ class News(NamedTuple):
 class Peers:
     """The table of the peers."""
 
-    def __init__(self, settings: Settings, members: Members, here: Here, outbox: Outbox) -> None:
+    def __init__(self, settings: Settings, members: Members, local: LocalMaster, outbox: Outbox) -> None:
         self.table: Dict[Key, Peer] = {}
-        self.stale = False  # something may be another than what is public
-        self._settings, self._members, self._here, self._outbox = settings, members, here, outbox
+        self.stale = False  # something may differ from what is public
+        self._settings, self._members, self._local, self._outbox = settings, members, local, outbox
         self._echoes: Dict[Sent, Tuple[Peer, float]] = {}  # the last heartbeats
         self._first_step: Optional[float] = None  # see next_step
         self._crowds: Optional[Set[str]] = None  # addresses with several masters
 
-    def changed(self) -> None:
-        """Note that something is another about some master, and not only the time of its last beat.
+    def mark_stale(self) -> None:
+        """Note that something changed about a master, and not only the time of its last beat.
 
         With many masters most datagrams are plain beats. What looks at all masters must not be done for each of them.
         """
@@ -76,20 +76,20 @@ class Peers:
         """The addresses of all peers, some of them several times."""
         return (entry.key[0] for entry in self.table.values())
 
-    # Which there are
+    # The table
 
     def has_room(self, entry: Peer) -> bool:
-        """True where a stranger can be listed. Of too many of one address, another goes instead."""
-        return len(self.table) < MAX_MASTERS or len(self._at(entry)) >= MAX_PER_ADDRESS
+        """True where a stranger can be listed. Where one address has too many peers, one of these goes instead."""
+        return len(self.table) < MAX_MASTERS or len(self._find_by_address(entry)) >= MAX_PER_ADDRESS
 
     def add(self, entry: Peer) -> None:
         """List a stranger. Where one address has too many peers, the one goes that sent nothing for the longest time."""
-        same = self._at(entry)
+        same = self._find_by_address(entry)
         if len(same) >= MAX_PER_ADDRESS:
             del self.table[min(same, key=lambda other: other.beats[-1] if other.beats else other.since).key]
         self.table[entry.key] = entry
 
-    def _at(self, entry: Peer) -> List[Peer]:
+    def _find_by_address(self, entry: Peer) -> List[Peer]:
         return [other for other in self.table.values() if other.key[0] == entry.key[0]]
 
     def drop(self, entry: Peer) -> None:
@@ -105,14 +105,21 @@ class Peers:
         awaited = news.asked - (1.0 / entry.rate if regular else 0.0)
         if stamp != entry.beat.stamp and not (entry.beats and entry.beats[-1] >= awaited):
             entry.beat = entry.beat._replace(stamp=stamp, local_stamp=stamp)
-        entry.rate = entry.promised(news.now - self._memory())
+        entry.rate = entry.highest_rate(news.now - self._memory())
 
     # Heartbeats
 
     def is_echo(self, data: bytes, source: Tuple[str, int], now: float) -> bool:
         """True for a heartbeat that came a moment ago by the other way: to the group or by unicast."""
         entry, at = self._echoes.get((source, data), (None, LONG_AGO))
-        if entry is None or now - at > ECHO or not entry.online or entry.leaving or entry.overdue or entry.given_up:
+        if (
+            entry is None
+            or now - at > ECHO
+            or not entry.online
+            or entry.is_leaving
+            or entry.overdue
+            or entry.unreachable
+        ):
             return False
         entry.beats.append(now)
         return True
@@ -130,7 +137,7 @@ class Peers:
         """Take a heartbeat of a peer. What it is a sign of."""
         entry.heard = now
         if beat.kind is Kind.REQUEST:
-            if now - entry.contacted > CONTACT_PAUSE:  # who asks has perhaps just started, as somebody else
+            if now - entry.contacted > CONTACT_PAUSE:  # the sender has perhaps just started, as a different master
                 entry.contact_due = now if entry.contact_due is None else min(now, entry.contact_due)
         else:
             entry.beats.append(now)
@@ -144,7 +151,7 @@ class Peers:
     def _promise(self, entry: Peer, rate: float, now: float) -> None:
         """Take the rate in a heartbeat, which anybody can write. A lower one delays that a loss is seen: it must be confirmed."""
         entry.promises[rate] = now
-        promised = entry.promised(now - self._memory())
+        promised = entry.highest_rate(now - self._memory())
         if promised > entry.rate:
             entry.rate = promised
         elif promised < entry.rate and now - entry.contacted > CONTACT_PAUSE and entry.contact_due is None:
@@ -158,8 +165,8 @@ class Peers:
     # Silence
 
     def wake(self, late: float, now: float) -> None:
-        """This computer was asleep for so long, and nobody was silent meanwhile."""
-        self.changed()
+        """Note that this computer was asleep for so long. The masters were not silent meanwhile."""
+        self.mark_stale()
         for entry in self.table.values():
             entry.heard = min(now, entry.heard + late)
 
@@ -171,7 +178,7 @@ class Peers:
         for entry in list(self.table.values()):
             for due, step in list(self._steps(entry)):
                 if due <= now:
-                    self.changed()
+                    self.mark_stale()
                     if isinstance(step, Sign):
                         move(entry, step, News(now))
                     else:
@@ -190,8 +197,8 @@ class Peers:
 
     def _steps(self, entry: Peer) -> Iterator[Step]:
         """The steps about a master that stays silent, each with its time."""
-        heard, patience = entry.heard, Patience.with_rate(entry.rate, self._settings)
-        if self._here.online:
+        heard, patience = entry.heard, Patience.from_rate(entry.rate, self._settings)
+        if self._local.online:
             pause = patience.pause if entry.online else max(self._settings.active_request_after, patience.ask)
             pause = max(pause, SLOW_PAUSE) if self._is_crowded(entry) else pause
             yield max(heard + patience.ask, entry.requested + pause), self._request_state
@@ -207,7 +214,7 @@ class Peers:
     def _request_state(self, entry: Peer, now: float) -> None:
         entry.requested = now
         to_group = self._is_crowded(entry) and self._settings.send_mcast
-        self._outbox.send(self._here.record(Kind.REQUEST), None if to_group else entry.key[0])
+        self._outbox.send(self._local.record(Kind.REQUEST), None if to_group else entry.key[0])
 
     def _is_crowded(self, entry: Peer) -> bool:
         """True where several masters share its address, so that unicast reaches only one of them."""
@@ -215,15 +222,15 @@ class Peers:
             ports: Dict[str, Set[int]] = {}
             for address, _port, rpc_port in self.table:
                 ports.setdefault(address, set()).add(rpc_port)
-            self._crowds = {address for address, found in ports.items() if len(found) > 1}
+            self._crowds = {address for address, rpc_ports in ports.items() if len(rpc_ports) > 1}
         return entry.key[0] in self._crowds
 
     def _probe(self, entry: Peer, now: float) -> None:
         entry.probed = now
-        patience = Patience.with_rate(entry.rate, self._settings)
+        patience = Patience.from_rate(entry.rate, self._settings)
         self._outbox.ask(entry, now, entry.heard + patience.offline - now)
 
-    # After a LEAVE: who still answers has not left, whatever a datagram says
+    # After a LEAVE: a peer that still answers has not left, whatever a datagram says
 
     def check(self, entry: Peer, now: float) -> None:
         """Ask over TCP whether a peer has left."""
@@ -234,7 +241,7 @@ class Peers:
         """Ask once more: soon where it did not answer, later where it did."""
         entry.contact_due = now + LEAVE_CHECKS[entry.checks if answered else 0]
         entry.checks += 1
-        self._outbox.send(self._here.record(Kind.REQUEST), entry.key[0])
+        self._outbox.send(self._local.record(Kind.REQUEST), entry.key[0])
 
     def is_last_check(self, entry: Peer) -> bool:
         """True where the next answer decides whether a peer has left."""

@@ -6,15 +6,15 @@ from typing import Any, Dict, Iterable, List, Sequence, Tuple
 
 from ...protocol import metrics
 from ...protocol.diagnosis import ERROR, OK, PREFIX, VALUES, WARN, Diagnosis, warning
-from .health import APART, Seen, Shown
+from .health import APART, LinkHealth, LinkList
 from .outsiders import Outsider
 
 FEW = 50.0  # per cent of the heartbeats: fewer are a bad link
 
 
-def ignored(outsiders: Iterable[Outsider]) -> Diagnosis:
+def outsiders(ignored: Iterable[Outsider]) -> Diagnosis:
     """The entry about senders that are ignored."""
-    values = [(item.address, str(item)) for item in outsiders]
+    values = [(item.address, str(item)) for item in ignored]
     return warning("strangers", f"ignored, since they do not belong to the fleet: {len(values)}", values)
 
 
@@ -31,7 +31,7 @@ def roscore(uri: str, away: str, refused: Any = None) -> Diagnosis:
     return Diagnosis(f"{PREFIX}roscore", away or "it answers", [("uri", uri), *values], ERROR if away else OK)
 
 
-def links(shown: Shown) -> List[Diagnosis]:
+def links(shown: LinkList) -> List[Diagnosis]:
     """The entries about the masters of other robots: one for all, one for each link, and one for the clocks."""
     online = sum(link.online for link in shown.links)
     more = [("more", f"{shown.left_out} are not listed here")] if shown.left_out else []
@@ -45,7 +45,7 @@ def links(shown: Shown) -> List[Diagnosis]:
     return [masters, *map(_link, shown.links), _clocks(shown.links)]
 
 
-def _link(link: Seen) -> Diagnosis:
+def _link(link: LinkHealth) -> Diagnosis:
     level, message = _verdict(link)
     values = [("uri", link.uri), ("lost", f"{link.losses} times")]
     if link.silent is not None:
@@ -57,7 +57,7 @@ def _link(link: Seen) -> Diagnosis:
     return Diagnosis(f"{PREFIX}link to {link.name}", message, values, level)
 
 
-def _verdict(link: Seen) -> Tuple[int, str]:
+def _verdict(link: LinkHealth) -> Tuple[int, str]:
     if not link.online:
         return (ERROR, "lost") if link.silent is not None else (WARN, "not there")
     if 0.0 <= link.quality < FEW:
@@ -65,8 +65,8 @@ def _verdict(link: Seen) -> Tuple[int, str]:
     return OK, "online"
 
 
-def _clocks(shown: Sequence[Seen]) -> Diagnosis:
-    """The entry about clocks: a difference of which the time of the answer may be the reason is none."""
+def _clocks(shown: Sequence[LinkHealth]) -> Diagnosis:
+    """The entry about clocks. A difference that the time of the answer can explain does not count."""
     answers = [(link.name, link.answer) for link in shown if link.answer is not None]
     values = [(name, f"{answer.offset:+.3f} s, give or take {answer.seconds / 2:.3f} s") for name, answer in answers]
     most = max((answer.surely_apart for _name, answer in answers), default=0.0)
@@ -79,21 +79,23 @@ def _clocks(shown: Sequence[Seen]) -> Diagnosis:
 # Metrics
 
 
-def of_links(shown: Shown) -> metrics.Samples:
+def link_samples(shown: LinkList) -> metrics.Samples:
     """The samples about the links."""
     links = shown.links
 
-    def each(values: Iterable[Tuple[str, float]]) -> Dict[metrics.Values, float]:
+    def label(values: Iterable[Tuple[str, float]]) -> Dict[metrics.Values, float]:
         return {(name,): value for name, value in values}
 
     return {
         **metrics.scalar_samples(masters_online=sum(link.online for link in links), links_left_out=shown.left_out),
-        "multimaster_link_up": each((link.name, link.online) for link in links),
-        "multimaster_link_lost_total": each((link.name, link.losses) for link in links),
-        "multimaster_link_silence_seconds": each((link.name, link.silent) for link in links if link.silent is not None),
-        "multimaster_link_heartbeats_ratio": each(
+        "multimaster_link_up": label((link.name, link.online) for link in links),
+        "multimaster_link_lost_total": label((link.name, link.losses) for link in links),
+        "multimaster_link_silence_seconds": label(
+            (link.name, link.silent) for link in links if link.silent is not None
+        ),
+        "multimaster_link_heartbeats_ratio": label(
             (link.name, link.quality / 100) for link in links if link.quality >= 0
         ),
-        "multimaster_link_answer_seconds": each((link.name, link.answer.seconds) for link in links if link.answer),
-        "multimaster_clock_offset_seconds": each((link.name, link.answer.offset) for link in links if link.answer),
+        "multimaster_link_answer_seconds": label((link.name, link.answer.seconds) for link in links if link.answer),
+        "multimaster_clock_offset_seconds": label((link.name, link.answer.offset) for link in links if link.answer),
     }

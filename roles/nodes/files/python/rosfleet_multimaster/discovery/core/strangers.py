@@ -15,7 +15,7 @@ FORGET_STRANGER = 30.0  # seconds of silence
 
 
 class Strangers:
-    """The table of the strangers, and who of them is asked."""
+    """The table of the strangers, and those that are being asked."""
 
     def __init__(self, members: Members, outsiders: Outsiders, outbox: Outbox) -> None:
         self.table: Dict[Key, Peer] = {}  # in the order in which they were last heard
@@ -50,8 +50,8 @@ class Strangers:
         self._asked.discard(key)
 
     def give_back(self, key: Key) -> None:
-        """Note that somebody is at an address and has answered."""
-        self._budget.answered(key[0])
+        """Note that an address has answered."""
+        self._budget.refund(key[0])
 
     def forget(self, now: float) -> None:
         """Forget those that have been silent for long."""
@@ -62,8 +62,8 @@ class Strangers:
     def meet(self, now: float) -> None:
         """Ask strangers who they are, not too many at a time.
 
-        A flood may have ever other senders: so first comes who is heard most. It may have the same ones again and again:
-        so every second time, first comes who was not asked yet.
+        A flood may always have new senders: so the one that is heard most comes first. It may repeat the same ones:
+        so every second time, the one that was asked least comes first.
         """
         self._tell_ignored()
         for key in self._outsiders.due(now):
@@ -82,10 +82,10 @@ class Strangers:
             self._outbox.ask(entry, now, STRANGER_LIMIT)
 
     def due(self) -> List[float]:
-        """The times at which somebody is to be asked."""
-        found = [at for at, _entry in self._unmet()] if len(self._asked) < MAX_ASKED else []
+        """The times of the next questions."""
+        times = [at for at, _entry in self._unmet()] if len(self._asked) < MAX_ASKED else []
         outsider = self._outsiders.next_due()
-        return found if outsider is None else [*found, outsider]
+        return times if outsider is None else [*times, outsider]
 
     def _free(self, entry: Peer, now: float) -> float:
         """The time from which a stranger may be asked: twice, and later again, unless a member is planned there."""
@@ -99,7 +99,7 @@ class Strangers:
                 yield entry.contact_due, entry
 
     def _tell_ignored(self) -> None:
-        """Say who is ignored, each once."""
+        """Log each ignored sender once."""
         for outsider in self._outsiders.news:
             self._outbox.say("warning", f"outsider {outsider.address}", str(outsider))
         self._outsiders.news.clear()

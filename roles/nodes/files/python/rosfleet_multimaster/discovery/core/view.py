@@ -9,7 +9,7 @@ from ...protocol.members import Members
 from ...protocol.messages import Link, Master
 from ...protocol.parameters import Settings
 from .actions import Outbox
-from .here import Here
+from .local_master import LocalMaster
 from .peer import Contact, Peer
 from .peers import Peers
 
@@ -17,8 +17,8 @@ from .peers import Peers
 class View:
     """The masters that others were told of."""
 
-    def __init__(self, settings: Settings, members: Members, here: Here, peers: Peers, outbox: Outbox) -> None:
-        self._settings, self._members, self._here, self._peers, self._outbox = settings, members, here, peers, outbox
+    def __init__(self, settings: Settings, members: Members, local: LocalMaster, peers: Peers, outbox: Outbox) -> None:
+        self._settings, self._members, self._local, self._peers, self._outbox = settings, members, local, peers, outbox
         self._public: Dict[str, Master] = {}
 
     def publish(self, now: Optional[float]) -> None:
@@ -28,13 +28,13 @@ class View:
         can answer with the URI of another one. So it is shown at the same address until it does not answer there over TCP.
         """
         self._peers.stale = False
-        found: Dict[str, List[Peer]] = {}
+        by_uri: Dict[str, List[Peer]] = {}
         for entry in self._peers.table.values():
             if entry.contact is not None:
-                found.setdefault(entry.contact.uri, []).append(entry)
-        public = {uri: self._shown(uri, entries, now) for uri, entries in found.items()}
-        if self._here.master is not None:
-            public[self._here.master.uri] = self._here.master
+                by_uri.setdefault(entry.contact.uri, []).append(entry)
+        public = {uri: self._choose_master(uri, entries, now) for uri, entries in by_uri.items()}
+        if self._local.master is not None:
+            public[self._local.master.uri] = self._local.master
         if public == self._public:
             return
         before, self._public = self._public, public
@@ -47,22 +47,22 @@ class View:
             elif master != before[uri]:
                 self._outbox.event("changed", master)
 
-    def _shown(self, uri: str, entries: Sequence[Peer], now: Optional[float]) -> Master:
+    def _choose_master(self, uri: str, entries: Sequence[Peer], now: Optional[float]) -> Master:
         """The master with this URI, of the peers that say so."""
         before = self._public.get(uri)
         at = before.monitor_uri if before is not None else ""
 
         def rank(entry: Peer) -> Tuple[bool, bool, bool]:
-            return entry.monitor_uri == at and not entry.given_up, entry.online, not entry.overdue
+            return entry.monitor_uri == at and not entry.unreachable, entry.online, not entry.overdue
 
         best = max(entries, key=rank) if len(entries) > 1 else entries[0]
         if len(entries) > 1 and (best.overdue or not best.online) and best.contact_due is None and best.asked is None:
-            self._peers.ask_soon(best, now)  # is it still there? Another one waits for its place
+            self._peers.ask_soon(best, now)  # is it still there? A second peer claims its place
         return best.master()
 
     def report_twins(self, entry: Peer, contact: Contact) -> None:
         """Say where a peer is called as another master is."""
-        if contact.uri == self._here.uri:
+        if contact.uri == self._local.uri:
             text = (
                 f"{entry.monitor_uri} calls its master {contact.uri}, as this computer calls its own: nothing is"
                 " exchanged with it; set ROS_HOSTNAME or ROS_IP before roscore starts, on both"
@@ -82,21 +82,21 @@ class View:
 
     def masters(self) -> List[Master]:
         """All masters, the own one first."""
-        own = self._here.uri
+        own = self._local.uri
         return sorted(self._public.values(), key=lambda master: (master.uri != own, master.name, master.uri))
 
     def links(self, now: float) -> List[Link]:
         """The quality of the links to all masters, as `~linkstats` shows it."""
-        found, here = [], self._here
-        if here.master is not None:
-            heard = here.beats[-1] if here.beats else now
-            quality = self._quality(here.beats, self._settings.heartbeat_hz, here.since, now)
-            found.append(Link(here.master.name, quality, now - heard, here.master.uri))
+        links, local = [], self._local
+        if local.master is not None:
+            heard = local.beats[-1] if local.beats else now
+            quality = self._quality(local.beats, self._settings.heartbeat_hz, local.since, now)
+            links.append(Link(local.master.name, quality, now - heard, local.master.uri))
         for entry in self._peers.table.values():
             if entry.contact is not None:
                 quality = self._quality(entry.beats, entry.rate, entry.since, now)
-                found.append(Link(entry.contact.name, quality, now - entry.heard, entry.contact.uri))
-        return found
+                links.append(Link(entry.contact.name, quality, now - entry.heard, entry.contact.uri))
+        return links
 
     def _quality(self, beats: Deque[float], rate: float, since: float, now: float) -> float:
         if rate < 0.1:

@@ -11,7 +11,7 @@ from ...protocol.messages import Master
 from ...protocol.parameters import Settings
 
 
-class Here:
+class LocalMaster:
     """This computer, and the state of its own master."""
 
     def __init__(self, settings: Settings, addresses: Iterable[str], rpc_port: int, members: Members) -> None:
@@ -31,7 +31,7 @@ class Here:
 
     @property
     def online(self) -> bool:
-        """True where there is an own state to tell of."""
+        """True where the own master has a state to announce."""
         return self.master is not None and self.master.online
 
     def take(self, master: Master, now: float) -> Optional[Master]:
