@@ -140,7 +140,7 @@ networks:
       returned: always
       sample: changed
 open_ports:
-  description: The ports from 1024 up that this module closes to nobody, those of ssh among them.
+  description: The ports from 1024 up that this module leaves open to all, those of ssh among them.
   returned: always, unless an option is wrong
   type: list
   elements: str

@@ -39,7 +39,7 @@ options:
   run:
     description:
       - The label of the run, for example V(verify-1730000000), of 1 to 64 letters, digits, dots, hyphens and
-        underscores. Helpers with another label are not understood. A label that nobody else knows keeps others out.
+        underscores. Helpers with another label are not understood. A secret label keeps others out.
     type: str
     default: default
   group:

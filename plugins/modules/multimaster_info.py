@@ -571,7 +571,7 @@ ros:
           type: str
           sample: /home/robot belongs to robot
         left_out:
-          description: Variables that nobody gets, and entries of lists that are not absolute, or have C(;), C($), a quote or a backslash.
+          description: Variables that no process gets, and entries of lists that are not absolute, or have C(;), C($), a quote or a backslash.
           returned: always
           type: list
           elements: str
@@ -989,7 +989,7 @@ sshd:
           type: bool
           sample: false
     match_setenv:
-      description: Whether it knows C(SetEnv) below a C(Match). OpenSSH 8.4 gives nobody such variables.
+      description: Whether it knows C(SetEnv) below a C(Match). OpenSSH 8.4 gives such variables to no user.
       returned: always
       type: bool
       sample: true

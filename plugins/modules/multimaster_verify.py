@@ -465,7 +465,7 @@ members:
     ping_large:
       description:
         - The same for packets to the planned address that are as large as this computer's interface allows, 1500 bytes at
-          most, and that nobody may split. A router that tells that they are too large for the next network is as good as
+          most, and that no router may split. A router that tells that they are too large for the next network is as good as
           an answer. Null where small ones are not answered.
       returned: for every other computer
       type: dict
@@ -544,7 +544,7 @@ claims:
       type: str
       sample: eth0
     macs:
-      description: The hardware addresses of all who answered; of the own address nobody is to answer.
+      description: The hardware addresses of all who answered; for the own address there should be no answer.
       returned: always
       type: list
       elements: str
@@ -1500,7 +1500,7 @@ def look_members(params: Params, ros: Ros, deadline: float) -> typing.List[Resul
 
 
 def look_claims(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
-    """Ask who has the own addresses, and those of the others on the same networks."""
+    """Ask for the owners of the own addresses, and of the others' addresses on the same networks."""
     others = [member for member in list_members(params) if member["name"] != params["name"]]
     return claims.claims(
         address for member in others for address in (member["address"], member["discovery_address"]) if address
@@ -1508,7 +1508,7 @@ def look_claims(params: Params, ros: Ros, deadline: float) -> typing.List[Result
 
 
 def look_masters(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
-    """Look at the discovery nodes of all masters; only those of computers that take part are waited for."""
+    """Look at the discovery nodes of all masters. Wait only for those of computers that take part."""
     awaited = present(params)
     return concurrently(
         lambda master: masters.discovery(master, deadline if master["computer"] in awaited else 0.0),
@@ -1526,7 +1526,7 @@ def look_list_masters(params: Params, ros: Ros, deadline: float) -> Result:
 
 
 def look_outsiders(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
-    """Ask the discovery node of this computer whom it ignores."""
+    """Ask the discovery node of this computer for the peers that it ignores."""
     own = [master["monitor_uri"] for master in params["masters"] if master["computer"] == params["name"]]
     return masters.outsiders(own[0]) if own else []
 
@@ -1535,7 +1535,7 @@ def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result
     return topics.topics(ros, list_talkers(params), params["run"], params["name"], deadline)
 
 
-# The start of a module is its imports. What not every computer and state has is imported where it is asked for.
+# Imports take most of a module's start. A part that few computers or states need is imported where it is used.
 
 
 def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
@@ -1545,7 +1545,7 @@ def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Res
 
 
 def look_multicast(params: Params, ros: Ros, deadline: float) -> typing.Optional[Result]:
-    """Measure on the group; what prevents it is a result, too, since the rest still counts."""
+    """Measure on the group. An obstacle is a result too, since the other parts still count."""
     return group(params, "collected")
 
 
@@ -1633,7 +1633,7 @@ PartResult = typing.Tuple[Part, typing.Any, str]  # a part, its value, and why t
 def look_in_lanes(
     parts: typing.List[Part], attempt: typing.Callable[[Part], PartResult], late: typing.Callable[[Part], PartResult]
 ) -> typing.List[PartResult]:
-    """Look at parts at the same time: those that are settled after the others, and beside both what waits for the fleet."""
+    """Look at parts at the same time: the final parts after the others, and the shared parts beside both."""
 
     def lane(members: typing.List[Part]) -> typing.List[PartResult]:
         stages = ([part for part in members if part.final == final] for final in (False, True))
@@ -1644,7 +1644,7 @@ def look_in_lanes(
 
 
 def look(params: Params, quiet: bool) -> Result:
-    """Look at all wanted parts at the same time; what cannot be looked at is a sentence in `problems`."""
+    """Look at all due parts at the same time. A part that fails gives a sentence in `problems`."""
     start = time.monotonic()
     result: Result = {part.name: part.default for part in PARTS}
     result["problems"] = []
@@ -1653,7 +1653,7 @@ def look(params: Params, quiet: bool) -> Result:
     def attempt(part: Part) -> PartResult:
         try:
             return part, part.look(params, ros, start + params["patience"]), ""
-        except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
+        except Exception as problem:  # a strange machine may raise anything: the other parts still count
             return part, part.default, f"{part.name} could not be looked at: {quote(str(problem).rstrip('.'), LINE)}."
 
     def late(part: Part) -> PartResult:
@@ -1669,7 +1669,7 @@ def look(params: Params, quiet: bool) -> Result:
 def start_verification(module: Module) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
     params = module.params
-    # First: what is left running here is none of the machine.
+    # First: the listeners that start below are no part of the machine.
     machine = look_at_machine(params)
     multicast = None if module.check_mode else group(params, "started")
     result = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
@@ -1691,7 +1691,7 @@ def look_at_machine(params: Params) -> typing.Optional[Result]:
 
 
 def talk(params: Params, machine: typing.Optional[Result]) -> Result:
-    """Call the listeners of others, and start the talker; that it cannot start is a result, too."""
+    """Call the listeners of others, and start the talker. A talker that does not start is a result too."""
     call(params)
     if params["is_router"]:
         return {"msg": "The router of the common network has no talker."}
@@ -1719,7 +1719,7 @@ def choose_environment(params: Params, machine: typing.Optional[Result]) -> typi
 
 
 def call(params: Params) -> None:
-    """Send to the helpers: in other networks they see who translates addresses, in the own one that nobody drops these."""
+    """Send to the helpers. In other networks they see a translation of addresses, in the own network a loss of packets."""
     network.call(
         [
             member["discovery_address"] or member["address"]
@@ -1791,7 +1791,7 @@ def find_wrong_option(params: Params) -> typing.Optional[str]:
 
 
 def list_wrong_places(params: Params) -> typing.Iterator[str]:
-    """Say which addresses, networks and ports are none, one sentence each."""
+    """Find the texts that are no address, network or port, one sentence each."""
     members, masters = params["members"] or [], params["masters"] or []
     ports = [("port", params["port"])]
     addresses = []

@@ -239,7 +239,7 @@ def find_wrong_setting(params: Params) -> typing.Optional[str]:
 
 
 def find_wrong_place(params: Params) -> typing.Optional[str]:
-    """Say which master, address or kernel setting is none; None where all are."""
+    """Find a text that is no master, address or kernel setting, as a sentence; None if all are right."""
     for master in params["masters"]:
         absent = [key for key in ("computer", "address", "rpc_port") if key not in master]
         if absent or not str(master["rpc_port"]).isdigit():
@@ -258,7 +258,7 @@ def find_wrong_place(params: Params) -> typing.Optional[str]:
 
 
 def start_watch(module: Module) -> Result:
-    """Leave a watch behind; sockets that cannot be opened are an error before there is one."""
+    """Leave a watch behind. Its sockets are opened first, so an error shows in this task."""
     params = module.params
     path = path_of(KIND, params["run"])
     wanted = Wanted(
@@ -285,7 +285,7 @@ def start_watch(module: Module) -> Result:
 
 
 def collect_losses(module: Module) -> Result:
-    """Ask the watch; it answers when it is time, or as soon as something is lost."""
+    """Ask the watch. It answers at the end of `until`, or as soon as a value is lost."""
     params = module.params
     reply: Result = {}
     with contextlib.suppress(OSError):

@@ -188,7 +188,7 @@ settings:
       returned: always
       sample:
     conflict:
-      description: Who else decides the setting at boot, with another value; null where nobody does.
+      description: The file that gives the setting another value at boot; null without one.
       type: dict
       returned: always
       sample:

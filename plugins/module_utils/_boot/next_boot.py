@@ -26,7 +26,7 @@ _PERMANENT = ("enabled", "static", "indirect", "alias", "generated")
 
 
 def differences(services: typing.Sequence[str], planned: Options, root: str = "/") -> typing.List[Row]:
-    """What will not be as planned: units of `services`, and `settings`, `routes` and `hosts` of the plan. Raises Problem."""
+    """Compare the next boot with the plan: units of `services`, and its `settings`, `routes` and `hosts`. Raises Problem."""
     return (
         units([f"multimaster-{name}.service" for name in services])
         + settings(planned["settings"], root)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The dead-man's switch: the machine itself rolls back a change at run time that nobody confirms.
+"""The dead-man's switch: the machine itself rolls back an unconfirmed change at run time.
 
 Before the change, a timer of systemd is started. It runs a script of plain commands, so the former state comes back
 whatever happens to the module, the connection or the controller. All its files are below /run, and files that are read
@@ -48,14 +48,14 @@ put() {{ cp -p "$1" "$2.rosfleet-new-undo" && mv "$2.rosfleet-new-undo" "$2"; }}
 
 
 class RolledBack(Problem):
-    """Nobody confirmed in time, so the former state has come back."""
+    """The confirmation did not come in time, so the former state is back."""
 
 
 def connection(proc: str = "/proc") -> str:
     """Return the connection that asked for this run as PID-START: the nearest ancestor that serves ssh.
 
-    Two sessions over one kept connection have the same one; a new TCP connection has another. Empty where there is
-    none, as for a connection into a container. (The environment cannot tell: sudo(8) removes SSH_CONNECTION.)
+    Sessions over one kept connection have the same text. A new TCP connection has a new one. The text is empty without
+    ssh, as in a container. (The environment is no help: sudo(8) removes SSH_CONNECTION.)
     """
     pid = os.getppid()
     while pid > 0:
@@ -199,7 +199,7 @@ class Switch:
         return True
 
     def waits(self) -> bool:
-        """True while the way back has not begun, and nobody has confirmed."""
+        """True while there is neither a confirmation nor a rollback."""
         return self._mark() == "armed"
 
     def rearm(self) -> None:
@@ -379,14 +379,14 @@ class Guard:
             self.switch.clear()
             if failures:
                 raise Problem(
-                    f"The {self.what} of an earlier run, which nobody confirmed, could not be taken back; these commands "
+                    f"The {self.what} of an earlier run, not confirmed, could not be taken back; these commands "
                     f"failed: {', '.join(failures)}: correct them by hand."
                 )
         self.changed = waits
         were = "would be" if waits and self.module.check_mode else "were"
         ends.warn(
             self.module,
-            f"The {self.what} of an earlier run, which nobody confirmed within {int(state.get('seconds', 0))} s, {were} taken "
+            f"The {self.what} of an earlier run, not confirmed within {int(state.get('seconds', 0))} s, {were} taken "
             f"back{' first' if waits else ''}.",
         )
 

@@ -5,11 +5,10 @@
 
 A bundle's record holds for each path the fingerprint of what was written (`written`) and, while a run is at work, of
 what it is about to write (`writing`). It is saved before the first change, so a run that is killed leaves nothing on
-the machine that the next run does not know of. A path that was only intended is owned only if it holds what was
-intended.
+the machine that the next run does not know of. A path with `writing` alone is owned if it holds that content.
 
-Root acts in no folder that somebody else can change, also not to remove what is its own there: a link in the place of a
-folder would lead it elsewhere.
+Root acts only in folders that root alone can change. Elsewhere it does not even remove its own files: a link in the
+place of a folder would lead it to another folder.
 """
 
 import glob
@@ -77,7 +76,7 @@ class Machine(typing.NamedTuple):
     leftovers: typing.List[str]  # half-written neighbours of an interrupted run
     folders_of_others: typing.Set[str]  # folders that other bundles made
     owner: typing.Tuple[int, int]  # the (uid, gid) that the module runs as, which owns a planned file by default
-    unsafe: typing.Dict[str, str] = {}  # paths and folders where somebody else could lead root elsewhere: why
+    unsafe: typing.Dict[str, str] = {}  # paths and folders that other users can replace, each with the reason
 
 
 class Item(typing.NamedTuple):
@@ -193,12 +192,12 @@ def _leftovers(paths: typing.Iterable[str]) -> typing.List[str]:
 
 
 def _unsafe(paths: typing.Iterable[str], folders: typing.Iterable[str]) -> typing.Dict[str, str]:
-    """The paths whose folder, and the folders that, somebody else than root can replace; why, in a few words.
+    """Find the paths and folders that other users than root can replace, each with the reason in a few words.
 
     A group that may write is trusted: root has given it the right, as Debian gives /usr/local to the group staff.
     """
     if os.geteuid() != 0:
-        return {}  # whoever leads an ordinary user elsewhere gains nothing
+        return {}  # an ordinary user has no rights to gain
     view = trust.Look()
     places = [(path, os.path.dirname(path)) for path in sorted(paths)] + [(folder, folder) for folder in folders]
     why = {
@@ -347,7 +346,7 @@ def _notes(
 
 
 def _notes_on_unsafe(remembered: Data, machine: Machine) -> typing.List[str]:
-    """The notes on what was ours, and is left where it is."""
+    """The notes on our files and folders that stay, since their place is not safe."""
     ours = [*remembered.get("files", {}), *remembered.get("folders", [])]
     return [
         f"{path} was ours and stays, since {machine.unsafe[path]}; expected folders that root alone can change: remove it by hand."
@@ -374,7 +373,7 @@ def _state(
 
 
 def _refuse_unsafe(files: typing.Iterable[PlannedFile], machine: Machine) -> None:
-    """Raise Problem with a sentence for every planned path where somebody else could lead root elsewhere."""
+    """Raise Problem with a sentence for every planned path that other users can replace."""
     problems = [
         f"{file.path} is not written, since {machine.unsafe[file.path]}; expected folders that root alone can change: choose "
         "another path, or give its folders to root (chown, chmod)."
@@ -388,7 +387,7 @@ def _refuse_unsafe(files: typing.Iterable[PlannedFile], machine: Machine) -> Non
 def _refuse(
     files: typing.List[PlannedFile], items: typing.List[Item], machine: Machine, removals: typing.List[str]
 ) -> None:
-    """Raise Problem with a sentence for everything that is in the way of the plan."""
+    """Raise Problem with a sentence for every file or folder that blocks the plan."""
     problems = [
         _describe_conflict(file, machine.states[file.path])
         for file, item in zip(files, items)

@@ -83,7 +83,7 @@ def _take(folder: str, name: str, deadline: float) -> _Lock:
         try:
             made += atomic.make_folders(folder)
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-        except (FileExistsError, FileNotFoundError):  # a run that ends removes the folder, and one that begins makes it
+        except (FileExistsError, FileNotFoundError):  # runs remove this folder at their end, and make it at their start
             if time.monotonic() > vanishing:
                 raise
             continue
@@ -153,7 +153,7 @@ def _is_at(descriptor: int, path: str) -> bool:
 
 
 def _sign(descriptor: int, name: str) -> None:
-    """Write which process holds the lock, for the sentence of a run that waits in vain."""
+    """Write the name of this process into the lock, for the sentence of a run that waits in vain."""
     with contextlib.suppress(OSError):  # a full disk
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{os.getpid()} {name}".encode("utf-8", "replace")[:_WORDS], 0)
@@ -170,7 +170,7 @@ def _busy(descriptor: int, path: str) -> str:
 
 
 def _trace(folder: str) -> typing.List[typing.Tuple[int, int]]:
-    """What a run changes by taking and freeing the lock: the file, and its folder or the nearest one that is there."""
+    """The marks of a lock that is taken and freed: the times of the file and of the nearest folder that exists."""
     while not os.path.isdir(folder) and os.path.dirname(folder) != folder:
         folder = os.path.dirname(folder)
     stamps = []

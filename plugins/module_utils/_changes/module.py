@@ -18,10 +18,10 @@ Fields = typing.Dict[str, typing.Any]
 
 
 class Forecast(typing.NamedTuple):
-    """What check mode knows of the change itself."""
+    """The outcome of the change, as far as check mode knows it."""
 
-    refusals: typing.List[str]  # the sentences that say what would fail
-    unknown: typing.List[str]  # and those that say what cannot be known before
+    refusals: typing.List[str]  # the sentences on what would fail
+    unknown: typing.List[str]  # the sentences on what only the change itself shows
 
 
 class ModuleRun:
@@ -32,11 +32,11 @@ class ModuleRun:
 
     @property
     def refusals(self) -> typing.List[str]:
-        """The sentences that say why the plan is not carried out, also in check mode; none where it is."""
+        """The sentences that stop the plan, also in check mode; empty if it is carried out."""
         return []
 
     def foresee(self) -> Forecast:
-        """Try what the run would find out only when it changes something, without a change; asked for in check mode alone."""
+        """Try the change without a change, in check mode alone: some failures show only then."""
         return Forecast([], [])
 
     @property

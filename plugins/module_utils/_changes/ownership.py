@@ -56,7 +56,7 @@ def _change_mode(mode: int, users: str, operator: str, rights: str) -> int:
 
 
 def _bits(rights: str, mode: int) -> int:
-    """The three bits of rwxX; X is x where anybody may execute already."""
+    """The three bits of rwxX; X is x if a user may execute the file already."""
     execute = "x" in rights or ("X" in rights and mode & 0o111)
     return (4 if "r" in rights else 0) | (2 if "w" in rights else 0) | (1 if execute else 0)
 
@@ -66,7 +66,7 @@ def find_owner(
 ) -> typing.Optional[typing.Tuple[int, int]]:
     """The (uid, gid) of a file, None where neither is asked for. Raises Problem for a name that is not known here.
 
-    Of a user without a group, the group is that of the module, as of every other file.
+    A user without a group gets the group of the module, as every other file does.
     """
     if owner is None and group is None:
         return None

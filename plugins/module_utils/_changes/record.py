@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.probl
 RECORDS = "/var/lib/rosfleet-multimaster"
 T = typing.TypeVar("T")
 #: The form of a record: a type or several, [form] for a list, {"*": form} for an object, {"key": form} where each key
-#: may be missing, and other keys are left to who reads them.
+#: may be missing. Other keys are not checked here.
 Shape = typing.Any
 
 
@@ -86,12 +86,12 @@ class Record:
             self.tidy()
 
     def tidy(self) -> None:
-        """Remove what a killed run left of an empty record. That it cannot be removed is no failure."""
+        """Remove what a killed run left of an empty record. A file that stays is no failure."""
         folder = os.path.dirname(self.path)
         try:
             atomic.remove_leftovers(self.path)
             _close(folder)
-        except OSError:  # a read-only root, or a folder of somebody else
+        except OSError:  # a read-only root, or a folder of another user
             return
 
 

@@ -93,7 +93,7 @@ class ManagedServices(ModuleRun):
         owned = files.find_owned_files(self.remembered, self.machine)
         units.check(self.units, self.states, owned)
         self.files = files.plan_files(self.wanted, self.remembered, self.machine)
-        # A unit whose file an interrupted run never wrote is not owned: somebody else may have one of this name.
+        # A unit whose file an interrupted run never wrote is not owned: the unit of this name may be another program's.
         self.removed = [
             name for name in self.former if not self.states[name].fragment or self.states[name].fragment in owned
         ]

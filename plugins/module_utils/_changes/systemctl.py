@@ -78,13 +78,13 @@ class Systemd:
         return [folder for block in shown.units for folder in block.get("UnitPath", "").split()]
 
     def call(self, verb: str, *arguments: str) -> None:
-        """Run systemctl; raises Problem with what it said."""
+        """Run systemctl; raises Problem with its error."""
         answer = commands.run(("systemctl", verb) + arguments, limit=max(_QUICK, self.timeout))
         if answer.status != 0:
             raise _failure((verb,) + arguments, answer.error or str(answer.status))
 
     def try_call(self, verb: str, *names: str) -> None:
-        """Run systemctl where a failure means that there was nothing to do."""
+        """Run systemctl; a failure means that there was nothing to do."""
         if names:
             commands.run(("systemctl", verb, "--") + names, limit=_QUICK)
 
@@ -149,7 +149,7 @@ def _inputs_of(pid: str) -> str:
 
 
 def _is_newer(path: str, start: float) -> bool:
-    """Say if a file was written after a time. One of the future was written by another clock: of it nobody knows."""
+    """True for a file written after this time. A time in the future is of another clock and does not count."""
     try:
         status = os.stat(path)
     except (FileNotFoundError, NotADirectoryError):

@@ -15,7 +15,7 @@ import typing
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
 
-FAILURES = (OSError, ValueError, Problem)  # what a step may raise; anything else is a defect of the program
+FAILURES = (OSError, ValueError, Problem)  # the exceptions of a step; any other is a defect of the program
 Data = typing.Dict[str, typing.Any]
 
 

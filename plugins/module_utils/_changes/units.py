@@ -120,7 +120,7 @@ def files_read(content: str) -> typing.List[str]:
 
 
 def says_when_up(content: str) -> bool:
-    """Say if systemd's start of the unit of this text lasts until the unit says that it is up (Type=, systemd.service(5))."""
+    """True if systemd waits for the unit's own word that it is up (Type=, systemd.service(5))."""
     types = _TYPE.findall(content)
     return bool(types) and types[-1] in _READY_TYPES
 

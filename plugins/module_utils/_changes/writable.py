@@ -34,7 +34,7 @@ def obstacle(path: str, in_place: bool = False) -> str:
         if flag:
             return (
                 f"{place} is {flag} (lsattr shows it), so not even root changes it; expected one without that: "
-                f"run 'chattr -{flag[0]} {place}', or leave the path to whoever locked it."
+                f"run 'chattr -{flag[0]} {place}', or ask the person who locked it."
             )
     return _path_obstacle(path, folder) or _folder_obstacle(folder)
 
@@ -66,7 +66,7 @@ def _folder_obstacle(folder: str) -> str:
 
 
 def _longest_name(folder: str) -> int:
-    """The bytes of a name beside which its neighbour, which replaces it, has a name as well (atomic.py)."""
+    """The longest name of a file, in bytes: its neighbour, which replaces it, has a longer one (atomic.py)."""
     try:
         return os.pathconf(folder, "PC_NAME_MAX") - len(atomic.NEIGHBOUR) - len("-4194304")
     except (OSError, ValueError):  # a folder that is none
@@ -95,7 +95,7 @@ def _is_mount_point(path: str) -> bool:
 
 
 def obstacles(paths: typing.Iterable[str]) -> typing.List[str]:
-    """Say it for several paths, each sentence once."""
+    """The obstacles of several paths, each sentence once."""
     return list(dict.fromkeys(filter(None, (obstacle(path) for path in paths))))
 
 

@@ -3,7 +3,7 @@
 
 """The concerns of a computer, each by the name of its module, in the order in which a play brings them.
 
-What is compiled costs more than what is done. So the code of a concern is imported where the concern is asked for.
+Most of the time goes into compiling code. So the code of a concern is imported only where the concern is asked for.
 """
 
 import typing
@@ -16,7 +16,7 @@ Options = typing.Mapping[str, typing.Any]
 
 
 class Tools(typing.NamedTuple):
-    """What a run takes of its AnsibleModule."""
+    """The methods of AnsibleModule that a run needs."""
 
     back_up: typing.Callable[[str], str]
 

@@ -3,8 +3,8 @@
 
 """Several concerns of a computer in one run of a module, each as its own module carries it out.
 
-Where a change waits for its confirmation, what cannot cut the controller off is left to the run that confirms. A concern that
-fails ends the run: those before it stay, those after it are not begun, and changes that wait are taken back.
+While a change waits for its confirmation, only the concerns that could cut the controller off are changed. The second run,
+which confirms, does the others. A concern that fails ends the run: earlier ones stay, and waiting changes are taken back.
 """
 
 import typing
@@ -135,7 +135,7 @@ def _end(
 
 
 def _read_shells(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
-    """Return what shells see where files were written; nothing where that is not to be had, as after a failure."""
+    """Read the environment of shells after files were written; empty after a failure."""
     written = any(name == "managed_files" and result.get("changed") for name, result in results)
     if not written or results[-1][1].get("failed"):
         return {}
@@ -143,7 +143,7 @@ def _read_shells(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
 
     try:
         return {"shells": commands.within(_SHELLS_LIMIT, shells.seen)}
-    except Exception:  # whatever a strange machine makes of it: nothing is known of what shells see
+    except Exception:  # a strange machine may raise anything: then the environment of shells is not known
         return {"shells": dict(shells.NOTHING_SEEN)}
 
 

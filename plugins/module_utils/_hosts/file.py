@@ -145,7 +145,7 @@ def _texts(under_way: typing.Dict[str, str]) -> typing.Tuple[bytes, bytes]:
 def is_torn(content: bytes, before: bytes, after: bytes) -> bool:
     """True for content of which each byte is the old one, the new one or never written (0).
 
-    Anything else was written by somebody else since then, and stays.
+    Other content was written later by another program, and stays.
     """
     length = max(len(before), len(after))
     either = zip(content, before.ljust(length, b"\0"), after.ljust(length, b"\0"))

@@ -3,8 +3,8 @@
 
 """The lines of /etc/hosts, and the plan of the new file. Pure: bytes in, bytes and a report out.
 
-The mark in a line says who owns it. So there is no second record that could be lost, or differ from the file after a
-run was killed; a line may be moved; and a person who reads the file sees which lines the module owns:
+The mark in a line tells its owner. So there is no second record that could be lost, or differ from the file after a
+run was killed. A line may be moved. A reader of the file sees which lines the module owns:
 
     192.168.1.239   kobuki2computer # rosfleet.multimaster
         Owned, whatever it says: repaired, and removed as a whole. A person who removes the mark owns the line again.

@@ -48,12 +48,12 @@ def _zero(value: str) -> str:
 
 
 class Rule(typing.NamedTuple):
-    """What the kernel changes beside a key."""
+    """A rule of the kernel: a write to one key changes other keys too."""
 
     key: str  # a pattern of keys
     others: str  # a pattern of those that change; `{}` is the last level of the key
     value: typing.Callable[[str], str] = _copy  # their value, from that of the key
-    spares: bool = False  # what somebody has set apart stays as it is
+    spares: bool = False  # keys with another value than this key keep it
     but: typing.Tuple[str, ...] = ()  # interfaces that do not change
     unless: typing.Tuple[str, ...] = ()  # last levels of keys that change nothing
 
@@ -100,7 +100,7 @@ class Others(typing.NamedTuple):
 
 
 def others_of(key: str) -> typing.List[Others]:
-    """What the kernel changes beside a key."""
+    """The other keys that the kernel changes with this key."""
     last = key.rpartition("/")[2]
     return [
         Others(rule.others.format(last), rule) for rule in RULES if matches(rule.key, key) and last not in rule.unless
@@ -118,14 +118,14 @@ def followers(key: str, value: str, keys: typing.Iterable[str]) -> typing.Dict[s
 
 
 def keeps_deviations(key: str) -> bool:
-    """True where the kernel leaves alone what somebody has set apart from this key."""
+    """True if other keys that have a value of their own keep it when this key changes."""
     return any(entry.rule.spares for entry in others_of(key))
 
 
 def find_side_effects(key: str, value: str, values: typing.Mapping[str, str]) -> typing.Dict[str, str]:
     """The other keys that the kernel sets when this key gets this value, with their new values.
 
-    Nobody can see what was set apart to the value that the key has, too: it is taken for one that follows.
+    A key with the same value counts as a follower, even if a person has set it.
     """
     changes = followers(key, value, values)
     if keeps_deviations(key):
@@ -177,7 +177,7 @@ _SENTENCES = {
     "run as root (become: true), in a container with the capability for it.",
     "denied without a capability": "{name}: root may not change {path} here ({reason}), since this process is without {capability}, as in "
     "a container; it holds {found}, expected {wanted}: give it that, or set the value where the container is started.",
-    "denied to root": "{name}: nobody may change {path} ({reason}), not even root, and it holds {found}, expected {wanted}: "
+    "denied to root": "{name}: not even root may change {path} ({reason}), which holds {found}, expected {wanted}: "
     "take it off the settings, or give the container the capability for it.",
     "invalid": "{name}: the kernel refuses the value {wanted} ({reason}) and keeps {found}: "
     "give a value that it accepts.",
@@ -185,7 +185,7 @@ _SENTENCES = {
 
 
 def refusal(path: str, setting: Setting, value: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
-    """The state and the sentence for a setting that the kernel refuses with this errno. `value`: the value, None for no key."""
+    """The state and the sentence for a setting that the kernel refuses with this errno. `value`: the present one, None for no key."""
     state = _STATES.get(number, "invalid")
     if state == "missing" and value is not None:
         state = "invalid"  # the key is there, and the kernel knows nothing of the name that the value is
@@ -268,8 +268,8 @@ class Kernel:
     def settle(self, goals: typing.Mapping[str, str]) -> typing.Dict[str, int]:
         """Bring these keys to these values, and write only what differs; returns the errno for each key that stays otherwise.
 
-        The kernel refuses some values while another key has its present one, and changes keys beside keys. So this goes on
-        as long as it gets nearer to the goals.
+        The kernel refuses some values as long as another key has its old one, and some writes change other keys too. So the
+        writes are repeated as long as fewer keys are wrong each time.
         """
         wrong, problems = self._wrong(goals), dict.fromkeys(goals, 0)
         while wrong:

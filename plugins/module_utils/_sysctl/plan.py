@@ -233,7 +233,7 @@ def _take_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> Remo
 
 
 def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
-    """Plan the value from before, and those of the keys beside it as they were, or as somebody else has set them since."""
+    """Plan the value from before. The keys beside it get theirs from before too, or keep a later change of another program."""
     if entry.before is None:
         raise AssertionError("a setting without a key is refused, so it has no record")
     followed, others = followers(entry.key, kernel.values[entry.key], kernel.values), dict(kernel.values)
@@ -289,7 +289,7 @@ def _original_value(
 def _find_side_effects(
     settings: typing.List[Setting], kernel: _Simulation, base: typing.Mapping[str, str]
 ) -> typing.List[SideEffect]:
-    """The keys that somebody had set apart and that change with a listed one. `base`: the values before the settings."""
+    """The keys with a value of their own that change with a listed key. `base`: the values before the settings."""
     keys = {setting.key for setting in settings}
     return [
         SideEffect(name_of(other), base[other], kernel.values[other])
@@ -301,5 +301,5 @@ def _find_side_effects(
 
 
 def _was_apart(key: str, other: str, base: typing.Mapping[str, str]) -> bool:
-    """True where the other key did not follow this key, as it does when nobody sets it."""
+    """True if the other key had a value of its own. A key that was never set follows this key."""
     return base[other] != followers(key, base[key], [other])[other]

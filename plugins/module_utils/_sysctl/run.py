@@ -127,7 +127,7 @@ class Run(ModuleRun):
     def _prefer_boot_values(
         self, settings: typing.List[Setting], enough: typing.Mapping[str, typing.Container[str]]
     ) -> typing.List[Setting]:
-        """The settings, with the value of somebody else's file where that one is enough: so it stays."""
+        """The settings. Where the value of another file is enough, it is taken, so the file stays."""
         if not enough:
             return settings
         ours = [self.drop_in, *self.stored.get("drop_ins", [])]
@@ -147,7 +147,7 @@ class Run(ModuleRun):
         return os.path.join(self.tree.real(os.path.dirname(path)), os.path.basename(path))
 
     def _read_own_text(self) -> typing.Optional[str]:
-        """The text of our drop-in, None where there is none. Raises Problem where the file is somebody else's."""
+        """The text of our drop-in, None where there is none. Raises Problem for a file that is not ours."""
         if not os.path.lexists(self.file):
             return None
         regular = os.path.isfile(self.file) and not os.path.islink(self.file)
@@ -265,7 +265,7 @@ class Run(ModuleRun):
         return problems + (self.conflicts if self.fails_on_conflict else []) + writable.obstacles(files)
 
     def foresee(self) -> Forecast:
-        """What the kernel makes of the values, as far as it can be asked without a change."""
+        """Try the values in a network namespace, so nothing changes here."""
         writes = {write.key: write.value for write in self.plan.writes if write in self.settings}
         if self.kernel.proc != PROC or not writes:
             return Forecast([], [])
@@ -288,7 +288,7 @@ class Run(ModuleRun):
 
     @property
     def warnings(self) -> typing.List[str]:
-        """The sentences about conflicts, and about settings that somebody else has changed since."""
+        """The sentences about conflicts, and about settings that were changed after our run."""
         return self.conflicts + [_sentence(item) for item in self.taken_back if item["state"] == "left"]
 
     @property
@@ -361,7 +361,7 @@ class Run(ModuleRun):
         ]
 
     def undo_files(self) -> typing.Sequence[typing.Tuple[str, typing.Optional[bytes]]]:
-        """The files to restore together with the values: none, since `apply_runtime` writes none."""
+        """The files to restore with the values. The list is empty: `apply_runtime` writes no file."""
         return ()
 
     def apply_runtime(self) -> None:
@@ -419,14 +419,14 @@ class Run(ModuleRun):
         return self.items[self.settings.index(setting)]
 
     def _refuse(self, setting: Setting, number: int) -> Problem:
-        """What the run ends with where the kernel refuses a listed value; its item says so."""
+        """Note in the item that the kernel refuses a listed value; returns the problem that ends the run."""
         # Read again: an interface may have gone with its keys.
         state, text = refusal(self.kernel.path(setting.key), setting, self.kernel.look(setting.key).value, number)
         self._item_of(setting).update(state=state, problem=text, changed=False)
         return Problem(text)
 
     def _refuse_deviation(self, setting: Setting) -> Problem:
-        """What the run ends with where the kernel holds another value than it was given."""
+        """Note in the item that the kernel holds another value; returns the problem that ends the run."""
         text = _deviation(setting, self.kernel.look(setting.key).value)
         self._item_of(setting).update(state="invalid", problem=text, changed=False)
         return Problem(text)
@@ -477,7 +477,7 @@ class Run(ModuleRun):
 
 
 def _deviation(setting: Setting, value: typing.Optional[str]) -> str:
-    """The sentence for a value of which the kernel makes another one."""
+    """The sentence for a value that the kernel turns into another one."""
     return (
         f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {quote(value)}, expected the same: write the value as the "
         "kernel says it."
@@ -485,7 +485,7 @@ def _deviation(setting: Setting, value: typing.Optional[str]) -> str:
 
 
 def _alike(value: str, current: typing.Optional[str]) -> bool:
-    """True for as many whole numbers as there are."""
+    """True if both texts hold whole numbers alone, equally many."""
     forms = [[bool(re.fullmatch(r"-?[0-9]+", word)) for word in (text or "").split()] for text in (value, current)]
     return forms[0] == forms[1] and all(forms[0])
 

@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kerne
 
 _NEW = 0x10000000 | 0x40000000  # CLONE_NEWUSER | CLONE_NEWNET (unshare(2))
 _INTERFACE = re.compile(r"(net/ipv[46]/(?:conf|neigh))/(?!all/|default/)[^/]+/")
-# They say nothing about the value: the key or what it names is not in the namespace, or may not be changed there.
+# No answer on the value: the key is not in the namespace, or may not be changed there.
 _UNKNOWN = (errno.ENOENT, errno.ENOTDIR, errno.EPERM, errno.EACCES, errno.EROFS, errno.ENODEV)
 _LIMIT = 10  # seconds; it takes some hundredths
 
@@ -28,14 +28,14 @@ Values = typing.Mapping[str, str]
 
 
 class Outcome(typing.NamedTuple):
-    """What the kernel makes of a value."""
+    """The kernel's answer to a value."""
 
     number: int  # the errno with which it refuses it, 0 for none
     value: str  # the value that it holds then
 
 
 def try_values(kernel: Kernel, wanted: Values) -> typing.Dict[str, Outcome]:
-    """The outcome for each key of which one is known. The values beside the keys are those of this machine."""
+    """Try values in a new network namespace that has this machine's other values. Keys without a known outcome are left out."""
     wanted = {key: value for key, value in wanted.items() if key.startswith("net/")}
     if not wanted:
         return {}

@@ -425,9 +425,7 @@ def test_a_run_that_was_broken_off_is_taken_back_first(play):
     assert "would be taken back first" in checked.warnings[0]
     assert play.state() == ("new", "old")
     result = play(wanted="newer", confirm_within=HOUR, confirmation="u")
-    assert result.warnings == [
-        "The test values of an earlier run, which nobody confirmed within 3600 s, were taken back first."
-    ]
+    assert result.warnings == ["The test values of an earlier run, not confirmed within 3600 s, were taken back first."]
     assert not play(wanted="newer", confirmation="u").unconfirmed
     assert play.state() == ("newer", "newer after old")  # the state before is the one before the broken-off run
 
@@ -436,9 +434,7 @@ def test_a_run_that_was_taken_back_and_never_heard_of(play, switch):
     play(confirm_within=HOUR, confirmation="t")
     switch.roll_back_now()
     result = play(wanted="old", confirm_within=HOUR, confirmation="u")
-    assert result.warnings == [
-        "The test values of an earlier run, which nobody confirmed within 3600 s, were taken back."
-    ]
+    assert result.warnings == ["The test values of an earlier run, not confirmed within 3600 s, were taken back."]
     assert play.clean()
 
 
