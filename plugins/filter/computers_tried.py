@@ -53,7 +53,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, AUTO, tried
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, AUTO, choose_pairs
 
 
 def computers_tried(fleet: Mapping[str, Any], observer: str, pairs: str = AUTO) -> list[str]:
@@ -61,7 +61,7 @@ def computers_tried(fleet: Mapping[str, Any], observer: str, pairs: str = AUTO) 
     if pairs not in (AUTO, ALL):
         raise AnsibleFilterError(f"verify_pairs is {pairs!r}, expected {AUTO} or {ALL}.")
     networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
-    targets = tried(networks, fleet["computers"], pairs)[observer]
+    targets = choose_pairs(networks, fleet["computers"], pairs)[observer]
     return [name for name in networks if name in targets]
 
 

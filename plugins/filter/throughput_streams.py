@@ -70,7 +70,7 @@ def throughput_streams(
     if not length:
         return {"to": {}, "seconds": 0}
     networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
-    to = tried.streams(tried.tried(networks, networks, pairs), list(networks), length)
+    to = tried.streams(tried.choose_pairs(networks, networks, pairs), list(networks), length)
     return {"to": to, "seconds": math.ceil(tried.number(to) * length + len(to) * tried.START)}
 
 

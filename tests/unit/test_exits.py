@@ -17,7 +17,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Found
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
@@ -174,7 +174,7 @@ def through_a_difference(text):
 def through_the_report(text):
     row = Row("names", "robot1", "robot2", FAILED, text, text)
     part, rival = Part("registration", "robot1", "ghost", text), Part("messages", "robot2", "differ", text)
-    diagnosis = Diagnosis((Found(part, rivals=(rival,), proof=(row,), rows=(row,)),), (row,))
+    diagnosis = Diagnosis((Finding(part, rivals=(rival,), proof=(row,), rows=(row,)),), (row,))
     summary = report.summarise([row], ["robot1", "robot2"], 2)
     shown = plain_lines(report.render(summary, diagnosis))
     return [*shown.replace("\t", " ").split("\n"), *texts(plain_data(report.document(summary, diagnosis, [row])))]

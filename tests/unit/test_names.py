@@ -24,9 +24,6 @@ LATER = set(
     plugins/module_utils/_watch
     plugins/plugin_utils/_adopt
     plugins/plugin_utils/_bundle
-    plugins/plugin_utils/_case
-    plugins/plugin_utils/_checks
-    plugins/plugin_utils/_diagnosis
     plugins/plugin_utils/_fleet
     plugins/plugin_utils/_judgement
     plugins/plugin_utils/_plan

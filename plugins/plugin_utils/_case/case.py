@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Exchanges
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import ReadFilters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON, Way, Ways
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
@@ -59,7 +59,7 @@ class Participant:
     macs: frozenset[str] = frozenset()  # its hardware addresses
 
     @classmethod
-    def of(cls, name: str, plan: ComputerPlan, seen: Observation) -> Participant:
+    def from_observation(cls, name: str, plan: ComputerPlan, seen: Observation) -> Participant:
         """Index an observation."""
         probe = seen.probe or Probe()
         multicast = seen.multicast or Multicast()
@@ -76,7 +76,7 @@ class Participant:
             answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
             callers=frozenset(entry.address for entry in multicast.callers),
             rounds=_rounds(multicast.icmp),
-            claimed=_claimed(probe),
+            claimed=_read_arp_answers(probe),
             macs=frozenset(entry.mac.lower() for entry in probe.forwarding.interfaces if entry.mac),
             answers_broadcasts=ANSWERS_BROADCASTS in {(entry.name, entry.value) for entry in plan.sysctl},
         )
@@ -87,7 +87,7 @@ class Participant:
         return (*self.plan.services, *(("multicast-routing",) if self.plan.multicast_routing else ()))
 
     @property
-    def without_ros(self) -> bool:
+    def lacks_ros(self) -> bool:
         """True for the router, and for a second computer of a robot without ROS; a master's computer needs ROS."""
         return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))
 
@@ -96,7 +96,7 @@ def _streams(seen: Observation) -> Mapping[str, Stream]:
     return {entry.computer: entry for entry in seen.streams.streams} if seen.streams else {}
 
 
-def _claimed(probe: Probe) -> Mapping[str, bool]:
+def _read_arp_answers(probe: Probe) -> Mapping[str, bool]:
     found: dict[str, bool] = {}
     for claim in probe.claims:
         found[claim.address] = found.get(claim.address, False) or bool(claim.macs)
@@ -129,7 +129,7 @@ def wrong_prefixes(computer: Participant) -> list[str]:
     return [f"{address}/{size}" for address, size in pairs if sizes.get(address, size) != size]
 
 
-def own_networks(computer: Participant, ways: Ways) -> dict[str, ForwardingInterface]:
+def interfaces_by_network(computer: Participant, ways: Ways) -> dict[str, ForwardingInterface]:
     """Return the interface of a computer on each of its networks, as far as it was looked at."""
     probe, plan = computer.seen.probe, computer.plan
     planned = {str(plan.common_address): COMMON, str(plan.address): ways.network(plan.robot)}
@@ -141,9 +141,9 @@ def own_networks(computer: Participant, ways: Ways) -> dict[str, ForwardingInter
     }
 
 
-def own_mtus(computer: Participant, ways: Ways) -> dict[str, int]:
+def mtus_by_network(computer: Participant, ways: Ways) -> dict[str, int]:
     """Return the MTU of a computer on each of its networks, as far as it was looked at."""
-    networks = own_networks(computer, ways).items()
+    networks = interfaces_by_network(computer, ways).items()
     return {network: interface.mtu for network, interface in networks if interface.mtu is not None}
 
 
@@ -151,13 +151,13 @@ def usual_mtus(computers: Iterable[Participant], ways: Ways) -> dict[str, int]:
     """Return the MTU that most computers have on each network."""
     counts: dict[str, Counter[int]] = defaultdict(Counter)
     for computer in computers:
-        for network, mtu in own_mtus(computer, ways).items():
+        for network, mtu in mtus_by_network(computer, ways).items():
             counts[network][mtu] += 1
     return {network: max(sizes, key=lambda mtu: (sizes[mtu], mtu)) for network, sizes in counts.items()}
 
 
 @dataclass(frozen=True)
-class Everything:
+class FleetState:
     """The fleet and all that was seen of it, which all cases share."""
 
     fleet: FleetPlan
@@ -197,7 +197,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
     )
 
     def __init__(
-        self, everything: Everything, observer: Participant, target: str, address: str, target_master: Master | None
+        self, everything: FleetState, observer: Participant, target: str, address: str, target_master: Master | None
     ) -> None:
         self.fleet = everything.fleet
         self.ways = everything.ways
@@ -246,7 +246,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         return self.probe.exchange
 
     @property
-    def by_hand(self) -> bool:
+    def is_set_up_by_hand(self) -> bool:
         """The collection did not set the computer up, and not its robot's master, where something else runs the nodes."""
         if _set_up(self.observer):
             return False

@@ -61,7 +61,7 @@ class Rules(filters.Rules):
     hide_subscribers: filters.Pattern = filters.Pattern()  # a parameter of the giving robot
 
     @classmethod
-    def of(cls, patterns: Mapping[str, Iterable[str]]) -> Rules:
+    def from_patterns(cls, patterns: Mapping[str, Iterable[str]]) -> Rules:
         """Make rules of patterns as people write them, by the names of the fields."""
         rules = cls(**{rule.name: filters.usable(patterns.get(rule.name, ())) for rule in fields(cls)})
         return cast(Rules, rules.complete_white_lists())  # closed() keeps the class
@@ -75,7 +75,7 @@ class Rules(filters.Rules):
         return self.topic(item.node, item.name, type_name, item.kind == "publisher")
 
 
-NOTHING = Rules.of({"ignore_nodes": ("*",)})
+NOTHING = Rules.from_patterns({"ignore_nodes": ("*",)})
 
 
 class Flows:
@@ -105,14 +105,14 @@ class Flows:
         """Return the rules by which registrations pass from one robot to another."""
         key = source, target
         if key not in self._rules:
-            self._rules[key] = self._made(source, target)
+            self._rules[key] = self._make_rules(source, target)
         return self._rules[key]
 
-    def declared_away(self, source: str, target: str) -> bool:
+    def declares_nothing(self, source: str, target: str) -> bool:
         """Say if a robot with a declaration (multimaster_exports) gives another one nothing."""
         return self._masters[source].declared and self.rules(source, target) == NOTHING
 
-    def _made(self, source: str, target: str) -> Rules:
+    def _make_rules(self, source: str, target: str) -> Rules:
         """Make the rules of a pair. The declared flow itself is used, not the white lists that the plan makes of it."""
         name, parameters = self._masters[source].name, self._filters[target]
         if any(map(parameters.values.get, filters.HOSTS)) and not parameters.wants_host(name):
@@ -127,7 +127,7 @@ class Flows:
         values["hide_subscribers"] = hidden
         key = tuple(tuple(patterns) for patterns in values.values())
         if key not in self._same:
-            self._same[key] = Rules.of(values)
+            self._same[key] = Rules.from_patterns(values)
         return self._same[key]
 
     def _patterns(self, target: str, name: str) -> Mapping[str, Sequence[str]]:
@@ -145,20 +145,20 @@ def _particular(values: Iterable[object]) -> bool:
     return any(isinstance(value, dict) or (isinstance(value, list) and _particular(value)) for value in values)
 
 
-class Has(NamedTuple):
+class RoscoreIndex(NamedTuple):
     """The content of a robot's roscore, indexed."""
 
     own: Mapping[Item, str]  # registration of an own node -> type
     sums: Mapping[str, tuple[str, str]]  # topic of own nodes -> type, md5 sum
-    imported: Mapping[str, Mapping[Item, str]]  # URI of the other master -> item -> type
+    imports: Mapping[str, Mapping[Item, str]]  # URI of the other master -> item -> type
 
     @classmethod
-    def of(cls, exchange: Exchange) -> Has:
+    def from_content(cls, exchange: Exchange) -> RoscoreIndex:
         """Index an observation."""
         return cls(
             own=dict(_items(exchange)),
             sums={topic.name: (topic.type, topic.md5sum) for topic in exchange.topics},
-            imported={normalise_uri(part.master): dict(_items(part)) for part in exchange.imports},
+            imports={normalise_uri(part.master): dict(_items(part)) for part in exchange.imports},
         )
 
     def names(self) -> dict[tuple[str, str], list[Item]]:
@@ -189,13 +189,13 @@ class Exchanges:
     def __init__(self, fleet: FleetPlan, seen: Mapping[str, Exchange]) -> None:
         """Index the contents of the roscores, by robot; robots that gave none are left out."""
         self.flows = Flows(fleet)
-        self.robots = {robot: Has.of(exchange) for robot, exchange in seen.items()}
+        self.robots = {robot: RoscoreIndex.from_content(exchange) for robot, exchange in seen.items()}
         self._uris = {master.robot: normalise_uri(master.uri) for master in fleet.masters}
         self._wanted: dict[tuple[str, int], frozenset[Item]] = {}  # robot, and the rules, of which equal ones are one
-        self._holders, self._shared = _held_twice({robot: has.names() for robot, has in self.robots.items()})
+        self._holders, self._shared = _find_shared_names({robot: has.names() for robot, has in self.robots.items()})
         self._unlike = _unlike({robot: has.sums for robot, has in self.robots.items()})
 
-    def wanted(self, source: str, target: str) -> frozenset[Item]:
+    def find_due(self, source: str, target: str) -> frozenset[Item]:
         """Return what a robot is to get of another one that was looked at."""
         rules = self.flows.rules(source, target)
         key = source, id(rules)
@@ -209,11 +209,11 @@ class Exchanges:
             )
         return self._wanted[key]
 
-    def missing(self, source: str, target: str) -> list[Item]:
+    def find_missing(self, source: str, target: str) -> list[Item]:
         """List what a robot is to get and has not, without what it refuses for a reason that another check tells."""
         if source not in self.robots:
             return []
-        absent = self.wanted(source, target) - self.imported(source, target).keys()
+        absent = self.find_due(source, target) - self.find_imports(source, target).keys()
         if not absent:
             return []
         clashes = {(clash.kind, clash.name) for clash in self.clashes(source, target)}
@@ -227,14 +227,14 @@ class Exchanges:
 
     def superfluous(self, source: str, target: str) -> list[Item]:
         """List what a robot has of another one and is not to get."""
-        has = self.imported(source, target)
-        known = self.wanted(source, target) if source in self.robots else frozenset()
+        has = self.find_imports(source, target)
+        known = self.find_due(source, target) if source in self.robots else frozenset()
         rules = self.flows.rules(source, target)
         return sorted(item for item in has.keys() - known if not rules.passes(item, has[item]))
 
-    def imported(self, source: str, target: str) -> Mapping[Item, str]:
+    def find_imports(self, source: str, target: str) -> Mapping[Item, str]:
         """Return what a robot that was looked at has of another one, with the types."""
-        return self.robots[target].imported.get(self._uris[source], {})
+        return self.robots[target].imports.get(self._uris[source], {})
 
     def clashes(self, source: str, target: str) -> list[Clash]:
         """List the names that pass from `source` and that `target` has itself, or gets of a third robot."""
@@ -242,19 +242,19 @@ class Exchanges:
         for key in self._shared.get(source, ()):  # nodes come first
             if key[0] == "service" and ("node", self._holders[key][source][0].node) in found:
                 continue  # with its node, that is told already
-            if self._passes(key, source, target) and (other := self._other(key, source, target)):
+            if self._passes(key, source, target) and (other := self._find_holder(key, source, target)):
                 first, second = sorted((source, other))
                 found[key] = Clash(*key, robots=(first, second))
         return list(found.values())
 
-    def _other(self, key: tuple[str, str], source: str, target: str) -> str | None:
+    def _find_holder(self, key: tuple[str, str], source: str, target: str) -> str | None:
         holders = self._holders[key]
         if target in holders:
             return target
         return next((robot for robot in holders if robot != source and self._passes(key, robot, target)), None)
 
     def _passes(self, key: tuple[str, str], source: str, target: str) -> bool:
-        return not self.wanted(source, target).isdisjoint(self._holders[key][source])
+        return not self.find_due(source, target).isdisjoint(self._holders[key][source])
 
     def conflicts(self, source: str, target: str) -> list[Conflict]:
         """List the topics that pass from `source` and that own nodes of `target` have with another type or md5 sum."""
@@ -264,7 +264,7 @@ class Exchanges:
         ]
         if not topics:
             return []
-        passing = {item.name for item in self.wanted(source, target) if item.kind != "service"}
+        passing = {item.name for item in self.find_due(source, target) if item.kind != "service"}
         return [Conflict(name, (source, *theirs[name]), (target, *mine[name])) for name in topics if name in passing]
 
     def odd(self, conflict: Conflict) -> str:
@@ -276,7 +276,7 @@ class Exchanges:
         ]
         return alone[0] if len(alone) == 1 else ""
 
-    def crossing(self, links: Iterable[Connection], own: str, other: str) -> list[Connection]:
+    def find_crossing_links(self, links: Iterable[Connection], own: str, other: str) -> list[Connection]:
         """List the connections between nodes of two robots that neither the publisher nor the subscriber explains.
 
         A subscriber that passes hears all publishers of its topic on the other robot, also nodes that never pass themselves.
@@ -300,7 +300,7 @@ class Exchanges:
         return found
 
 
-def _held_twice(
+def _find_shared_names(
     names: Mapping[str, Mapping[tuple[str, str], Sequence[Item]]],
 ) -> tuple[dict[tuple[str, str], dict[str, Sequence[Item]]], dict[str, list[tuple[str, str]]]]:
     """Find the (kind, name) that several robots have: robot and registrations of each, and the list of each robot."""

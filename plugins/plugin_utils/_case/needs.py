@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part, both
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part, pair_place
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
 
@@ -23,7 +23,7 @@ NAMES = ("unknown", "loopback", "old", "several")  # a name that means something
 DISCOVERY = ("dead", "hung", "group")
 
 
-def of(kind: str, place: str, *modes: str, what: str = "") -> Parts:
+def make_parts(kind: str, place: str, *modes: str, what: str = "") -> Parts:
     """Make parts of one kind at one place; none where nobody is there."""
     return frozenset(Part(kind, place, mode, what) for mode in modes) if place else NONE
 
@@ -42,31 +42,37 @@ def way(case: Case, one: str, other: str) -> Parts:
 
 
 def _way(case: Case, one: str, other: str) -> Parts:
-    parts = set(of("filter", both(one, other), "pair"))
+    parts = set(make_parts("filter", pair_place(one, other), "pair"))
     for computer in (one, other):
-        parts |= of("computer", computer, "off") | of("interface", computer, "address", "prefix")
+        parts |= make_parts("computer", computer, "off") | make_parts("interface", computer, "address", "prefix")
     parts |= duplicates(case, one, other) | neighbours(case, one, other) | neighbours(case, other, one)
     for asks, answers in pairwise(dict.fromkeys(place for place, _network in links(case, one, other))):
-        parts |= of("neighbour", asks, "fixed", what=answers) | of("neighbour", answers, "fixed", what=asks)
+        parts |= make_parts("neighbour", asks, "fixed", what=answers) | make_parts(
+            "neighbour", answers, "fixed", what=asks
+        )
     for place, network in links(case, one, other):
-        parts |= of("link", place, "down", what=network) | of("network", network, "dead")
+        parts |= make_parts("link", place, "down", what=network) | make_parts("network", network, "dead")
     for gateway in gateways(case, one, other):
-        parts |= of("computer", gateway, "off") | of("forwarding", gateway, "off") | of("filter", gateway, "forward")
-        parts |= of("reverse_path", gateway, "strict")
+        parts |= (
+            make_parts("computer", gateway, "off")
+            | make_parts("forwarding", gateway, "off")
+            | make_parts("filter", gateway, "forward")
+        )
+        parts |= make_parts("reverse_path", gateway, "strict")
     return frozenset(parts | _routes(case, one, other))
 
 
 def neighbours(case: Case, sender: str, target: str) -> Parts:
     """List who has to answer ARP, so that a packet gets from one computer to the other; its answer needs those of the way back."""
     pairs = pairwise(dict.fromkeys(place for place, _network in links(case, sender, target)))
-    return joined(of("neighbour", answers, "mute") for _asks, answers in pairs)
+    return join_parts(make_parts("neighbour", answers, "mute") for _asks, answers in pairs)
 
 
 def duplicates(case: Case, one: str, other: str) -> Parts:
     """List the addresses on the way that somebody else may have, too. Of two, chance says which one a neighbour gets."""
     pairs = pairwise(dict.fromkeys(place for place, _network in links(case, one, other)))
-    return joined(
-        of("interface", place, "duplicate", what=what)
+    return join_parts(
+        make_parts("interface", place, "duplicate", what=what)
         for asks, answers in pairs
         for place, other_one in ((answers, asks), (asks, answers))
         for what in (other_one, "")
@@ -85,13 +91,15 @@ def _routes(case: Case, one: str, other: str) -> Parts:
     if is_in(case, one, there) and is_in(case, other, back):
         return NONE
     between = gateways(case, one, other)
-    parts = set(of("route", one, "defaults") | of("route", other, "defaults"))
+    parts = set(make_parts("route", one, "defaults") | make_parts("route", other, "defaults"))
     for destination, computers in ((there, [one, *between]), (back, [*between, other])):
         for computer in computers:
-            parts |= of("route", computer, "circle", what=destination) | of("route", computer, "closed", "rule")
+            parts |= make_parts("route", computer, "circle", what=destination) | make_parts(
+                "route", computer, "closed", "rule"
+            )
             if not is_in(case, computer, destination):
-                parts |= of("route", computer, "missing", "other", what=destination)
-                parts |= of("route", computer, "missing", "other")
+                parts |= make_parts("route", computer, "missing", "other", what=destination)
+                parts |= make_parts("route", computer, "missing", "other")
     return frozenset(parts)
 
 
@@ -114,10 +122,10 @@ def links(case: Case, one: str, other: str) -> list[tuple[str, str]]:
     if robots[0] == robots[1]:
         network = _network(case, one)
         return [(one, network), (other, network)]
-    return [*_out(case, one), *reversed(_out(case, other))]
+    return [*_links_to_common(case, one), *reversed(_links_to_common(case, other))]
 
 
-def _out(case: Case, computer: str) -> list[tuple[str, str]]:
+def _links_to_common(case: Case, computer: str) -> list[tuple[str, str]]:
     """List the links from a computer to the common network."""
     gateway = _gateway(case, computer)
     if gateway is None:
@@ -153,13 +161,13 @@ def large(case: Case, one: str, other: str) -> Parts:
         return NONE
     parts: set[Part] = set()
     for place, network in links(case, one, other):
-        parts |= of("interface", place, "mtu", what=network) | of("network", network, "large")
+        parts |= make_parts("interface", place, "mtu", what=network) | make_parts("network", network, "large")
     for gateway in gateways(case, one, other):
-        parts |= of("forwarding", gateway, "large")
+        parts |= make_parts("forwarding", gateway, "large")
     return frozenset(parts)
 
 
-def asked_for(case: Case, one: str, other: str) -> Parts:
+def arp_parts(case: Case, one: str, other: str) -> Parts:
     """List what stands between two computers where nobody answers the question who has the next address on the way.
 
     Whoever passes packets on tells that to their sender ("host unreachable"); of devices of another make nobody knows it.
@@ -168,19 +176,21 @@ def asked_for(case: Case, one: str, other: str) -> Parts:
     for (place, network), (following, beyond) in pairwise(links(case, one, other)):
         if network == beyond and place in case.fleet.computers:
             parts |= (
-                of("computer", following, "off")
-                | of("network", network, "dead")
-                | of("interface", following, "address")
+                make_parts("computer", following, "off")
+                | make_parts("network", network, "dead")
+                | make_parts("interface", following, "address")
             )
-            parts |= of("link", place, "down", what=network) | of("link", following, "down", what=network)
+            parts |= make_parts("link", place, "down", what=network) | make_parts(
+                "link", following, "down", what=network
+            )
     return frozenset(parts)
 
 
-def losing(case: Case, one: str, other: str) -> Parts:
+def loss_parts(case: Case, one: str, other: str) -> Parts:
     """List the parts that lose some packets on the way."""
     parts: set[Part] = set()
     for place, network in links(case, one, other):
-        parts |= of("link", place, "loss", what=network) | of("network", network, "loss")
+        parts |= make_parts("link", place, "loss", what=network) | make_parts("network", network, "loss")
     return frozenset(parts)
 
 
@@ -188,24 +198,26 @@ def slow(case: Case, one: str, other: str) -> Parts:
     """List the parts that may make a stream slow, which goes out of one link and into the next."""
     parts: set[Part] = set()
     for number, (place, network) in enumerate(links(case, one, other)):
-        parts |= of("link", place, "slow", "slow in" if number % 2 else "slow out", what=network)
-        parts |= of("network", network, "slow")
+        parts |= make_parts("link", place, "slow", "slow in" if number % 2 else "slow out", what=network)
+        parts |= make_parts("network", network, "slow")
     return frozenset(parts)
 
 
-def translated(case: Case, one: str, other: str) -> Parts:
+def translation_parts(case: Case, one: str, other: str) -> Parts:
     """List the gateways that may translate addresses on the way: a gateway translates what leaves by one of its interfaces."""
     crossed = pairwise(links(case, one, other))
-    return joined(
-        of("translation", place, "on", what=network) for (before, _came), (place, network) in crossed if before == place
+    return join_parts(
+        make_parts("translation", place, "on", what=network)
+        for (before, _came), (place, network) in crossed
+        if before == place
     )
 
 
-def translating(case: Case, one: str, other: str) -> Parts:
+def active_translations(case: Case, one: str, other: str) -> Parts:
     """List those of them that may really have: their address has called the other end, as far as that has listened."""
     hearer = case.run.get(other)
     heard = hearer.seen.multicast if hearer else None
-    parts = translated(case, one, other)
+    parts = translation_parts(case, one, other)
     if hearer is None or heard is None or not heard.udp:
         return parts
     return frozenset(part for part in parts if _leaves_from(case, part) & hearer.callers)
@@ -223,24 +235,24 @@ def passes(one: str, other: str, *whats: str) -> Parts:
         return NONE
     coming = [mode for what in (*whats, "all") for mode in (f"{what} in", what)]
     going = [mode for what in (*whats, "all") for mode in (f"{what} out", what)]
-    changed = of("filter", one, "changed") | of("filter", other, "changed")
-    return of("filter", other, *coming) | of("filter", one, *going) | changed
+    changed = make_parts("filter", one, "changed") | make_parts("filter", other, "changed")
+    return make_parts("filter", other, *coming) | make_parts("filter", one, *going) | changed
 
 
 def multicast(case: Case, hearer: str, speaker: str) -> Parts:
     """List the parts that datagrams on the group need from the speaker to the hearer."""
     parts = set(passes(speaker, hearer, "udp", "group"))
-    parts |= of("interface", hearer, "multicast") | of("interface", speaker, "multicast")
+    parts |= make_parts("interface", hearer, "multicast") | make_parts("interface", speaker, "multicast")
     for place, network in links(case, speaker, hearer):
-        parts |= of("link", place, "down", what=network) | of("network", network, "dead", "multicast")
-    for gateway in _passing_on(case, hearer, speaker):
-        parts |= of("computer", gateway, "off") | of("filter", gateway, "forward")
-        parts |= of("service", gateway, "down", what="multimaster-multicast-routing.service")
-    sends = of("computer", speaker, "off") | of("interface", speaker, "address")
-    return frozenset(parts | sends | of("filter", both(hearer, speaker), "pair"))
+        parts |= make_parts("link", place, "down", what=network) | make_parts("network", network, "dead", "multicast")
+    for gateway in _group_forwarders(case, hearer, speaker):
+        parts |= make_parts("computer", gateway, "off") | make_parts("filter", gateway, "forward")
+        parts |= make_parts("service", gateway, "down", what="multimaster-multicast-routing.service")
+    sends = make_parts("computer", speaker, "off") | make_parts("interface", speaker, "address")
+    return frozenset(parts | sends | make_parts("filter", pair_place(hearer, speaker), "pair"))
 
 
-def _passing_on(case: Case, one: str, other: str) -> list[str]:
+def _group_forwarders(case: Case, one: str, other: str) -> list[str]:
     """List who passes the group on between two computers: a gateway also what it says itself, or hears, on its other side."""
     found = gateways(case, one, other)
     if not found and _robot(case, one) == _robot(case, other):
@@ -255,7 +267,7 @@ def names(observer: str, target: str) -> Parts:
     """List the ways in which the name of one computer may mean something else on the other."""
     if not observer or not target:
         return NONE
-    return of("names", observer, *NAMES, what=target) | of("names", observer, "rights", "order")
+    return make_parts("names", observer, *NAMES, what=target) | make_parts("names", observer, "rights", "order")
 
 
 def talks(case: Case, one: str, other: str, *whats: str) -> Parts:
@@ -267,23 +279,23 @@ def talks(case: Case, one: str, other: str, *whats: str) -> Parts:
 
 def roscore(case: Case, computer: str, master: str) -> Parts:
     """List what a computer needs to ask its roscore."""
-    asked = of("roscore", master, "dead", "hung", "name") | of("environment", computer, "shell")
+    asked = make_parts("roscore", master, "dead", "hung", "name") | make_parts("environment", computer, "shell")
     return asked | (talks(case, computer, master, "roscore") if computer != master else names(computer, master))
 
 
 def discovery(computer: str) -> Parts:
     """List what a discovery node and its roscore may be."""
-    return of("discovery", computer, *DISCOVERY) | of("roscore", computer, "dead", "hung")
+    return make_parts("discovery", computer, *DISCOVERY) | make_parts("roscore", computer, "dead", "hung")
 
 
-def between_masters(case: Case, own: str, its: str) -> Parts:
+def master_query_parts(case: Case, own: str, its: str) -> Parts:
     """List what the discovery node of another master, and what it knows, needs to be asked."""
     if own == its:
         return NONE
     served = (
-        of("discovery", its, "configuration", "port")
-        | of("environment", its, "service", "shell")
-        | of("roscore", its, "name")
+        make_parts("discovery", its, "configuration", "port")
+        | make_parts("environment", its, "service", "shell")
+        | make_parts("roscore", its, "name")
     )
     return discovery(its) | served | talks(case, own, its, "rpc")
 
@@ -296,9 +308,9 @@ def heartbeats(case: Case, own: str, its: str) -> Parts:
     """
     if own == its:
         return NONE
-    changed = translating(case, its, own)
+    changed = active_translations(case, its, own)
     if _arrive(case, its, own):
-        return changed | of("interface", own, "multicast") | of("interface", its, "multicast")
+        return changed | make_parts("interface", own, "multicast") | make_parts("interface", its, "multicast")
     members = [case.ways.members.get(name) for name in (own, its)]
     grouped = case.fleet.transport != "unicast" and all(member is not None and member.multicast for member in members)
     to_itself = passes(its, own, "udp") | changed
@@ -314,26 +326,30 @@ def _arrive(case: Case, sender: str, hearer: str) -> bool:
     return heard or (case.fleet.transport != "multicast" and to_it is not None and to_it.unicast is True)
 
 
-def registered(case: Case, observer: str, target: str) -> Parts:
+def registration_parts(case: Case, observer: str, target: str) -> Parts:
     """List what the registrations of the target's robot need to reach the observer's roscore, and what the observer asks."""
     own, its = case.ways.master(_robot(case, observer)), case.ways.master(_robot(case, target))
-    at_home = roscore(case, target, its) | of("registration", target, "talker") | of("environment", target, "shell")
+    at_home = (
+        roscore(case, target, its)
+        | make_parts("registration", target, "talker")
+        | make_parts("environment", target, "shell")
+    )
     asked = roscore(case, observer, own)
     if own == its:
         return at_home | asked
-    return at_home | asked | between_masters(case, own, its) | of("sync", own, "dead", "hung")
+    return at_home | asked | master_query_parts(case, own, its) | make_parts("sync", own, "dead", "hung")
 
 
-def connected(case: Case, observer: str, target: str) -> Parts:
+def node_connection_parts(case: Case, observer: str, target: str) -> Parts:
     """List what a connection between nodes of two computers needs."""
     return (
         talks(case, observer, target, "nodes")
-        | of("environment", target, "shell")
-        | of("environment", observer, "shell")  # by its URI the roscore tells a subscriber of new publishers
-        | of("registration", observer, "listener")
+        | make_parts("environment", target, "shell")
+        | make_parts("environment", observer, "shell")  # by its URI the roscore tells a subscriber of new publishers
+        | make_parts("registration", observer, "listener")
     )
 
 
-def joined(groups: Iterable[Parts]) -> Parts:
+def join_parts(groups: Iterable[Parts]) -> Parts:
     """Join sets of parts."""
     return frozenset().union(*groups)

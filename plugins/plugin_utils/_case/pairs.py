@@ -25,10 +25,10 @@ STREAMS = 300.0  # seconds of all streams that measure throughput
 SHORTEST, LONGEST = 0.1, 2.0  # seconds of one
 START = 3.0  # seconds until a computer begins with its streams, where it is slow
 
-Tried = Mapping[str, Collection[str]]  # observer -> targets
+Targets = Mapping[str, Collection[str]]  # observer -> targets
 
 
-def tried(networks: Mapping[str, str], observers: Iterable[str], pairs: str = AUTO) -> Tried:
+def choose_pairs(networks: Mapping[str, str], observers: Iterable[str], pairs: str = AUTO) -> Targets:
     """Say for each observer whom it tries.
 
     `networks` has the network of each computer, in the order of the inventory. An observer that is none of them (a router)
@@ -54,7 +54,7 @@ def _targets(name: str, own: str, place: int, rings: Mapping[str, Sequence[str]]
     return (others | neighbours) - {name}
 
 
-def _seldom_tried(found: dict[str, set[str]], computers: Sequence[str]) -> Tried:
+def _seldom_tried(found: dict[str, set[str]], computers: Sequence[str]) -> Targets:
     """Add pairs for those that look at fewer than two, or that fewer than two look at: a ring of two, or a computer alone."""
     counts = Counter(target for targets in found.values() for target in targets)
     for place, name in enumerate(computers):
@@ -71,7 +71,7 @@ def _seldom_tried(found: dict[str, set[str]], computers: Sequence[str]) -> Tried
     return found
 
 
-def streams(chosen: Tried, order: Sequence[str], seconds: float) -> dict[str, list[str]]:
+def streams(chosen: Targets, order: Sequence[str], seconds: float) -> dict[str, list[str]]:
     """Say to whom each observer sends a stream of so many seconds. One is sent at a time, so together they have a limit.
 
     Beyond it each sends to every second of those that it tries, or to every third; which ones these are differs from one to the next.
@@ -82,6 +82,6 @@ def streams(chosen: Tried, order: Sequence[str], seconds: float) -> dict[str, li
     return {name: targets[place % steps[name] :: steps[name]] for place, (name, targets) in enumerate(listed.items())}
 
 
-def number(chosen: Tried) -> int:
+def number(chosen: Targets) -> int:
     """Count the pairs."""
     return sum(len(targets) for targets in chosen.values())

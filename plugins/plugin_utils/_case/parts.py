@@ -73,7 +73,7 @@ class Part(NamedTuple):
         return words.format(place=self.place, what=self.what or self.fault.example)
 
 
-def both(one: str, other: str) -> str:
+def pair_place(one: str, other: str) -> str:
     """Name a place that is two of them."""
     return " and ".join(sorted((one, other)))
 

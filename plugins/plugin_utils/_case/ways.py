@@ -70,7 +70,7 @@ class Ways:
         """Name the network that the computers of a robot are in."""
         return f"the network of {robot}" if robot in self.gateways else COMMON
 
-    def at(self, address: str) -> str:
+    def name_at(self, address: str) -> str:
         """Name the computer with an address; empty where none is known."""
         return self._at.get(address, "")
 

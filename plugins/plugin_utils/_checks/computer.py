@@ -7,14 +7,19 @@ from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
     Case,
-    own_mtus,
-    own_networks,
+    interfaces_by_network,
+    mtus_by_network,
     wrong_prefixes,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import ROSCORE
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, joined, of, roscore
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
+    NONE,
+    Parts,
+    join_parts,
+    make_parts,
+    roscore,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ROSCORE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.by_hand import of_site_yml, unless_by_hand
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
     FAILED,
@@ -22,8 +27,12 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     UNKNOWN,
     WARNING,
     Check,
-    Documented,
+    Documentation,
     Judgement,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manual_setup import (
+    guard_evidence,
+    guard_judge,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     DefaultRoute,
@@ -48,7 +57,7 @@ def _interfaces(probe: Probe, plan: ComputerPlan) -> list[ForwardingInterface]:
     return [entry for entry in probe.forwarding.interfaces if planned & set(entry.addresses)]
 
 
-def _forwarding(case: Case) -> Judgement | None:
+def _judge_forwarding(case: Case) -> Judgement | None:
     if case.probe is None or not _passes_packets_on(case):
         return None
     ip_forward = case.probe.forwarding.ip_forward
@@ -64,17 +73,19 @@ def _forwarding(case: Case) -> Judgement | None:
 def _forwarding_evidence(case: Case) -> Parts:
     name = case.observer.name
     if case.probe is not None and case.probe.forwarding.ip_forward is None:
-        return of("setting", name, "unread", what="net.ipv4.ip_forward")
-    return of("forwarding", name, "off")
+        return make_parts("setting", name, "unread", what="net.ipv4.ip_forward")
+    return make_parts("forwarding", name, "off")
 
 
 FORWARDING = Check(
     id="forwarding",
     title="gateways and the router pass packets on",
     scope=COMPUTER,
-    judge=_forwarding,
-    documented=Documented("gateways, router", "`net.ipv4.ip_forward` is 1, also on the interfaces of the plan", "4.2"),
-    needs=lambda case: of("forwarding", case.observer.name, "off"),
+    judge=_judge_forwarding,
+    documented=Documentation(
+        "gateways, router", "`net.ipv4.ip_forward` is 1, also on the interfaces of the plan", "4.2"
+    ),
+    needs=lambda case: make_parts("forwarding", case.observer.name, "off"),
     evidence=_forwarding_evidence,
 )
 
@@ -82,27 +93,27 @@ FORWARDING = Check(
 # Reachable
 
 
-def _reachable(case: Case) -> Judgement:
+def _judge_reachable(case: Case) -> Judgement:
     if case.observer.seen.unreachable:
         return Judgement(FAILED, "an answer to the controller", case.observer.seen.problem or "no answer")
     return Judgement(OK, "an answer to the controller", "an answer")
 
 
-def _itself(case: Case) -> Parts:
-    return of("computer", case.observer.name, "off", "login")
+def _reachable_needs(case: Case) -> Parts:
+    return make_parts("computer", case.observer.name, "off", "login")
 
 
-def _itself_or_gateway(case: Case) -> Parts:
+def _reachable_suspects(case: Case) -> Parts:
     """The controller may be on the other side of the gateway, or not."""
     name, plan = case.observer.name, case.observer.plan
-    found = _itself(case) | of("interface", name, "address", "prefix")
+    found = _reachable_needs(case) | make_parts("interface", name, "address", "prefix")
     for network in [case.ways.network(plan.robot)] + ([COMMON] if plan.common_address else []):
-        found |= of("link", name, "down", what=network) | of("network", network, "dead")
+        found |= make_parts("link", name, "down", what=network) | make_parts("network", network, "dead")
     for gateway in filter(None, case.gateways):
-        found |= of("computer", gateway.title, "off") | of("forwarding", gateway.title, "off")
-        found |= of("filter", gateway.title, "forward")
-        found |= of("link", gateway.title, "down", what=case.ways.network(case.observer.plan.robot))
-        found |= of("route", case.observer.name, "missing", "other")
+        found |= make_parts("computer", gateway.title, "off") | make_parts("forwarding", gateway.title, "off")
+        found |= make_parts("filter", gateway.title, "forward")
+        found |= make_parts("link", gateway.title, "down", what=case.ways.network(case.observer.plan.robot))
+        found |= make_parts("route", case.observer.name, "missing", "other")
     return found
 
 
@@ -110,10 +121,10 @@ REACHABLE = Check(
     id="reachable",
     title="computer answers the controller",
     scope=COMPUTER,
-    judge=_reachable,
-    documented=Documented("computer", "it answers the controller"),
-    needs=_itself,
-    suspects=_itself_or_gateway,
+    judge=_judge_reachable,
+    documented=Documentation("computer", "it answers the controller"),
+    needs=_reachable_needs,
+    suspects=_reachable_suspects,
 )
 
 
@@ -124,7 +135,7 @@ def _has_services(case: Case) -> bool:
     return case.probe is not None and bool(case.observer.services)
 
 
-def _services(case: Case) -> Judgement | None:
+def _judge_services(case: Case) -> Judgement | None:
     planned = case.observer.services
     if case.probe is None or not planned:
         return None
@@ -133,7 +144,7 @@ def _services(case: Case) -> Judgement | None:
     for name in planned:
         entry = states.get(name)
         if entry is None or entry.active_state != "active":
-            state = "unknown" if entry is None else _state(entry)
+            state = "unknown" if entry is None else _describe_state(entry)
             broken.append(f"multimaster-{name}.service is {state}")
         elif entry.restarts:
             restarted.append(f"{entry.unit} was started again {entry.restarts} times")
@@ -144,7 +155,7 @@ def _services(case: Case) -> Judgement | None:
     return Judgement(verdict, f"{expected}, never started again", ", ".join(restarted) or "all active")
 
 
-def _state(entry: Service) -> str:
+def _describe_state(entry: Service) -> str:
     return "not there" if entry.load_state == "not-found" else f"{entry.active_state} ({entry.sub_state})"
 
 
@@ -156,24 +167,28 @@ def _services_evidence(case: Case) -> Parts:
         if entry is None or entry.active_state != "active":
             missing = entry is not None and entry.load_state == "not-found"
             if service == "roscore" and not missing and case.probe is not None and case.probe.roscore.answer:
-                found |= of("set_up", name, "others")  # one answers, and it is not that of the unit
+                found |= make_parts("set_up", name, "others")  # one answers, and it is not that of the unit
             else:
-                found |= of("service", name, "missing", what=unit) if missing else _down(name, service, unit)
+                found |= (
+                    make_parts("service", name, "missing", what=unit)
+                    if missing
+                    else _service_down_parts(name, service, unit)
+                )
         elif entry.restarts:
-            found |= of("service", name, "restarting", what=unit)
+            found |= make_parts("service", name, "restarting", what=unit)
     return found
 
 
-def _down(computer: str, service: str, unit: str) -> Parts:
+def _service_down_parts(computer: str, service: str, unit: str) -> Parts:
     if service in ("roscore", "discovery", "sync"):
-        return of(service, computer, "dead")
-    return of("service", computer, "down", what=unit)
+        return make_parts(service, computer, "dead")
+    return make_parts("service", computer, "down", what=unit)
 
 
-def _running(case: Case) -> Parts:
+def _services_needs(case: Case) -> Parts:
     name = case.observer.name
     return frozenset().union(
-        *(_down(name, service, f"multimaster-{service}.service") for service in case.observer.services)
+        *(_service_down_parts(name, service, f"multimaster-{service}.service") for service in case.observer.services)
     )
 
 
@@ -181,14 +196,14 @@ SERVICES = Check(
     id="services",
     title="services are active",
     scope=COMPUTER,
-    judge=of_site_yml(_services, _has_services),
-    documented=Documented("computer", "its services are active and were never started again by systemd", "3.3"),
-    needs=_running,
-    evidence=unless_by_hand(_services_evidence),
+    judge=guard_judge(_judge_services, _has_services),
+    documented=Documentation("computer", "its services are active and were never started again by systemd", "3.3"),
+    needs=_services_needs,
+    evidence=guard_evidence(_services_evidence),
 )
 
 
-def _environment(case: Case) -> Judgement | None:
+def _judge_environment(case: Case) -> Judgement | None:
     running = [entry for entry in (case.probe.services if case.probe else ()) if entry.active_state == "active"]
     if not running:
         return None
@@ -204,29 +219,29 @@ def _environment_evidence(case: Case) -> Parts:
     services = case.probe.services if case.probe else ()
     differing = sorted({name for entry in services if entry.active_state == "active" for name in entry.differing or ()})
     if not differing:
-        return of("setting", case.observer.name, "unread", what="the environment of a service")
-    return of("environment", case.observer.name, "service", what=", ".join(differing))
+        return make_parts("setting", case.observer.name, "unread", what="the environment of a service")
+    return make_parts("environment", case.observer.name, "service", what=", ".join(differing))
 
 
 ENVIRONMENT = Check(
     id="environment",
     title="services run with the planned environment",
     scope=COMPUTER,
-    judge=of_site_yml(_environment, _has_services),
-    documented=Documented(
+    judge=guard_judge(_judge_environment, _has_services),
+    documented=Documentation(
         "computer",
         "the process of each service really has the variables of the environment file and of the plan",
         "3.2",
     ),
-    needs=lambda case: of("environment", case.observer.name, "service"),
-    evidence=unless_by_hand(_environment_evidence),
+    needs=lambda case: make_parts("environment", case.observer.name, "service"),
+    evidence=guard_evidence(_environment_evidence),
 )
 
 
 # Measured
 
 
-def _measured(case: Case) -> Judgement | None:
+def _judge_measured(case: Case) -> Judgement | None:
     seen = case.observer.seen
     if seen.unreachable:
         return None
@@ -240,7 +255,7 @@ def _measured(case: Case) -> Judgement | None:
     return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good)
 
 
-def _why(case: Case) -> str:
+def _find_problem(case: Case) -> str:
     seen = case.observer.seen
     return (seen.problem or next(iter(seen.probe.problems if seen.probe else ()), "")).rstrip(".")
 
@@ -249,10 +264,10 @@ MEASURED = Check(
     id="measured",
     title="computer could be looked at",
     scope=COMPUTER,
-    judge=_measured,
-    documented=Documented("computer", "the measurements gave a result"),
-    needs=lambda case: of("computer", case.observer.name, "unmeasured"),
-    evidence=lambda case: of("computer", case.observer.name, "unmeasured", what=_why(case)),
+    judge=_judge_measured,
+    documented=Documentation("computer", "the measurements gave a result"),
+    needs=lambda case: make_parts("computer", case.observer.name, "unmeasured"),
+    evidence=lambda case: make_parts("computer", case.observer.name, "unmeasured", what=_find_problem(case)),
 )
 
 
@@ -261,78 +276,78 @@ MEASURED = Check(
 DOWN = ("down", "lowerlayerdown")  # operational states of an interface without a link
 
 
-def _missing_addresses(case: Case) -> list[str]:
+def _find_missing_addresses(case: Case) -> list[str]:
     seen = case.probe.forwarding.interfaces if case.probe else ()
     present = {address for entry in seen for address in entry.addresses}
     return [str(entry.address) for entry in case.observer.plan.networks if str(entry.address) not in present]
 
 
-def _addresses(case: Case) -> Judgement | None:
+def _judge_addresses(case: Case) -> Judgement | None:
     if case.probe is None or not case.probe.forwarding.interfaces:
         return None
     expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
-    found = [f"no interface has {address}" for address in _missing_addresses(case)]
-    found += [f"the link to {network} is down" for network in _down_links(case)] + wrong_prefixes(case.observer)
+    found = [f"no interface has {address}" for address in _find_missing_addresses(case)]
+    found += [f"the link to {network} is down" for network in _find_down_links(case)] + wrong_prefixes(case.observer)
     # Where it does harm, other checks fail; a robot alone, without any network, is well without them.
     return Judgement(WARNING if found else OK, expected, ", ".join(found) or "all of them")
 
 
-def _down_links(case: Case) -> list[str]:
-    networks = own_networks(case.observer, case.ways).items()
+def _find_down_links(case: Case) -> list[str]:
+    networks = interfaces_by_network(case.observer, case.ways).items()
     return [network for network, interface in networks if interface.state in DOWN]
 
 
 def _addresses_evidence(case: Case) -> Parts:
     name = case.observer.name
-    found = of("interface", name, "address") if _missing_addresses(case) else NONE
-    found |= of("interface", name, "prefix") if wrong_prefixes(case.observer) else NONE
-    return found | joined(_without_link(case, network) for network in _down_links(case))
+    found = make_parts("interface", name, "address") if _find_missing_addresses(case) else NONE
+    found |= make_parts("interface", name, "prefix") if wrong_prefixes(case.observer) else NONE
+    return found | join_parts(_link_evidence(case, network) for network in _find_down_links(case))
 
 
-def _without_link(case: Case, network: str) -> Parts:
+def _link_evidence(case: Case, network: str) -> Parts:
     """Where nobody on a network has a link, the network has no power. Of one that was looked at alone, nobody knows."""
     states = _states(case, network)
     if len(states) < 2:
         return NONE
     if all(state in DOWN for state in states):
-        return of("network", network, "dead")
-    return of("link", case.observer.name, "flapping" if _comes_and_goes(case, network) else "down", what=network)
+        return make_parts("network", network, "dead")
+    return make_parts("link", case.observer.name, "flapping" if _is_flapping(case, network) else "down", what=network)
 
 
-def _comes_and_goes(case: Case, network: str) -> bool:
+def _is_flapping(case: Case, network: str) -> bool:
     """A link that is down now has carried answers in the same run: others on its network were answered through it."""
     name = case.observer.name
-    near = (one for one in case.run.values() if one.name != name and network in own_networks(one, case.ways))
+    near = (one for one in case.run.values() if one.name != name and network in interfaces_by_network(one, case.ways))
     return any(name in one.answered for one in near)
 
 
 def _states(case: Case, network: str) -> list[str]:
     """The states of the interfaces on a network, of all who could be looked at."""
-    there = [own_networks(computer, case.ways).get(network) for computer in case.run.values()]
+    there = [interfaces_by_network(computer, case.ways).get(network) for computer in case.run.values()]
     return [interface.state for interface in there if interface is not None]
 
 
 def _addresses_suspects(case: Case) -> Parts:
-    down = _down_links(case)
-    links = joined(of("link", case.observer.name, "down", what=network) for network in down)
-    return links | joined(of("network", network, "dead") for network in down)
+    down = _find_down_links(case)
+    links = join_parts(make_parts("link", case.observer.name, "down", what=network) for network in down)
+    return links | join_parts(make_parts("network", network, "dead") for network in down)
 
 
 def _addresses_needs(case: Case) -> Parts:
     """A link whose state is told is up; where it is not told, nobody knows."""
-    networks = own_networks(case.observer, case.ways).items()
-    up = joined(
-        of("link", case.observer.name, "down", what=network) for network, seen in networks if seen.state == "up"
+    networks = interfaces_by_network(case.observer, case.ways).items()
+    up = join_parts(
+        make_parts("link", case.observer.name, "down", what=network) for network, seen in networks if seen.state == "up"
     )
-    return of("interface", case.observer.name, "address", "prefix") | up
+    return make_parts("interface", case.observer.name, "address", "prefix") | up
 
 
 ADDRESSES = Check(
     id="addresses",
     title="interfaces have the planned addresses",
     scope=COMPUTER,
-    judge=_addresses,
-    documented=Documented(
+    judge=_judge_addresses,
+    documented=Documentation(
         "computer",
         "an interface has each of its addresses with the prefix length of its network, and its link is up (warning)",
     ),
@@ -345,15 +360,15 @@ ADDRESSES = Check(
 def _odd_sizes(case: Case) -> dict[str, str]:
     """Find the networks on which the computer's MTU is another than that of most: network -> what was found."""
     found = {}
-    for network, mtu in own_mtus(case.observer, case.ways).items():
+    for network, mtu in mtus_by_network(case.observer, case.ways).items():
         usual = case.usual.get(network, mtu)
         if mtu != usual:
             found[network] = f"{mtu} on {network}, where most have {usual}"
     return found
 
 
-def _mtu(case: Case) -> Judgement | None:
-    if not own_mtus(case.observer, case.ways):
+def _judge_mtu(case: Case) -> Judgement | None:
+    if not mtus_by_network(case.observer, case.ways):
         return None
     odd = _odd_sizes(case)
     return Judgement(WARNING if odd else OK, "the MTU of the others", "; ".join(odd.values()) or "the same")
@@ -363,13 +378,14 @@ MTU = Check(
     id="mtu",
     title="interfaces have the MTU of the others",
     scope=COMPUTER,
-    judge=_mtu,
-    documented=Documented("computer", "each interface has the MTU that most have on its network (warning)"),
-    needs=lambda case: joined(
-        of("interface", case.observer.name, "mtu", what=network) for network in own_mtus(case.observer, case.ways)
+    judge=_judge_mtu,
+    documented=Documentation("computer", "each interface has the MTU that most have on its network (warning)"),
+    needs=lambda case: join_parts(
+        make_parts("interface", case.observer.name, "mtu", what=network)
+        for network in mtus_by_network(case.observer, case.ways)
     ),
-    evidence=lambda case: joined(
-        of("interface", case.observer.name, "mtu", what=network) for network in _odd_sizes(case)
+    evidence=lambda case: join_parts(
+        make_parts("interface", case.observer.name, "mtu", what=network) for network in _odd_sizes(case)
     ),
 )
 
@@ -377,7 +393,7 @@ MTU = Check(
 # More of the kernel
 
 
-def _reverse_path(case: Case) -> Judgement | None:
+def _judge_reverse_path(case: Case) -> Judgement | None:
     if case.probe is None or not _passes_packets_on(case):
         return None
     expected = "a loose reverse-path filter, or none"
@@ -390,17 +406,17 @@ REVERSE_PATH = Check(
     id="reverse_path",
     title="no strict reverse-path filter",
     scope=COMPUTER,
-    judge=_reverse_path,
-    documented=Documented(
+    judge=_judge_reverse_path,
+    documented=Documentation(
         "gateways, router",
         "the reverse-path filter is not strict: the larger value of `all` and the interface is not 1 (warning)",
     ),
-    needs=lambda case: of("reverse_path", case.observer.name, "strict"),
-    evidence=lambda case: of("reverse_path", case.observer.name, "strict"),
+    needs=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
+    evidence=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
 )
 
 
-def _redirects(case: Case) -> Judgement | None:
+def _judge_redirects(case: Case) -> Judgement | None:
     if case.probe is None or not case.observer.plan.is_router:
         return None
     sending = [entry.interface for entry in _interfaces(case.probe, case.observer.plan) if entry.send_redirects]
@@ -412,13 +428,13 @@ REDIRECTS = Check(
     id="redirects",
     title="router sends no redirects",
     scope=COMPUTER,
-    judge=_redirects,
-    documented=Documented("router", "no ICMP redirects are sent into the common network (warning)"),
-    evidence=lambda case: of("redirects", case.observer.name, "sent"),
+    judge=_judge_redirects,
+    documented=Documentation("router", "no ICMP redirects are sent into the common network (warning)"),
+    evidence=lambda case: make_parts("redirects", case.observer.name, "sent"),
 )
 
 
-def _answers_pings(case: Case) -> Judgement | None:
+def _judge_answers_pings(case: Case) -> Judgement | None:
     ignored = case.probe.forwarding.icmp_echo_ignore_all if case.probe else None
     if ignored is None:
         return None
@@ -429,18 +445,20 @@ ANSWERS_PINGS = Check(
     id="answers_pings",
     title="kernel answers pings",
     scope=COMPUTER,
-    judge=_answers_pings,
-    documented=Documented("computer", "`net.ipv4.icmp_echo_ignore_all` is 0, as pings of the fleet need it (warning)"),
-    needs=lambda case: of("setting", case.observer.name, "icmp_all"),
-    evidence=lambda case: of("setting", case.observer.name, "icmp_all"),
+    judge=_judge_answers_pings,
+    documented=Documentation(
+        "computer", "`net.ipv4.icmp_echo_ignore_all` is 0, as pings of the fleet need it (warning)"
+    ),
+    needs=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
+    evidence=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
 )
 
 
 # The robot's roscore
 
 
-def _master_uri(case: Case) -> Judgement | None:
-    if case.probe is None or case.observer.without_ros:
+def _judge_master_uri(case: Case) -> Judgement | None:
+    if case.probe is None or case.observer.lacks_ros:
         return None
     expected = case.ways.masters[case.observer.plan.robot].uri
     roscore = case.probe.roscore
@@ -458,24 +476,24 @@ def _master_uri(case: Case) -> Judgement | None:
 def _roscore_suspects(case: Case) -> Parts:
     name, master = case.observer.name, case.masters[0]
     if case.probe is not None and "refused" in case.probe.roscore.error.lower():
-        return of("roscore", master, "dead")
-    return roscore(case, name, master) - of("roscore", master, "dead")
+        return make_parts("roscore", master, "dead")
+    return roscore(case, name, master) - make_parts("roscore", master, "dead")
 
 
 def _master_uri_evidence(case: Case) -> Parts:
     seen = case.probe.roscore if case.probe else Roscore()
     if seen.uri and not is_same_uri(seen.uri, case.ways.masters[case.observer.plan.robot].uri):
-        return of("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {seen.uri}")
-    return NONE if seen.error else of("roscore", case.masters[0], "name", what=seen.answer)
+        return make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {seen.uri}")
+    return NONE if seen.error else make_parts("roscore", case.masters[0], "name", what=seen.answer)
 
 
 MASTER_URI = Check(
     id="master_uri",
     title="ROS_MASTER_URI means the robot's roscore",
     scope=COMPUTER,
-    judge=_master_uri,
+    judge=_judge_master_uri,
     carries=ROSCORE,
-    documented=Documented("computer", "`ROS_MASTER_URI` and the roscore's own `getUri` are the planned URI", "3.2"),
+    documented=Documentation("computer", "`ROS_MASTER_URI` and the roscore's own `getUri` are the planned URI", "3.2"),
     needs=lambda case: roscore(case, case.observer.name, case.masters[0]),
     suspects=_roscore_suspects,
     evidence=_master_uri_evidence,
@@ -487,7 +505,7 @@ MASTER_URI = Check(
 ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources that ask somebody in the network
 
 
-def _name_order(case: Case) -> Judgement | None:
+def _judge_name_order(case: Case) -> Judgement | None:
     sources = case.probe.name_sources if case.probe else ()
     if not sources:
         return None
@@ -500,29 +518,29 @@ NAME_ORDER = Check(
     id="name_order",
     title="/etc/hosts is asked for names first",
     scope=COMPUTER,
-    judge=_name_order,
-    documented=Documented(
+    judge=_judge_name_order,
+    documented=Documentation(
         "computer",
         "the line `hosts` of `/etc/nsswitch.conf` has `files` before what asks a name server (warning)",
         "3.1",
     ),
-    needs=lambda case: of("names", case.observer.name, "order"),
-    evidence=lambda case: of("names", case.observer.name, "order"),
+    needs=lambda case: make_parts("names", case.observer.name, "order"),
+    evidence=lambda case: make_parts("names", case.observer.name, "order"),
 )
 
 
 # Default routes
 
 
-def _default_routes(case: Case) -> Judgement | None:
+def _judge_default_routes(case: Case) -> Judgement | None:
     if case.probe is None:
         return None
     routes = case.probe.default_routes
-    found = ", ".join(map(_told, routes)) or "none"
+    found = ", ".join(map(_describe_route, routes)) or "none"
     return Judgement(OK if len(routes) <= 1 else WARNING, "one default route at most", found)
 
 
-def _told(route: DefaultRoute) -> str:
+def _describe_route(route: DefaultRoute) -> str:
     metric = f" with the metric {route.metric}" if route.metric else ""
     return f"{route.gateway or 'no gateway'} on {route.device}{metric}"
 
@@ -531,17 +549,17 @@ DEFAULT_ROUTES = Check(
     id="default_routes",
     title="one default route at most",
     scope=COMPUTER,
-    judge=_default_routes,
-    documented=Documented("computer", "one at most, of whatever metric (warning)", "4.2"),
-    needs=lambda case: of("route", case.observer.name, "defaults"),
-    evidence=lambda case: of("route", case.observer.name, "defaults"),
+    judge=_judge_default_routes,
+    documented=Documentation("computer", "one at most, of whatever metric (warning)", "4.2"),
+    needs=lambda case: make_parts("route", case.observer.name, "defaults"),
+    evidence=lambda case: make_parts("route", case.observer.name, "defaults"),
 )
 
 
 # The packet filter
 
 
-def _packet_filter(case: Case) -> Judgement | None:
+def _judge_packet_filter(case: Case) -> Judgement | None:
     found = case.observer.seen.packet_filter
     if found is None:
         return None
@@ -553,10 +571,12 @@ PACKET_FILTER = Check(
     id="packet_filter",
     title="the packet filter is as planned",
     scope=COMPUTER,
-    judge=of_site_yml(_packet_filter, lambda case: case.observer.seen.packet_filter is not None),
-    documented=Documented("computer", "with `multimaster_firewall: fleet`: all its rules are there, now and at boot"),
-    needs=lambda case: of("filter", case.observer.name, "changed"),
-    evidence=unless_by_hand(lambda case: of("filter", case.observer.name, "changed")),
+    judge=guard_judge(_judge_packet_filter, lambda case: case.observer.seen.packet_filter is not None),
+    documented=Documentation(
+        "computer", "with `multimaster_firewall: fleet`: all its rules are there, now and at boot"
+    ),
+    needs=lambda case: make_parts("filter", case.observer.name, "changed"),
+    evidence=guard_evidence(lambda case: make_parts("filter", case.observer.name, "changed")),
 )
 
 

@@ -7,29 +7,29 @@ from __future__ import annotations
 
 from ipaddress import IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case, own_networks
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import GROUP
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case, interfaces_by_network
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
     NONE,
     Parts,
-    between_masters,
+    active_translations,
     discovery,
     duplicates,
     gateways,
     heartbeats,
-    joined,
+    join_parts,
     large,
-    losing,
+    loss_parts,
+    make_parts,
+    master_query_parts,
     multicast,
     neighbours,
-    of,
     passes,
     roscore,
     talks,
-    translated,
-    translating,
+    translation_parts,
     way,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import GROUP
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
@@ -41,7 +41,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     PASSED,
     WARNING,
     Check,
-    Documented,
+    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
@@ -70,7 +70,7 @@ def _on_group(case: Case) -> Datagrams | None:
     return udp if own.multicast and planned.multicast else None
 
 
-def _udp_multicast(case: Case) -> Judgement | None:
+def _judge_udp_multicast(case: Case) -> Judgement | None:
     udp = _on_group(case)
     if udp is None:
         return None
@@ -81,7 +81,7 @@ def _udp_multicast(case: Case) -> Judgement | None:
     expected = f"datagrams on {case.ways.group} from {address}"
     if not udp.heard_from:
         elsewhere = f"none, but on {', '.join(udp.other_interfaces)}" if udp.other_interfaces else "none"
-        return Judgement(_other_leg(case, udp.unicast), expected, elsewhere)
+        return Judgement(_transport_verdict(case, udp.unicast), expected, elsewhere)
     if udp.source_address != address:
         return Judgement(FAILED, expected, f"from {udp.source_address}")
     if loss > LOSS:
@@ -89,24 +89,28 @@ def _udp_multicast(case: Case) -> Judgement | None:
     return Judgement(OK, expected, f"{udp.heard} datagrams")
 
 
-def _other_leg(case: Case, other: bool | None) -> str:
+def _transport_verdict(case: Case, other: bool | None) -> str:
     """With the transport `both`, the discovery nodes find each other as long as one of the two ways works."""
     return WARNING if case.fleet.transport == "both" and other else FAILED
 
 
 def _group_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
-    return multicast(case, one, other) | losing(case, one, other) | of("computer", other, "unmeasured", "login")
+    return (
+        multicast(case, one, other)
+        | loss_parts(case, one, other)
+        | make_parts("computer", other, "unmeasured", "login")
+    )
 
 
 def _group_suspects(case: Case) -> Parts:
     one, other = case.observer.name, case.target
     if case.hears_target():
-        return losing(case, one, other)
+        return loss_parts(case, one, other)
     sender = case.peer.seen.multicast if case.peer else None
     if sender is not None and sender.send_errors.count:  # its own kernel refuses to send
-        return of("filter", other, "group out", "group", "udp out", "udp", "all out", "all")
-    return _group_needs(case) - losing(case, one, other)
+        return make_parts("filter", other, "group out", "group", "udp out", "udp", "all out", "all")
+    return _group_needs(case) - loss_parts(case, one, other)
 
 
 def _group_evidence(case: Case) -> Parts:
@@ -114,16 +118,18 @@ def _group_evidence(case: Case) -> Parts:
     if udp and udp.heard_from and udp.source_address != case.ways.discovery_addresses.get(case.target):
         return _translator(case, case.target)
     if udp and udp.other_interfaces:
-        return of("interface", case.observer.name, "multicast")
+        return make_parts("interface", case.observer.name, "multicast")
     return NONE
 
 
 def _translator(case: Case, computer: str) -> Parts:
     """Whoever translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
-    between = translated(case, computer, case.observer.name if computer == case.target else case.target)
+    between = translation_parts(case, computer, case.observer.name if computer == case.target else case.target)
     first = gateways(case, computer, case.observer.name if computer == case.target else case.target)
     return (
-        frozenset(part for part in between if part.place == first[0]) if between else of("translation", computer, "on")
+        frozenset(part for part in between if part.place == first[0])
+        if between
+        else make_parts("translation", computer, "on")
     )
 
 
@@ -131,9 +137,9 @@ UDP_MULTICAST = Check(
     id="udp_multicast",
     title="datagrams on the multicast group arrive",
     scope=MEMBER,
-    judge=_udp_multicast,
+    judge=_judge_udp_multicast,
     carries=GROUP,
-    documented=Documented(
+    documented=Documentation(
         "pair that the group reaches",
         "UDP datagrams on the group and port in use arrive, from the planned address",
         "3.3",
@@ -147,14 +153,14 @@ UDP_MULTICAST = Check(
 # Datagrams to the computer
 
 
-def _translated_here(case: Case) -> bool:
+def _is_translated(case: Case) -> bool:
     """The target's helper has heard this computer, from an address that is not the planned one."""
     theirs = case.back_udp.source_address if case.back_udp else None
     seen = (case.udp.own_source_address if case.udp else None) or theirs
     return seen is not None and seen != case.ways.discovery_addresses.get(case.observer.name)
 
 
-def _udp_unicast(case: Case) -> Judgement | None:
+def _judge_udp_unicast(case: Case) -> Judgement | None:
     if case.udp is None:
         return None
     if case.udp.unicast and case.counted:
@@ -165,12 +171,12 @@ def _udp_unicast(case: Case) -> Judgement | None:
     if case.fleet.transport == "multicast":
         return None  # nobody needs them
     found = "no answer" if case.udp.unicast is None else "none arrives"
-    return Judgement(_other_leg(case, case.udp.heard_from), expected, found)
+    return Judgement(_transport_verdict(case, case.udp.heard_from), expected, found)
 
 
 def _unicast_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
-    there = passes(one, other, "udp") | of("computer", other, "unmeasured", "login")
+    there = passes(one, other, "udp") | make_parts("computer", other, "unmeasured", "login")
     nobody_asks = neighbours(case, other, one) - neighbours(case, one, other)  # a datagram gets no answer
     return way(case, one, other) - nobody_asks | there | _outside(case)
 
@@ -179,24 +185,24 @@ UDP_UNICAST = Check(
     id="udp_unicast",
     title="datagrams to the computer arrive",
     scope=MEMBER,
-    judge=_udp_unicast,
+    judge=_judge_udp_unicast,
     carries="udp",
-    documented=Documented("pair with discovery", "UDP datagrams to the computer itself arrive on that port"),
+    documented=Documentation("pair with discovery", "UDP datagrams to the computer itself arrive on that port"),
     needs=_unicast_needs,
     suspects=lambda case: (
         _unicast_needs(case)
-        | translating(case, case.observer.name, case.target)
-        | translating(case, case.target, case.observer.name)
+        | active_translations(case, case.observer.name, case.target)
+        | active_translations(case, case.target, case.observer.name)
         | passes(case.target, case.observer.name, "udp")  # the counts come back by the same port
     ),
-    evidence=lambda case: _translator(case, case.observer.name) if _translated_here(case) else NONE,
+    evidence=lambda case: _translator(case, case.observer.name) if _is_translated(case) else NONE,
 )
 
 
 # The source address of datagrams
 
 
-def _source(case: Case) -> Judgement | None:
+def _judge_source(case: Case) -> Judgement | None:
     """Judge if a gateway between networks translates addresses: the helper on the target counts who called."""
     multicast = case.peer.seen.multicast if case.peer else None
     if case.probe is None or case.peer is None or multicast is None or not multicast.udp:
@@ -215,16 +221,16 @@ SOURCE = Check(
     id="source",
     title="datagrams arrive from the planned address",
     scope=MEMBER,
-    judge=_source,
-    documented=Documented(
+    judge=_judge_source,
+    documented=Documentation(
         "pair between networks", "datagrams arrive from the planned address: no gateway translates it (warning)", "4.2"
     ),
-    needs=lambda case: _unicast_needs(case) | translated(case, case.observer.name, case.target),
+    needs=lambda case: _unicast_needs(case) | translation_parts(case, case.observer.name, case.target),
     # Whatever drops the questions of ARP may drop the answers, too.
     suspects=lambda case: (
         _unicast_needs(case)
         | neighbours(case, case.target, case.observer.name)
-        | translating(case, case.observer.name, case.target)
+        | active_translations(case, case.observer.name, case.target)
     ),
 )
 
@@ -232,7 +238,7 @@ SOURCE = Check(
 # Pings of the group
 
 
-def _icmp_rounds(case: Case) -> Judgement | None:
+def _judge_icmp_rounds(case: Case) -> Judgement | None:
     icmp = case.observer.seen.multicast.icmp if case.observer.seen.multicast else None
     if icmp is None or case.peer is None or not case.peer.answers_broadcasts:
         return None  # by plan it does not answer: the kernel's default, and no harm
@@ -251,23 +257,23 @@ ICMP_ROUNDS = Check(
     id="icmp_rounds",
     title="ping of the multicast group (informs only)",
     scope=MEMBER,
-    judge=_icmp_rounds,
-    documented=Documented(
+    judge=_judge_icmp_rounds,
+    documented=Documentation(
         "pair on the common network",
         "an answer in each round of `ping 224.0.0.1`; informs only, and only where computers are to answer",
         "3.2",
     ),
-    needs=lambda case: of("setting", case.target, "icmp_group"),
+    needs=lambda case: make_parts("setting", case.target, "icmp_group"),
     suspects=lambda case: (
-        losing(case, case.observer.name, case.target)
+        loss_parts(case, case.observer.name, case.target)
         if any(
             case.target in answered for _number, answered in case.observer.rounds
         )  # a packet was lost: nobody drops them
-        else of("setting", case.target, "icmp_group")
+        else make_parts("setting", case.target, "icmp_group")
         | multicast(case, case.target, case.observer.name)
         | way(case, case.observer.name, case.target)
         | passes(case.observer.name, case.target, "icmp")
-        | losing(case, case.observer.name, case.target)
+        | loss_parts(case, case.observer.name, case.target)
     ),
 )
 
@@ -280,11 +286,11 @@ def _connect_error(case: Case) -> str:
     return entry.error.lower() if entry else ""
 
 
-def _refused(case: Case) -> bool:
+def _is_refused(case: Case) -> bool:
     return "refused" in _connect_error(case)
 
 
-def _rpc_port(case: Case) -> Judgement | None:
+def _judge_rpc_port(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
     if entry is None:
         return None
@@ -302,34 +308,36 @@ def _outside(case: Case) -> Parts:
     inner = own is not None and planned is not None and own.robot == planned.robot and own.name != planned.name
     if own is None or planned is None or not inner or planned.discovery_address in own.network:
         return NONE
-    return of("route", own.name, "missing", "other", what=COMMON) | of("route", own.name, "missing", "other")
+    return make_parts("route", own.name, "missing", "other", what=COMMON) | make_parts(
+        "route", own.name, "missing", "other"
+    )
 
 
 def _port_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
-    node = of("discovery", other, "dead", "port")
+    node = make_parts("discovery", other, "dead", "port")
     return way(case, one, other) | passes(one, other, "rpc") | node | _outside(case)
 
 
 def _port_suspects(case: Case) -> Parts:
     """A computer that refuses is there; one that says nothing would refuse if nobody listened on the port."""
-    if _refused(case):  # or somebody else has its address
-        node = of("discovery", case.target, "dead", "port") | of("roscore", case.target, "dead")
+    if _is_refused(case):  # or somebody else has its address
+        node = make_parts("discovery", case.target, "dead", "port") | make_parts("roscore", case.target, "dead")
         return node | duplicates(case, case.observer.name, case.target)
-    filtered = of(
+    filtered = make_parts(
         "filter", case.target, "rpc in", "rpc", "all in", "all"
     )  # one for all interfaces also drops what a computer sends itself
-    nobody = of("discovery", case.target, "dead", "port")
-    return _port_needs(case) - nobody | of("discovery", case.target, "hung") | filtered
+    nobody = make_parts("discovery", case.target, "dead", "port")
+    return _port_needs(case) - nobody | make_parts("discovery", case.target, "hung") | filtered
 
 
 def _port_evidence(case: Case) -> Parts:
     entry = case.observer.masters.get(case.target)
     if entry is not None and "network is unreachable" in entry.error.lower():
-        return of("route", case.observer.name, "missing", what=COMMON)
-    if case.target == case.observer.name and _refused(case):  # nobody listens there, or the node listens elsewhere
+        return make_parts("route", case.observer.name, "missing", what=COMMON)
+    if case.target == case.observer.name and _is_refused(case):  # nobody listens there, or the node listens elsewhere
         runs = case.probe is not None and bool(case.probe.list_masters.masters)
-        return of("discovery", case.target, "port" if runs else "dead")
+        return make_parts("discovery", case.target, "port" if runs else "dead")
     return NONE
 
 
@@ -337,9 +345,9 @@ RPC_PORT = Check(
     id="rpc_port",
     title="port of the discovery node opens",
     scope=MASTER_TOO,
-    judge=_rpc_port,
+    judge=_judge_rpc_port,
     carries="rpc",
-    documented=Documented("to masters", "the TCP port of the discovery node opens"),
+    documented=Documentation("to masters", "the TCP port of the discovery node opens"),
     needs=_port_needs,
     suspects=_port_suspects,
     evidence=_port_evidence,
@@ -358,7 +366,7 @@ def _hops(case: Case, address: IPv4Address) -> frozenset[str]:
     return frozenset([str(gateway.address)]) if gateway else case.way.hops
 
 
-def _by_hops(case: Case, route: Route | None, address: IPv4Address) -> Judgement | None:
+def _judge_route(case: Case, route: Route | None, address: IPv4Address) -> Judgement | None:
     if route is None:
         return None
     by, hops = route.gateway or "", _hops(case, address)
@@ -370,10 +378,10 @@ def _by_hops(case: Case, route: Route | None, address: IPv4Address) -> Judgement
     return Judgement(OK if by in hops else FAILED, expected, f"by {by}" if by else "without a gateway")
 
 
-def _route_shows(case: Case, route: Route | None, address: IPv4Address) -> Parts:
+def _route_evidence(case: Case, route: Route | None, address: IPv4Address) -> Parts:
     if route is None or _hops(case, address) == {""}:
         return NONE  # on one network: the checks of addresses and routes tell it
-    return of("route", case.observer.name, "missing" if route.error else "other", what=_beyond(case, address))
+    return make_parts("route", case.observer.name, "missing" if route.error else "other", what=_beyond(case, address))
 
 
 def _beyond(case: Case, address: IPv4Address) -> str:
@@ -390,13 +398,15 @@ MASTER_ROUTE = Check(
     id="master_route",
     title="route to the discovery node",
     scope=MASTER,
-    judge=lambda case: _by_hops(case, _to_master(case), case.master.address),
-    documented=Documented(
+    judge=lambda case: _judge_route(case, _to_master(case), case.master.address),
+    documented=Documentation(
         "to masters", "packets to the address of its discovery node leave by the planned gateway", "4.2"
     ),
-    needs=lambda case: of("route", case.observer.name, "missing", "other", what=_beyond(case, case.master.address)),
-    suspects=lambda case: of("interface", case.observer.name, "prefix", "address"),
-    evidence=lambda case: _route_shows(case, _to_master(case), case.master.address),
+    needs=lambda case: make_parts(
+        "route", case.observer.name, "missing", "other", what=_beyond(case, case.master.address)
+    ),
+    suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
+    evidence=lambda case: _route_evidence(case, _to_master(case), case.master.address),
 )
 
 
@@ -415,20 +425,20 @@ OUTER_ROUTE = Check(
     id="outer_route",
     title="route to the other address of a gateway",
     scope=MEMBER,
-    judge=lambda case: _by_hops(case, _to_outer(case), _outer(case)),
-    documented=Documented(
+    judge=lambda case: _judge_route(case, _to_outer(case), _outer(case)),
+    documented=Documentation(
         "to gateways", "packets to its address in the common network leave by the planned gateway", "4.2"
     ),
-    needs=lambda case: of("route", case.observer.name, "missing", "other", what=_beyond(case, _outer(case))),
-    suspects=lambda case: of("interface", case.observer.name, "prefix", "address"),
-    evidence=lambda case: _route_shows(case, _to_outer(case), _outer(case)),
+    needs=lambda case: make_parts("route", case.observer.name, "missing", "other", what=_beyond(case, _outer(case))),
+    suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
+    evidence=lambda case: _route_evidence(case, _to_outer(case), _outer(case)),
 )
 
 
 # The port of a roscore, seen from others: nobody needs it there, but it tells a roscore that has ended
 
 
-def _roscore_port(case: Case) -> Judgement | None:
+def _judge_roscore_port(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
     if entry is None or not entry.roscore:
         return None
@@ -443,19 +453,19 @@ ROSCORE_PORT = Check(
     id="roscore_port",
     title="port of the roscore is not refused",
     scope=MASTER,
-    judge=_roscore_port,
-    documented=Documented(
+    judge=_judge_roscore_port,
+    documented=Documentation(
         "to masters", "the TCP port of its roscore opens, or nothing comes back; refused: it has ended (warning)"
     ),
-    needs=lambda case: of("roscore", case.target, "dead"),
-    evidence=lambda case: of("roscore", case.target, "dead"),
+    needs=lambda case: make_parts("roscore", case.target, "dead"),
+    evidence=lambda case: make_parts("roscore", case.target, "dead"),
 )
 
 
 # Clocks
 
 
-def _clock(case: Case) -> Judgement | None:
+def _judge_clock(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
     if entry is None:
         return None
@@ -470,10 +480,15 @@ def _clock(case: Case) -> Judgement | None:
 
 def _clock_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
-    return _port_needs(case) | of("discovery", other, "hung") | of("clock", one, "off") | of("clock", other, "off")
+    return (
+        _port_needs(case)
+        | make_parts("discovery", other, "hung")
+        | make_parts("clock", one, "off")
+        | make_parts("clock", other, "off")
+    )
 
 
-def _disciplined(case: Case, computer: str) -> bool:
+def _has_time_source(case: Case, computer: str) -> bool:
     """Something keeps the clock of a computer right, as chrony does."""
     seen = case.run[computer].seen.probe if computer in case.run else None
     return seen is not None and seen.clock.synchronised is True
@@ -482,10 +497,10 @@ def _disciplined(case: Case, computer: str) -> bool:
 def _clock_suspects(case: Case) -> Parts:
     entry = case.observer.masters.get(case.target)
     if entry is not None and entry.clock_offset_s is not None:
-        free = [name for name in (case.observer.name, case.target) if not _disciplined(case, name)]
-        return joined(of("clock", name, "off") for name in free or (case.observer.name, case.target))
+        free = [name for name in (case.observer.name, case.target) if not _has_time_source(case, name)]
+        return join_parts(make_parts("clock", name, "off") for name in free or (case.observer.name, case.target))
     if entry is not None and entry.open:
-        return of("discovery", case.target, "hung") | large(case, case.observer.name, case.target)
+        return make_parts("discovery", case.target, "hung") | large(case, case.observer.name, case.target)
     return _port_suspects(case)
 
 
@@ -493,8 +508,8 @@ CLOCK = Check(
     id="clock",
     title="clocks agree",
     scope=MASTER,
-    judge=_clock,
-    documented=Documented("to masters", "less than 0.1 s apart (warning), less than 0.5 s (failure)"),
+    judge=_judge_clock,
+    documented=Documentation("to masters", "less than 0.1 s apart (warning), less than 0.5 s (failure)"),
     needs=_clock_needs,
     suspects=_clock_suspects,
 )
@@ -503,12 +518,14 @@ CLOCK = Check(
 # The masters that a discovery node lists
 
 
-def _list_masters(case: Case) -> Judgement | None:
-    if case.probe is None or case.observer.without_ros:
+def _judge_list_masters(case: Case) -> Judgement | None:
+    if case.probe is None or case.observer.lacks_ros:
         return None
     master = case.master
     entry = case.observer.listed.get(master.name)
-    good = entry is not None and entry.online and is_same_uri(entry.uri, master.uri) and _monitored(entry, case)
+    good = (
+        entry is not None and entry.online and is_same_uri(entry.uri, master.uri) and _has_planned_address(entry, case)
+    )
     if good and case.counted:
         return PASSED
     expected = f"{master.name} online, {master.uri}, monitored at {master.monitor_uri}"
@@ -520,17 +537,17 @@ def _list_masters(case: Case) -> Judgement | None:
     return Judgement(OK if good else FAILED, expected, found)
 
 
-def _monitored(entry: ListedMaster, case: Case) -> bool:
+def _has_planned_address(entry: ListedMaster, case: Case) -> bool:
     """A node may see itself through its loopback interface; the others must see it at its planned address."""
     host = host_of(entry.monitoruri)
     own = case.master.robot == case.observer.plan.robot
     return host == case.address or (own and host in ("localhost", "127.0.0.1"))
 
 
-def _asked(case: Case) -> Parts:
+def _service_call_needs(case: Case) -> Parts:
     """List what calling the service of the own discovery node needs."""
     one, master = case.observer.name, case.masters[0]
-    node = of("discovery", master, "dead", "hung")
+    node = make_parts("discovery", master, "dead", "hung")
     return roscore(case, one, master) | node | (talks(case, one, master, "nodes") if one != master else NONE)
 
 
@@ -538,17 +555,17 @@ def _list_needs(case: Case) -> Parts:
     """A master stays in the list for a while, and one of two transports is enough: so little is cleared."""
     own, its = case.masters[0], case.target
     if own == its:
-        return _asked(case) | of("roscore", its, "name")
-    group = of("discovery", own, "group") | of("discovery", its, "group")
+        return _service_call_needs(case) | make_parts("roscore", its, "name")
+    group = make_parts("discovery", own, "group") | make_parts("discovery", its, "group")
     # the address of its heartbeats is in the list
-    return _asked(case) | group | of("roscore", its, "name") | translated(case, its, own)
+    return _service_call_needs(case) | group | make_parts("roscore", its, "name") | translation_parts(case, its, own)
 
 
 def _list_suspects(case: Case) -> Parts:
     if not case.observer.listed:
-        return _asked(case)
+        return _service_call_needs(case)
     own, its = case.masters[0], case.target
-    return _asked(case) | discovery(own) | between_masters(case, own, its) | heartbeats(case, own, its)
+    return _service_call_needs(case) | discovery(own) | master_query_parts(case, own, its) | heartbeats(case, own, its)
 
 
 def _list_evidence(case: Case) -> Parts:
@@ -556,9 +573,9 @@ def _list_evidence(case: Case) -> Parts:
     if entry is None or not entry.online:
         return NONE
     if not is_same_uri(entry.uri, case.master.uri):
-        return of("roscore", case.target, "name", what=entry.uri)
+        return make_parts("roscore", case.target, "name", what=entry.uri)
     if case.robots[0] == case.robots[1]:  # the node tells the address from which it sends
-        return of("interface", case.target, "multicast")
+        return make_parts("interface", case.target, "multicast")
     return _translator(case, case.target)
 
 
@@ -566,8 +583,8 @@ LIST_MASTERS = Check(
     id="list_masters",
     title="rosservice call /master_discovery/list_masters",
     scope=MASTER_TOO,
-    judge=_list_masters,
-    documented=Documented(
+    judge=_judge_list_masters,
+    documented=Documentation(
         "to masters",
         "`rosservice call /master_discovery/list_masters` has the master online, with its planned URIs",
         "3.3, Fig. 8",
@@ -583,7 +600,7 @@ LIST_MASTERS = Check(
 ALL_HOSTS = "224.0.0.1"  # every kernel has joined it
 
 
-def _joined_on(case: Case) -> set[str] | None:
+def _membership_interfaces(case: Case) -> set[str] | None:
     """The interfaces on which a program has joined the group; None where that is not to be known, or nobody needs it."""
     multicast, own, group = case.observer.seen.multicast, case.own, str(case.fleet.multicast_group)
     if multicast is None or not multicast.memberships or own is None or not own.multicast or group == ALL_HOSTS:
@@ -594,30 +611,30 @@ def _joined_on(case: Case) -> set[str] | None:
     return {entry.interface for entry in multicast.memberships if entry.group == group}
 
 
-def _membership(case: Case) -> Judgement | None:
-    interfaces = _joined_on(case)
-    planned = own_networks(case.observer, case.ways).get(COMMON)
+def _judge_membership(case: Case) -> Judgement | None:
+    interfaces = _membership_interfaces(case)
+    planned = interfaces_by_network(case.observer, case.ways).get(COMMON)
     if interfaces is None or planned is None:
         return None
     expected = f"a program has joined {case.fleet.multicast_group} on {planned.interface}"
     found = f"on {' and '.join(sorted(interfaces))}" if interfaces else "on no interface"
-    return Judgement(OK if planned.interface in interfaces else _other_leg(case, True), expected, found)
+    return Judgement(OK if planned.interface in interfaces else _transport_verdict(case, True), expected, found)
 
 
 MEMBERSHIP = Check(
     id="membership",
     title="discovery has joined the group",
     scope=COMPUTER,
-    judge=_membership,
-    documented=Documented(
+    judge=_judge_membership,
+    documented=Documentation(
         "masters",
         "a program has joined the group on the planned interface, as the kernel has it in `/proc/net/igmp`",
         "3.3",
     ),
     evidence=lambda case: (
-        of("interface", case.observer.name, "multicast")
-        if _joined_on(case)
-        else of("discovery", case.observer.name, "group")
+        make_parts("interface", case.observer.name, "multicast")
+        if _membership_interfaces(case)
+        else make_parts("discovery", case.observer.name, "group")
     ),
 )
 

@@ -16,14 +16,14 @@ from typing import NamedTuple
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
     Case,
-    Everything,
+    FleetState,
     Participant,
     usual_mtus,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Exchanges
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, number, tried
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, choose_pairs, number
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import Ways
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Master
@@ -64,7 +64,7 @@ PASSED = Judgement(OK)  # what a judge may return for a case that is counted, be
 Passed = Counter[tuple[str, str, tuple[str, ...]]]
 
 
-class Documented(NamedTuple):
+class Documentation(NamedTuple):
     """A row of the table in docs/operate/verification.md: the targets, what is expected, and where the report has it."""
 
     scope: str
@@ -72,7 +72,7 @@ class Documented(NamedTuple):
     report: str = ""
 
 
-def _nothing(_case: Case) -> Parts:
+def _find_no_parts(_case: Case) -> Parts:
     return NONE
 
 
@@ -89,11 +89,13 @@ class Check:
     title: str
     scope: str
     judge: Callable[[Case], Judgement | None]
-    documented: Documented
-    needs: Callable[[Case], Parts] = _nothing
+    documented: Documentation
+    needs: Callable[[Case], Parts] = _find_no_parts
     suspects: Callable[[Case], Parts] | None = None
-    evidence: Callable[[Case], Parts] = _nothing
-    carries: str = ""  # the packets that it sends, a word of filtered.TRAFFIC: a rule that drops them is evidence, too
+    evidence: Callable[[Case], Parts] = _find_no_parts
+    carries: str = (
+        ""  # the packets that it sends, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
+    )
     shown: bool = False  # what is good of it is read, too, so there is a row of each
 
 
@@ -115,11 +117,13 @@ class Verification:
         self.fleet = fleet
         self.ways = ways = Ways(fleet)
         self.run = {
-            name: Participant.of(name, plan, observations[name])
+            name: Participant.from_observation(name, plan, observations[name])
             for name, plan in fleet.computers.items()
             if name in observations
         }
-        self.tried = tried({member.name: str(member.network) for member in fleet.members}, fleet.computers, pairs)
+        self.tried = choose_pairs(
+            {member.name: str(member.network) for member in fleet.members}, fleet.computers, pairs
+        )
         exchanges = Exchanges(
             fleet,
             {
@@ -129,7 +133,7 @@ class Verification:
             },
         )
         filters = ReadFilters(fleet, {name: computer.seen for name, computer in self.run.items()})
-        self.everything = Everything(
+        self.everything = FleetState(
             fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways), least, filters
         )
 
@@ -140,14 +144,14 @@ class Verification:
         """
         for checks, case in self._cases():
             if passed is None or case.target == case.observer.name:
-                yield from _judged(checks, case)
+                yield from _judge_case(checks, case)
             else:
-                yield from _counted(checks, case, passed)
+                yield from _count_passes(checks, case, passed)
 
     def _cases(self) -> Iterator[tuple[Sequence[Check], Case]]:
         """Make every case, with the checks that look at it."""
-        alone, itself, others = self._of(COMPUTER), self._of(ITSELF_TOO), self._of(ITSELF_TOO, MEMBER)
-        own_master, masters = self._of(MASTER_TOO), self._of(MASTER, MASTER_TOO)
+        alone, itself, others = self._select(COMPUTER), self._select(ITSELF_TOO), self._select(ITSELF_TOO, MEMBER)
+        own_master, masters = self._select(MASTER_TOO), self._select(MASTER, MASTER_TOO)
         addresses = [(master, master.computer, str(master.address)) for master in self.fleet.masters]
         for observer in self.run.values():
             name, targets = observer.name, self.tried[observer.name]
@@ -189,18 +193,18 @@ class Verification:
     def _case(self, observer: Participant, target: str, address: str, master: Master | None = None) -> Case:
         return Case(self.everything, observer, target, address, master)
 
-    def _of(self, *scopes: str) -> list[Check]:
+    def _select(self, *scopes: str) -> list[Check]:
         return [check for check in self.checks if check.scope in scopes]
 
 
-def _judged(checks: Sequence[Check], case: Case) -> Iterator[Row]:
+def _judge_case(checks: Sequence[Check], case: Case) -> Iterator[Row]:
     for check in checks:
         judgement = check.judge(case)
         if judgement is not None:
             yield Row(check.id, case.observer.name, case.target, *judgement)
 
 
-def _counted(checks: Sequence[Check], case: Case, passed: Passed) -> Sequence[Row]:
+def _count_passes(checks: Sequence[Check], case: Case, passed: Passed) -> Sequence[Row]:
     """Count what is good, all of a case at once, and return the rest."""
     case.counted = True
     good, rows = [], []

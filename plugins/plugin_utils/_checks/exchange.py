@@ -12,15 +12,15 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchang
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
     NONE,
     Parts,
-    between_masters,
-    connected,
     discovery,
     heartbeats,
-    joined,
+    join_parts,
     large,
-    of,
+    make_parts,
+    master_query_parts,
+    node_connection_parts,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import both
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import pair_place
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
     FAILED,
@@ -29,7 +29,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     UNKNOWN,
     WARNING,
     Check,
-    Documented,
+    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import SilentNode
@@ -37,7 +37,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
 NAMED = 4  # registrations, names or connections that a finding names
 
 
-def _some(items: Iterable[str]) -> str:
+def _join_first(items: Iterable[str]) -> str:
     """Join the first items, and say how many more there are."""
     texts = list(items)
     more = f" and {len(texts) - NAMED} more" if len(texts) > NAMED else ""
@@ -47,33 +47,37 @@ def _some(items: Iterable[str]) -> str:
 # Registered nodes
 
 
-def _nodes_answer(case: Case) -> Judgement | None:
+def _judge_nodes_answer(case: Case) -> Judgement | None:
     if case.exchange is None or case.exchange.error:
         return None
     silent = case.exchange.silent
-    found = f"no answer of {_some(silent)}" if silent else "they answer"
+    found = f"no answer of {_join_first(silent)}" if silent else "they answer"
     return Judgement(WARNING if silent else OK, "every node that is registered answers", found)
 
 
-def _silent(case: Case) -> Parts:
+def _silent_suspects(case: Case) -> Parts:
     """They ended, or the computer that they are on is not reached."""
     one = case.observer.name
     computers = (member.name for member in case.fleet.members if member.robot == case.observer.plan.robot)
-    return of("registration", one, "ghost") | joined(connected(case, one, other) for other in computers if other != one)
+    return make_parts("registration", one, "ghost") | join_parts(
+        node_connection_parts(case, one, other) for other in computers if other != one
+    )
 
 
-def _not_answering(case: Case) -> Parts:
+def _silent_evidence(case: Case) -> Parts:
     """The collection's own nodes: their services run, or another check tells that they do not."""
     silent = case.exchange.silent if case.exchange else ()
     hung = {"/master_discovery": "discovery", "/master_sync": "sync"}
-    nodes = joined(of(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
-    refused = [entry.node for entry in (case.exchange.silences if case.exchange else ()) if _ended(case, entry)]
-    return nodes | (of("registration", case.observer.name, "ghost", what=_some(refused)) if refused else NONE)
+    nodes = join_parts(make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
+    refused = [entry.node for entry in (case.exchange.silences if case.exchange else ()) if _has_ended(case, entry)]
+    return nodes | (
+        make_parts("registration", case.observer.name, "ghost", what=_join_first(refused)) if refused else NONE
+    )
 
 
-def _ended(case: Case, entry: SilentNode) -> bool:
+def _has_ended(case: Case, entry: SilentNode) -> bool:
     """Nobody listens at its port, and the computer is there to say so; a packet filter that refuses says the same."""
-    filtered = case.filters.dropping(case.observer.name, case.ways.at(entry.host) or entry.host, "nodes")
+    filtered = case.filters.find_drop(case.observer.name, case.ways.name_at(entry.host) or entry.host, "nodes")
     return "refused" in entry.error.lower() and filtered is None
 
 
@@ -81,35 +85,38 @@ NODES_ANSWER = Check(
     id="nodes_answer",
     title="registered nodes answer",
     scope=COMPUTER,
-    judge=_nodes_answer,
-    documented=Documented("roscore", "each of the robot's nodes that is registered answers (warning)"),
-    needs=lambda case: of("sync", case.observer.name, "hung") | of("discovery", case.observer.name, "hung"),
-    suspects=_silent,
-    evidence=_not_answering,
+    judge=_judge_nodes_answer,
+    documented=Documentation("roscore", "each of the robot's nodes that is registered answers (warning)"),
+    needs=lambda case: (
+        make_parts("sync", case.observer.name, "hung") | make_parts("discovery", case.observer.name, "hung")
+    ),
+    suspects=_silent_suspects,
+    evidence=_silent_evidence,
 )
 
 
 # Names
 
 
-def _both_seen(case: Case) -> bool:
+def _has_both_contents(case: Case) -> bool:
     return case.exchange is not None and all(robot in case.exchanges.robots for robot in case.robots)
 
 
-def _names(case: Case) -> Judgement | None:
-    if not _both_seen(case):
+def _judge_names(case: Case) -> Judgement | None:
+    if not _has_both_contents(case):
         return None
     own, its = case.robots
     clashes = case.exchanges.clashes(its, own)
-    found = _some(f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
+    found = _join_first(f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
     return Judgement(FAILED if clashes else OK, "each name once", found or "no name twice")
 
 
-def _twins(case: Case) -> Parts:
+def _names_evidence(case: Case) -> Parts:
     own, its = case.robots
     clashes = case.exchanges.clashes(its, own)
-    return joined(
-        of("registration", both(*clash.robots), "twin", what=f"{clash.kind} {clash.name}") for clash in clashes
+    return join_parts(
+        make_parts("registration", pair_place(*clash.robots), "twin", what=f"{clash.kind} {clash.name}")
+        for clash in clashes
     )
 
 
@@ -117,53 +124,57 @@ NAMES = Check(
     id="names",
     title="no node or service name twice",
     scope=MASTER,
-    judge=_names,
-    documented=Documented(
+    judge=_judge_names,
+    documented=Documentation(
         "pair of roscores", "no node and no service that is exchanged has a name that another robot has too"
     ),
-    evidence=_twins,
+    evidence=_names_evidence,
 )
 
 
 # Types
 
 
-def _types(case: Case) -> Judgement | None:
-    if case.exchange is None or not _both_seen(case):
+def _judge_types(case: Case) -> Judgement | None:
+    if case.exchange is None or not _has_both_contents(case):
         return None
     own, its = case.robots
     conflicts, expected = case.exchanges.conflicts(its, own), "each topic has one type"
     if conflicts:
-        return Judgement(FAILED, expected, _some(map(_told, conflicts)))
+        return Judgement(FAILED, expected, _join_first(map(_describe_conflict, conflicts)))
     if case.exchange.types_error:
         return Judgement(UNKNOWN, expected, f"the md5 sums are not known: {case.exchange.types_error}")
     return Judgement(OK, expected, "the same types")
 
 
-def _told(conflict: Conflict) -> str:
+def _describe_conflict(conflict: Conflict) -> str:
     (one, its_type, its_sum), (other, type_name, md5sum) = sorted((conflict.one, conflict.other))
     if its_type != type_name:
         return f"{conflict.topic} is {its_type} on {one} and {type_name} on {other}"
     return f"{conflict.topic} is {type_name} on both, with the md5 sum {its_sum} on {one} and {md5sum} on {other}"
 
 
-def _differing(case: Case) -> Parts:
+def _types_evidence(case: Case) -> Parts:
     own, its = case.robots
     if conflicts := case.exchanges.conflicts(its, own):
-        return joined(
-            of("messages", case.exchanges.odd(conflict) or both(own, its), "differ", what=conflict.topic)
+        return join_parts(
+            make_parts("messages", case.exchanges.odd(conflict) or pair_place(own, its), "differ", what=conflict.topic)
             for conflict in conflicts
         )
-    return of("messages", case.observer.name, "unknown", what=case.exchange.types_error if case.exchange else "")
+    return make_parts(
+        "messages", case.observer.name, "unknown", what=case.exchange.types_error if case.exchange else ""
+    )
 
 
 TYPES = Check(
     id="types",
     title="topics have the same type on both sides",
     scope=MASTER,
-    judge=_types,
-    documented=Documented("pair of roscores", "a topic that is exchanged has one type and one md5 sum on both robots"),
-    evidence=_differing,
+    judge=_judge_types,
+    documented=Documentation(
+        "pair of roscores", "a topic that is exchanged has one type and one md5 sum on both robots"
+    ),
+    evidence=_types_evidence,
 )
 
 
@@ -172,22 +183,22 @@ TYPES = Check(
 MOST_REGISTRATIONS = 5000  # of one master: the same number as in the nodes' sync/core/limits.py
 
 
-def _flow(case: Case) -> Judgement | None:
+def _judge_flow(case: Case) -> Judgement | None:
     if case.exchange is None:
         return None
     own, its = case.robots
     if case.exchange.error:
         return Judgement(UNKNOWN, f"what {its} gives", case.exchange.error)
-    missing, superfluous = case.exchanges.missing(its, own), case.exchanges.superfluous(its, own)
+    missing, superfluous = case.exchanges.find_missing(its, own), case.exchanges.superfluous(its, own)
     parts = [("not there", missing), ("there against the plan", superfluous)]
-    found = "; ".join(f"{words}: {_some(map(str, items))}" for words, items in parts if items)
+    found = "; ".join(f"{words}: {_join_first(map(str, items))}" for words, items in parts if items)
     return Judgement(FAILED if found else OK, f"what {its} gives to {own}, and nothing else", found or "just that")
 
 
 def _flow_suspects(case: Case) -> Parts:
     own, its = case.masters
-    sync = of("sync", own, "dead", "hung", "configuration", "stale")
-    fetched = discovery(own) | between_masters(case, own, its) | large(case, own, its)
+    sync = make_parts("sync", own, "dead", "hung", "configuration", "stale")
+    fetched = discovery(own) | master_query_parts(case, own, its) | large(case, own, its)
     return sync | fetched | heartbeats(case, own, its)
 
 
@@ -196,11 +207,11 @@ def _flow_evidence(case: Case) -> Parts:
     own, its = case.robots
     observer = case.observer.name
     if case.exchange is not None and case.exchange.error:
-        return of("sync", observer, "untold")
+        return make_parts("sync", observer, "untold")
     if superfluous := case.exchanges.superfluous(its, own):
-        return of("sync", observer, "configuration", what=_some(map(str, superfluous)))
-    if len(case.exchanges.imported(its, own)) >= MOST_REGISTRATIONS:
-        return of("sync", observer, "limit", what=case.target)
+        return make_parts("sync", observer, "configuration", what=_join_first(map(str, superfluous)))
+    if len(case.exchanges.find_imports(its, own)) >= MOST_REGISTRATIONS:
+        return make_parts("sync", observer, "limit", what=case.target)
     return NONE
 
 
@@ -208,11 +219,13 @@ FLOW = Check(
     id="flow",
     title="robot has what it is to get, and nothing else",
     scope=MASTER,
-    judge=_flow,
-    documented=Documented(
+    judge=_judge_flow,
+    documented=Documentation(
         "pair of roscores", "what the one robot is to give is registered at the other, and nothing else of it is", "3.3"
     ),
-    needs=lambda case: of("sync", case.masters[0], "configuration"),  # what is registered stays, whoever has died
+    needs=lambda case: make_parts(
+        "sync", case.masters[0], "configuration"
+    ),  # what is registered stays, whoever has died
     suspects=_flow_suspects,
     evidence=_flow_evidence,
 )
@@ -221,11 +234,11 @@ FLOW = Check(
 # Connections
 
 
-def _cross_link(case: Case) -> Judgement | None:
+def _judge_cross_link(case: Case) -> Judgement | None:
     if case.exchange is None or case.exchange.error:
         return None
-    crossing = case.exchanges.crossing(case.exchange.connections, *case.robots)
-    found = _some(
+    crossing = case.exchanges.find_crossing_links(case.exchange.connections, *case.robots)
+    found = _join_first(
         f"{link.node} {'hears' if link.direction == 'in' else 'is heard by'} {link.peer} of {link.robot} on {link.topic}"
         for link in crossing
     )
@@ -236,9 +249,9 @@ CROSS_LINK = Check(
     id="cross_link",
     title="connections only as exchanged",
     scope=MASTER,
-    judge=_cross_link,
-    documented=Documented("pair of roscores", "nodes of the two robots are connected only by what is exchanged"),
-    evidence=lambda case: of("registration", both(*case.robots), "link"),
+    judge=_judge_cross_link,
+    documented=Documentation("pair of roscores", "nodes of the two robots are connected only by what is exchanged"),
+    evidence=lambda case: make_parts("registration", pair_place(*case.robots), "link"),
 )
 
 

@@ -7,18 +7,22 @@ from __future__ import annotations
 
 import ipaddress
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case, own_networks, wrong_prefixes
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
+    Case,
+    interfaces_by_network,
+    wrong_prefixes,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
     NONE,
     Parts,
-    asked_for,
+    arp_parts,
     is_in,
-    joined,
+    join_parts,
     large,
     links,
-    losing,
+    loss_parts,
+    make_parts,
     names,
-    of,
     passes,
     way,
 )
@@ -32,7 +36,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     PASSED,
     WARNING,
     Check,
-    Documented,
+    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.policy import taker
@@ -48,7 +52,7 @@ def _addresses(case: Case) -> tuple[str, ...]:
     return case.member.addresses if case.member else ()
 
 
-def _means(case: Case) -> Parts:
+def _name_evidence(case: Case) -> Parts:
     """Say how the name is wrong."""
     addresses = _addresses(case)
     if not addresses:
@@ -57,7 +61,7 @@ def _means(case: Case) -> Parts:
         mode = "loopback"
     else:
         mode = "several" if len(addresses) > 1 else "old"
-    return of("names", case.observer.name, mode, what=case.target)
+    return make_parts("names", case.observer.name, mode, what=case.target)
 
 
 def _is_loopback(address: str) -> bool:
@@ -68,7 +72,7 @@ def _is_loopback(address: str) -> bool:
         return False
 
 
-def _name(case: Case) -> Judgement | None:
+def _judge_name(case: Case) -> Judgement | None:
     if case.member is None or case.observer.plan.is_router:
         return None
     addresses, expected = case.member.addresses, case.address
@@ -77,7 +81,9 @@ def _name(case: Case) -> Judgement | None:
         return PASSED
     found = ", ".join(addresses) or case.member.resolve_error
     # Fig. 6 of the report leaves 127.0.1.1 at the own name, and these robots talk.
-    verdict = WARNING if case.by_hand and case.target == case.observer.name and expected in addresses else FAILED
+    verdict = (
+        WARNING if case.is_set_up_by_hand and case.target == case.observer.name and expected in addresses else FAILED
+    )
     return Judgement(OK if good else verdict, expected, found)
 
 
@@ -85,17 +91,19 @@ NAME = Check(
     id="name",
     title="name means the planned address",
     scope=ITSELF_TOO,
-    judge=_name,
-    documented=Documented("pair, itself too", "the name resolves to the planned address and no other", "3.1, Fig. 6"),
+    judge=_judge_name,
+    documented=Documentation(
+        "pair, itself too", "the name resolves to the planned address and no other", "3.1, Fig. 6"
+    ),
     needs=lambda case: names(case.observer.name, case.target),
-    evidence=_means,
+    evidence=_name_evidence,
 )
 
 
 # The name, as others than root look it up
 
 
-def _user_name(case: Case) -> Judgement | None:
+def _judge_user_name(case: Case) -> Judgement | None:
     found = case.member.user_addresses if case.member else None
     if found is None or _addresses(case) != (case.address,) or case.observer.plan.is_router:
         return None  # what root finds is another check
@@ -109,19 +117,19 @@ USER_NAME = Check(
     id="user_name",
     title="name means the same without rights",
     scope=ITSELF_TOO,
-    judge=_user_name,
-    documented=Documented(
+    judge=_judge_user_name,
+    documented=Documentation(
         "pair, itself too", "a user without rights, as nodes are, gets the same addresses for the name"
     ),
-    needs=lambda case: of("names", case.observer.name, "rights"),
-    evidence=lambda case: of("names", case.observer.name, "rights", what=case.target),
+    needs=lambda case: make_parts("names", case.observer.name, "rights"),
+    evidence=lambda case: make_parts("names", case.observer.name, "rights", what=case.target),
 )
 
 
 # The route
 
 
-def _route(case: Case) -> Judgement | None:
+def _judge_route(case: Case) -> Judgement | None:
     route = case.member.route if case.member else None
     if route is None:
         return None
@@ -139,8 +147,8 @@ def _route(case: Case) -> Judgement | None:
 def _route_needs(case: Case) -> Parts:
     if not case.way.crosses or case.planned is None:
         return NONE
-    found = of("route", case.observer.name, "missing", "other", what=case.ways.network(case.planned.robot))
-    return found | of("route", case.observer.name, "missing")
+    found = make_parts("route", case.observer.name, "missing", "other", what=case.ways.network(case.planned.robot))
+    return found | make_parts("route", case.observer.name, "missing")
 
 
 def _route_evidence(case: Case) -> Parts:
@@ -149,42 +157,42 @@ def _route_evidence(case: Case) -> Parts:
         return NONE
     mode, what = taker(case.probe.policy if case.probe else Policy(), case.address)
     if mode and (route.error or (route.gateway or "") not in case.way.hops):
-        return of("route", name, mode, what=what)
-    return _without_route(case) if route.error else _by_another(case, route)
+        return make_parts("route", name, mode, what=what)
+    return _route_absence_parts(case) if route.error else _wrong_route_parts(case, route)
 
 
-def _without_route(case: Case) -> Parts:
+def _route_absence_parts(case: Case) -> Parts:
     name, network = case.observer.name, case.ways.network(case.robots[1])
     if not case.way.crosses:
         small = bool(wrong_prefixes(case.observer))  # the target is beyond what it takes for its network
-        return of("interface", name, "prefix") if small else of("link", name, "down", what=network)
-    return of("route", name, "missing", what="" if _nowhere(case) else network)
+        return make_parts("interface", name, "prefix") if small else make_parts("link", name, "down", what=network)
+    return make_parts("route", name, "missing", what="" if _has_no_routes(case) else network)
 
 
-def _by_another(case: Case, route: Route) -> Parts:
+def _wrong_route_parts(case: Case, route: Route) -> Parts:
     name, network, by = case.observer.name, case.ways.network(case.robots[1]), route.gateway or ""
-    if _elsewhere(case, route.device):
-        return of("route", name, "other", what=network)
+    if _leaves_fleet(case, route.device):
+        return make_parts("route", name, "other", what=network)
     if by not in case.way.hops:
         if not (by and case.way.crosses):  # it is sent to a gateway, and is in this network, or the other way round
-            return of("interface", name, "prefix")
-        return of("route", name, "missing" if _left_to_default(case, by) else "other", what=network)
-    return of("interface", name, "address")
+            return make_parts("interface", name, "prefix")
+        return make_parts("route", name, "missing" if _falls_to_default(case, by) else "other", what=network)
+    return make_parts("interface", name, "address")
 
 
-def _elsewhere(case: Case, device: str | None) -> bool:
+def _leaves_fleet(case: Case, device: str | None) -> bool:
     """Packets leave by an interface that is on no network of the plan, as that of a VPN or of Docker."""
-    own = own_networks(case.observer, case.ways)
+    own = interfaces_by_network(case.observer, case.ways)
     return len(own) == len(case.observer.plan.networks) and device not in {entry.interface for entry in own.values()}
 
 
-def _left_to_default(case: Case, by: str) -> bool:
+def _falls_to_default(case: Case, by: str) -> bool:
     """The planned route is one to the network, and is gone: the default route takes what it was for."""
     special = all(route.destination.prefixlen for route in case.observer.plan.routes)
     return special and case.probe is not None and by in {route.gateway for route in case.probe.default_routes}
 
 
-def _nowhere(case: Case) -> bool:
+def _has_no_routes(case: Case) -> bool:
     """The observer has a route to no other network."""
     members, ways = case.observer.members.values(), case.ways
     routes = [entry.route for entry in members if entry.route and ways.way(case.observer.plan, entry.name).crosses]
@@ -195,8 +203,8 @@ ROUTE = Check(
     id="route",
     title="packets leave from the planned address",
     scope=MEMBER,
-    judge=_route,
-    documented=Documented("pair", "packets leave from the planned address, and by the planned gateway", "4.2"),
+    judge=_judge_route,
+    documented=Documentation("pair", "packets leave from the planned address, and by the planned gateway", "4.2"),
     needs=_route_needs,
     evidence=_route_evidence,
 )
@@ -210,9 +218,9 @@ def _ping_error(case: Case) -> str:
     return ping.error if ping else ""
 
 
-def _pinged(case: Case) -> Parts:
+def _ping_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
-    return way(case, one, other) | passes(one, other, "icmp") | of("setting", other, "icmp_all")
+    return way(case, one, other) | passes(one, other, "icmp") | make_parts("setting", other, "icmp_all")
 
 
 def _answers_sometimes(case: Case) -> bool:
@@ -225,22 +233,28 @@ def _ping_evidence(case: Case) -> Parts:
     reporter, said, error = _ping_error(case).partition(" reports")
     network = case.ways.network(case.robots[1])
     if said and "network unreachable" in error:
-        return of("route", case.ways.at(reporter), "missing", what=network)
-    return of("route", case.ways.at(reporter), "circle", what=network) if said and "time to live" in error else NONE
+        return make_parts("route", case.ways.name_at(reporter), "missing", what=network)
+    return (
+        make_parts("route", case.ways.name_at(reporter), "circle", what=network)
+        if said and "time to live" in error
+        else NONE
+    )
 
 
 def _ping_suspects(case: Case) -> Parts:
     """An ICMP error tells who has sent it, and why; see _multicast/packets.py of the modules."""
     if _answers_sometimes(case):
-        return losing(case, case.observer.name, case.target)
+        return loss_parts(case, case.observer.name, case.target)
     error = _ping_error(case)
-    reporter = case.ways.at(error.partition(" reports")[0]) if " reports" in error else ""
+    reporter = case.ways.name_at(error.partition(" reports")[0]) if " reports" in error else ""
     if "prohibited" in error:
-        return of("filter", reporter or case.target, "forward") | passes(case.observer.name, case.target, "icmp")
+        return make_parts("filter", reporter or case.target, "forward") | passes(
+            case.observer.name, case.target, "icmp"
+        )
     if "host unreachable" in error and reporter:
         return _unreachable(case, reporter)
     silent = case.member is not None and case.member.silent
-    return _pinged(case) - asked_for(case, case.observer.name, case.target) if silent else _pinged(case)
+    return _ping_needs(case) - arp_parts(case, case.observer.name, case.target) if silent else _ping_needs(case)
 
 
 def _unreachable(case: Case, reporter: str) -> Parts:
@@ -248,21 +262,23 @@ def _unreachable(case: Case, reporter: str) -> Parts:
     crossed = links(case, reporter, case.target)
     network = crossed[0][1]
     following = next((place for place, _network in crossed if place != reporter), case.target)
-    found = of("network", network, "dead") | of("computer", following, "off")
+    found = make_parts("network", network, "dead") | make_parts("computer", following, "off")
     for place in (reporter, following):
-        found |= of("link", place, "down", what=network) | of("interface", place, "address", "prefix")
-        found |= of("neighbour", place, "mute")
+        found |= make_parts("link", place, "down", what=network) | make_parts("interface", place, "address", "prefix")
+        found |= make_parts("neighbour", place, "mute")
     beyond = case.ways.network(case.robots[1])
     if not is_in(case, reporter, beyond):  # or it has looked for the target in a network of its own
-        found |= of("route", reporter, "missing", "other", what=beyond) | of("route", reporter, "missing")
+        found |= make_parts("route", reporter, "missing", "other", what=beyond) | make_parts(
+            "route", reporter, "missing"
+        )
     return found
 
 
-def _ping_address(case: Case) -> Judgement | None:
-    return _judged(case, case.member.ping_address if case.member else None, case.address)
+def _judge_ping_address(case: Case) -> Judgement | None:
+    return _judge_ping(case, case.member.ping_address if case.member else None, case.address)
 
 
-def _judged(case: Case, ping: Ping | None, whom: str, size: str = "") -> Judgement | None:
+def _judge_ping(case: Case, ping: Ping | None, whom: str, size: str = "") -> Judgement | None:
     if ping is None:
         return None
     if ping.ok and case.counted:
@@ -277,10 +293,10 @@ PING_ADDRESS = Check(
     id="ping_address",
     title="ping by address",
     scope=MEMBER,
-    judge=_ping_address,
+    judge=_judge_ping_address,
     carries="icmp",
-    documented=Documented("pair", "one of three ICMP echo requests to its address is answered", "3.2, 4.2"),
-    needs=_pinged,
+    documented=Documentation("pair", "one of three ICMP echo requests to its address is answered", "3.2, 4.2"),
+    needs=_ping_needs,
     suspects=_ping_suspects,
     evidence=_ping_evidence,
 )
@@ -289,7 +305,7 @@ PING_ADDRESS = Check(
 # TCP, where no ping is answered: a packet filter that drops pings alone is told from a computer that is off
 
 
-def _answers_tcp(case: Case) -> Judgement | None:
+def _judge_answers_tcp(case: Case) -> Judgement | None:
     if case.member is None or not case.member.tcp:
         return None
     expected = "a TCP port that nobody uses refuses"
@@ -303,8 +319,8 @@ TCP_ANSWER = Check(
     id="tcp_answer",
     title="TCP is refused, so the computer is there",
     scope=MEMBER,
-    judge=_answers_tcp,
-    documented=Documented(
+    judge=_judge_answers_tcp,
+    documented=Documentation(
         "pair without an answered ping",
         "a TCP port that nobody uses refuses; tells a lost ping from a computer that is off",
     ),
@@ -315,23 +331,23 @@ TCP_ANSWER = Check(
 # The ping by name
 
 
-def _ping_name(case: Case) -> Judgement | None:
+def _judge_ping_name(case: Case) -> Judgement | None:
     if case.observer.plan.is_router:
         return None
-    return _judged(case, case.member.ping_name if case.member else None, case.target)
+    return _judge_ping(case, case.member.ping_name if case.member else None, case.target)
 
 
 PING_NAME = Check(
     id="ping_name",
     title="ping by name",
     scope=MEMBER,
-    judge=_ping_name,
-    documented=Documented("pair", "one of three ICMP echo requests to what its name means is answered", "3.2, 4.2"),
-    needs=lambda case: _pinged(case) | names(case.observer.name, case.target),
+    judge=_judge_ping_name,
+    documented=Documentation("pair", "one of three ICMP echo requests to what its name means is answered", "3.2, 4.2"),
+    needs=lambda case: _ping_needs(case) | names(case.observer.name, case.target),
     suspects=lambda case: (
-        losing(case, case.observer.name, case.target)
+        loss_parts(case, case.observer.name, case.target)
         if _answers_sometimes(case) and case.address in _addresses(case)[:1]
-        else _pinged(case) | names(case.observer.name, case.target)
+        else _ping_needs(case) | names(case.observer.name, case.target)
     ),
 )
 
@@ -339,9 +355,9 @@ PING_NAME = Check(
 # Large packets
 
 
-def _ping_large(case: Case) -> Judgement | None:
+def _judge_ping_large(case: Case) -> Judgement | None:
     """Judge by warnings: some devices drop only large pings. Where large packets are lost, other checks fail, too."""
-    judged = _judged(case, case.member.ping_large if case.member else None, case.address, " to a large packet")
+    judged = _judge_ping(case, case.member.ping_large if case.member else None, case.address, " to a large packet")
     if judged is not None and judged.verdict != OK and case.member and (case.member.loss or 0.0) > LOST:
         return None  # small ones are lost, too: the size need not be the reason
     return judged if judged is None or judged.verdict == OK else judged._replace(verdict=WARNING)
@@ -351,8 +367,8 @@ PING_LARGE = Check(
     id="ping_large",
     title="large packets arrive",
     scope=MEMBER,
-    judge=_ping_large,
-    documented=Documented(
+    judge=_judge_ping_large,
+    documented=Documentation(
         "pair",
         "an ICMP echo request as large as the interface allows is answered, or a router tells that it is too large (warning)",
     ),
@@ -363,7 +379,7 @@ PING_LARGE = Check(
 # Lost packets
 
 
-def _ping_loss(case: Case) -> Judgement | None:
+def _judge_ping_loss(case: Case) -> Judgement | None:
     loss = case.member.loss if case.member else None
     if loss is None or loss == 1.0:  # nothing at all arrives: that is another check
         return None
@@ -376,16 +392,16 @@ PING_LOSS = Check(
     id="ping_loss",
     title="few pings are lost",
     scope=MEMBER,
-    judge=_ping_loss,
-    documented=Documented("pair", "of further ICMP echo requests at most every fifth has no answer (warning)"),
-    needs=lambda case: losing(case, case.observer.name, case.target),
+    judge=_judge_ping_loss,
+    documented=Documentation("pair", "of further ICMP echo requests at most every fifth has no answer (warning)"),
+    needs=lambda case: loss_parts(case, case.observer.name, case.target),
 )
 
 
 # The neighbour
 
 
-def _neighbour(case: Case) -> Judgement | None:
+def _judge_neighbour(case: Case) -> Judgement | None:
     seen = case.member.neighbour.lower() if case.member else ""
     known = case.peer.macs if seen and case.peer is not None and not case.way.crosses else None
     if not known:
@@ -398,19 +414,19 @@ def _neighbour(case: Case) -> Judgement | None:
 
 def _neighbour_evidence(case: Case) -> Parts:
     if case.member is not None and case.member.neighbour_fixed:
-        return of("neighbour", case.observer.name, "fixed", what=case.target)
-    return of("interface", case.target, "duplicate", what=case.observer.name)
+        return make_parts("neighbour", case.observer.name, "fixed", what=case.target)
+    return make_parts("interface", case.target, "duplicate", what=case.observer.name)
 
 
 NEIGHBOUR = Check(
     id="neighbour",
     title="address belongs to one computer",
     scope=MEMBER,
-    judge=_neighbour,
-    documented=Documented(
+    judge=_judge_neighbour,
+    documented=Documentation(
         "pair on one network", "the hardware address of its address is one of that computer's own (warning)"
     ),
-    needs=lambda case: of("interface", case.target, "duplicate", what=case.observer.name),
+    needs=lambda case: make_parts("interface", case.target, "duplicate", what=case.observer.name),
     evidence=_neighbour_evidence,
 )
 
@@ -418,7 +434,7 @@ NEIGHBOUR = Check(
 # Whether a neighbour answers, whatever its packet filters drop
 
 
-def _asked(case: Case) -> tuple[str, str]:
+def _arp_question(case: Case) -> tuple[str, str]:
     """Return the target's address on a network of the observer, and this network; two empty texts where it has none."""
     own, its = case.robots
     if own == its and case.address in case.observer.claimed:
@@ -427,8 +443,8 @@ def _asked(case: Case) -> tuple[str, str]:
     return (outer, COMMON) if own != its and outer in case.observer.claimed else ("", "")
 
 
-def _answers_arp(case: Case) -> Judgement | None:
-    address, _network = _asked(case)
+def _judge_answers_arp(case: Case) -> Judgement | None:
+    address, _network = _arp_question(case)
     answered = case.observer.claimed.get(address)
     if answered is None or (not answered and case.member and case.member.ping_address and case.member.ping_address.ok):
         return None  # the question may have got lost
@@ -439,18 +455,22 @@ def _answers_arp(case: Case) -> Judgement | None:
 
 
 def _arp_needs(case: Case) -> Parts:
-    one, other, network = case.observer.name, case.target, _asked(case)[1]
-    parts = of("computer", other, "off") | of("interface", other, "address") | of("neighbour", other, "mute")
-    parts |= of("link", one, "down", what=network) | of("link", other, "down", what=network)
-    return parts | of("network", network, "dead")
+    one, other, network = case.observer.name, case.target, _arp_question(case)[1]
+    parts = (
+        make_parts("computer", other, "off")
+        | make_parts("interface", other, "address")
+        | make_parts("neighbour", other, "mute")
+    )
+    parts |= make_parts("link", one, "down", what=network) | make_parts("link", other, "down", what=network)
+    return parts | make_parts("network", network, "dead")
 
 
 ANSWERS_ARP = Check(
     id="answers_arp",
     title="computer on the same network answers ARP",
     scope=MEMBER,
-    judge=_answers_arp,
-    documented=Documented(
+    judge=_judge_answers_arp,
+    documented=Documentation(
         "pair on one network",
         "somebody answers the question who has its address, which no packet filter for IP drops; tells such a filter from a "
         "network that is dead",
@@ -462,7 +482,7 @@ ANSWERS_ARP = Check(
 # Whose an address is
 
 
-def _twice(case: Case) -> dict[str, list[str]]:
+def _find_duplicates(case: Case) -> dict[str, list[str]]:
     """List the addresses on the observer's networks for which another one answers, too: address -> hardware addresses.
 
     A computer with two interfaces in one network answers by both, so its own are left out.
@@ -470,31 +490,33 @@ def _twice(case: Case) -> dict[str, list[str]]:
     found = {}
     own = {str(entry.address) for entry in case.observer.plan.networks}
     for claim in case.probe.claims if case.probe else ():
-        holder = case.run.get(case.ways.at(claim.address))
+        holder = case.run.get(case.ways.name_at(claim.address))
         known = case.observer.macs if claim.address in own else holder.macs if holder else frozenset()
         strange = [mac for mac in claim.macs if mac.lower() not in known]
-        if case.ways.at(claim.address) and len(strange) > (0 if known else 1):
+        if case.ways.name_at(claim.address) and len(strange) > (0 if known else 1):
             found[claim.address] = strange
     return found
 
 
-def _address_once(case: Case) -> Judgement | None:
+def _judge_address_once(case: Case) -> Judgement | None:
     if case.probe is None or not case.probe.claims:
         return None
-    twice = _twice(case)
+    twice = _find_duplicates(case)
     found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
     return Judgement(FAILED if twice else OK, "one computer answers for each address", found or "one for each")
 
 
-def _doubled(case: Case) -> Parts:
-    return joined(of("interface", case.ways.at(address), "duplicate") for address in _twice(case))
+def _duplicate_evidence(case: Case) -> Parts:
+    return join_parts(
+        make_parts("interface", case.ways.name_at(address), "duplicate") for address in _find_duplicates(case)
+    )
 
 
-def _not_doubled(case: Case) -> Parts:
+def _duplicate_needs(case: Case) -> Parts:
     """Whoever asks for its own address in vain is alone with it, for all who ask."""
     name = case.observer.name
-    return of("interface", name, "duplicate") | joined(
-        of("interface", name, "duplicate", what=other) for other in (*case.ways.members, *case.ways.titles)
+    return make_parts("interface", name, "duplicate") | join_parts(
+        make_parts("interface", name, "duplicate", what=other) for other in (*case.ways.members, *case.ways.titles)
     )
 
 
@@ -502,13 +524,13 @@ ADDRESS_ONCE = Check(
     id="address_once",
     title="nobody else answers for an address",
     scope=COMPUTER,
-    judge=_address_once,
-    documented=Documented(
+    judge=_judge_address_once,
+    documented=Documentation(
         "computer, its networks",
         "asked by ARP, one hardware address answers for each address of the fleet, none for its own",
     ),
-    needs=_not_doubled,
-    evidence=_doubled,
+    needs=_duplicate_needs,
+    evidence=_duplicate_evidence,
 )
 
 

@@ -8,52 +8,55 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, of
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.by_hand import NOT_OURS, unless_by_hand
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
     FAILED,
     OK,
     Check,
-    Documented,
+    Documentation,
     Judgement,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manual_setup import (
+    NOT_OURS,
+    guard_evidence,
 )
 
 
 def _judge(kind: str, planned: Callable[[Case], bool], expected: str) -> Callable[[Case], Judgement | None]:
-    def judged(case: Case) -> Judgement | None:
+    def judge(case: Case) -> Judgement | None:
         if case.probe is None or not planned(case):
             return None
         found = case.observer.seen.found
         if found is not None and not found.set_up:  # one sentence for all kinds is enough
-            return NOT_OURS if kind == "unit" and case.by_hand else None
-        undone = [entry for entry in case.probe.next_boot if entry.kind == kind]
-        told = "; ".join(f"{entry.name}: {entry.found}" for entry in undone)
-        return Judgement(FAILED if undone else OK, undone[0].expected if undone else expected, told or expected)
+            return NOT_OURS if kind == "unit" and case.is_set_up_by_hand else None
+        entries = [entry for entry in case.probe.next_boot if entry.kind == kind]
+        states = "; ".join(f"{entry.name}: {entry.found}" for entry in entries)
+        return Judgement(FAILED if entries else OK, entries[0].expected if entries else expected, states or expected)
 
-    return judged
+    return judge
 
 
 def _evidence(kind: str) -> Callable[[Case], Parts]:
-    def undone(case: Case) -> Parts:
+    def find_parts(case: Case) -> Parts:
         entries = case.probe.next_boot if case.probe else ()
         found = NONE
         for entry in entries:
             if entry.kind == kind:
-                found |= of("boot", case.observer.name, kind, what=entry.name)
+                found |= make_parts("boot", case.observer.name, kind, what=entry.name)
         return found
 
-    return unless_by_hand(undone)
+    return guard_evidence(find_parts)
 
 
-def _check(kind: str, title: str, planned: Callable[[Case], bool], expected: str, documented: Documented) -> Check:
+def _check(kind: str, title: str, planned: Callable[[Case], bool], expected: str, documented: Documentation) -> Check:
     return Check(
         id=f"next_boot_{kind}",
         title=title,
         scope=COMPUTER,
         judge=_judge(kind, planned, expected),
         documented=documented,
-        needs=lambda case: of("boot", case.observer.name, kind),
+        needs=lambda case: make_parts("boot", case.observer.name, kind),
         evidence=_evidence(kind),
     )
 
@@ -64,14 +67,14 @@ CHECKS = (
         "services start at the next boot",
         lambda case: bool(case.observer.plan.services),
         "all enabled",
-        Documented("computer", "the units of its services are enabled, and not masked or for this boot only"),
+        Documentation("computer", "the units of its services are enabled, and not masked or for this boot only"),
     ),
     _check(
         "sysctl",
         "kernel settings stay at the next boot",
         lambda case: bool(case.observer.plan.sysctl),
         "the planned values",
-        Documented(
+        Documentation(
             "computer", "of all files that set a planned kernel setting at boot, the one that decides has its value"
         ),
     ),
@@ -80,13 +83,13 @@ CHECKS = (
         "routes stay at the next boot",
         lambda case: bool(case.observer.plan.routes),
         "the files of all routes",
-        Documented("computer", "the file that makes a route of the plan at boot is as site.yml wrote it"),
+        Documentation("computer", "the file that makes a route of the plan at boot is as site.yml wrote it"),
     ),
     _check(
         "names",
         "/etc/hosts stays at the next boot",
         lambda case: not case.observer.plan.is_router,
         "nobody writes it anew",
-        Documented("computer", "where cloud-init is installed, it is kept from writing `/etc/hosts` anew"),
+        Documentation("computer", "where cloud-init is installed, it is kept from writing `/etc/hosts` anew"),
     ),
 )

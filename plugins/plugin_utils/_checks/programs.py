@@ -6,15 +6,23 @@
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, joined, of
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.by_hand import of_site_yml, unless_by_hand
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
+    NONE,
+    Parts,
+    join_parts,
+    make_parts,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
     FAILED,
     OK,
     Check,
-    Documented,
+    Documentation,
     Judgement,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manual_setup import (
+    guard_evidence,
+    guard_judge,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     Disk,
@@ -33,12 +41,12 @@ DECIDES = {
 KINDS = {"master_discovery": "discovery", "master_sync": "sync"}
 
 
-def _compared(case: Case) -> bool:
+def _has_parameters(case: Case) -> bool:
     return case.probe is not None and case.observer.plan.is_master and bool(case.probe.parameters.nodes)
 
 
-def _parameters(case: Case) -> Judgement | None:
-    if case.probe is None or not _compared(case):
+def _judge_parameters(case: Case) -> Judgement | None:
+    if case.probe is None or not _has_parameters(case):
         return None
     differing = case.probe.parameters.differing
     expected = "; ".join(f"{entry.name} {entry.expected}" for entry in differing)
@@ -47,32 +55,32 @@ def _parameters(case: Case) -> Judgement | None:
 
 
 def _parameters_evidence(case: Case) -> Parts:
-    return joined(_decided(case, entry) for entry in (case.probe.parameters.differing if case.probe else ()))
+    return join_parts(_parameter_part(case, entry) for entry in (case.probe.parameters.differing if case.probe else ()))
 
 
-def _decided(case: Case, entry: ParameterDifference) -> Parts:
+def _parameter_part(case: Case, entry: ParameterDifference) -> Parts:
     kind, mode = DECIDES.get((entry.node, entry.name), (KINDS[entry.node], "configuration"))
     what = {"group": f"{entry.name} {entry.found}", "port": entry.expected, "multicast": ""}
-    return of(kind, case.observer.name, mode, what=what.get(mode, f"{entry.name} is {entry.found}"))
+    return make_parts(kind, case.observer.name, mode, what=what.get(mode, f"{entry.name} is {entry.found}"))
 
 
-def _as_planned(case: Case) -> Parts:
+def _parameters_needs(case: Case) -> Parts:
     """A node that was compared has the parameters of the plan."""
     name, nodes = case.observer.name, case.probe.parameters.nodes if case.probe else ()
-    found = of("discovery", name, "group", "port", "configuration") if "master_discovery" in nodes else NONE
-    return found | (of("sync", name, "configuration") if "master_sync" in nodes else NONE)
+    found = make_parts("discovery", name, "group", "port", "configuration") if "master_discovery" in nodes else NONE
+    return found | (make_parts("sync", name, "configuration") if "master_sync" in nodes else NONE)
 
 
 PARAMETERS = Check(
     id="parameters",
     title="nodes have the planned parameters",
     scope=COMPUTER,
-    judge=of_site_yml(_parameters, _compared),
-    documented=Documented(
+    judge=guard_judge(_judge_parameters, _has_parameters),
+    documented=Documentation(
         "roscore", "the parameters of discovery and sync on the roscore are those of the plan", "3.3"
     ),
-    needs=_as_planned,
-    evidence=unless_by_hand(_parameters_evidence),
+    needs=_parameters_needs,
+    evidence=guard_evidence(_parameters_evidence),
 )
 
 
@@ -91,7 +99,7 @@ def _full(case: Case) -> list[Disk]:
     ]
 
 
-def _room(case: Case) -> Judgement | None:
+def _judge_room(case: Case) -> Judgement | None:
     if case.probe is None or not case.probe.disks:
         return None
     full = [f"{disk.path}: {disk.free_bytes} bytes and {disk.free_files} files" for disk in _full(case)]
@@ -104,10 +112,12 @@ ROOM = Check(
     id="room",
     title="services have room to write",
     scope=COMPUTER,
-    judge=_room,
-    documented=Documented("computer", "where services write, 1 MiB and 16 files are left for others than root"),
-    needs=lambda case: of("computer", case.observer.name, "disk"),
-    evidence=lambda case: joined(of("computer", case.observer.name, "disk", what=disk.path) for disk in _full(case)),
+    judge=_judge_room,
+    documented=Documentation("computer", "where services write, 1 MiB and 16 files are left for others than root"),
+    needs=lambda case: make_parts("computer", case.observer.name, "disk"),
+    evidence=lambda case: join_parts(
+        make_parts("computer", case.observer.name, "disk", what=disk.path) for disk in _full(case)
+    ),
 )
 
 

@@ -10,13 +10,13 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchang
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
     NONE,
     Parts,
-    connected,
     discovery,
     heartbeats,
     large,
-    of,
+    make_parts,
+    node_connection_parts,
     passes,
-    registered,
+    registration_parts,
     roscore,
     slow,
 )
@@ -28,7 +28,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     UNKNOWN,
     WARNING,
     Check,
-    Documented,
+    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of
@@ -39,82 +39,90 @@ TALKER_TYPE, TALKER_NODE = "std_msgs/String", "/multimaster_verify_talker_"
 # A topic is heard
 
 
-def _topic_heard(case: Case) -> Judgement | None:
+def _judge_topic_heard(case: Case) -> Judgement | None:
     target = case.peer
-    if case.probe is None or target is None or case.observer.without_ros or _declared_away(case):
+    if case.probe is None or target is None or case.observer.lacks_ros or _gives_nothing(case):
         return None
     entry = case.topic
     if entry is None:
         # A talker that never was is no fault of this pair.
-        silent = target.seen.unreachable or (target.seen.probe is not None and target.without_ros)
+        silent = target.seen.unreachable or (target.seen.probe is not None and target.lacks_ros)
         return None if silent else Judgement(FAILED, "its message", "not listened to")
     if entry.heard and case.counted:
         return PASSED
     expected = f"a message on {entry.topic}"
     if entry.heard:
         return Judgement(OK, expected, "heard")
-    if _filtered(case, entry.topic):
+    if _is_filtered(case, entry.topic):
         return Judgement(UNKNOWN, expected, "the topic is left out by multimaster_filters")
     return Judgement(FAILED, expected, entry.error or "nothing")
 
 
-def _declared_away(case: Case) -> bool:
+def _gives_nothing(case: Case) -> bool:
     """The target's robot declares that it gives the observer's nothing."""
     own, its = case.robots
-    return own != its and case.exchanges.flows.declared_away(its, own)
+    return own != its and case.exchanges.flows.declares_nothing(its, own)
 
 
-def _filtered(case: Case, topic: str) -> bool:
+def _is_filtered(case: Case, topic: str) -> bool:
     """The filters between the two robots leave the topic out."""
     own, its = case.robots
     talker = Item("publisher", topic, TALKER_NODE + topic.rpartition("/")[2])
     return own != its and not case.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
 
 
-def _heard_needs(case: Case) -> Parts:
+def _topic_needs(case: Case) -> Parts:
     """A topic that is heard need not be registered here: the other robot may have registered this subscriber, and called it.
 
     A discovery node may have told it on a connection that was there before a packet filter: that port is not cleared.
     """
     one, other = case.observer.name, case.target
     if case.topic is not None and not any(publisher.uri for publisher in case.topic.publishers):
-        return connected(case, one, other)
-    return (registered(case, one, other) - passes(*case.masters, "rpc")) | connected(case, one, other)
+        return node_connection_parts(case, one, other)
+    return (registration_parts(case, one, other) - passes(*case.masters, "rpc")) | node_connection_parts(
+        case, one, other
+    )
 
 
-def _heard_suspects(case: Case) -> Parts:
+def _topic_suspects(case: Case) -> Parts:
     """A topic that is registered at the observer's roscore needs only the connection."""
     one, other, topic = case.observer.name, case.target, case.topic
     if topic is None:
-        missing = of("registration", other, "talker") | of("computer", other, "off", "unmeasured", "login")
-        return missing | of("registration", one, "listener") | roscore(case, other, case.masters[1])
+        missing = make_parts("registration", other, "talker") | make_parts(
+            "computer", other, "off", "unmeasured", "login"
+        )
+        return missing | make_parts("registration", one, "listener") | roscore(case, other, case.masters[1])
     if topic.error.startswith("the listener"):
-        failed = of("registration", one, "listener") | of("computer", one, "overloaded")
+        failed = make_parts("registration", one, "listener") | make_parts("computer", one, "overloaded")
         return failed | roscore(case, one, case.masters[0])
     if topic.reached == "open":  # its message is late, or too large
-        late = of("computer", one, "overloaded") | of("computer", other, "overloaded") | large(case, one, other)
-        return late | passes(case.masters[0], one, "nodes") | of("registration", one, "listener")
+        late = (
+            make_parts("computer", one, "overloaded")
+            | make_parts("computer", other, "overloaded")
+            | large(case, one, other)
+        )
+        return late | passes(case.masters[0], one, "nodes") | make_parts("registration", one, "listener")
     if topic.publishers:
         told = passes(case.masters[0], one, "nodes")  # its roscore tells it of a new publisher
-        listens = of("registration", one, "listener")
-        odd = of("computer", one, "overloaded") | large(case, one, other)
-        return connected(case, one, other) - listens | told | odd
+        listens = make_parts("registration", one, "listener")
+        odd = make_parts("computer", one, "overloaded") | large(case, one, other)
+        return node_connection_parts(case, one, other) - listens | told | odd
     own, its = case.masters
-    beyond = of("sync", own, "configuration", "stale") | discovery(own) | heartbeats(case, own, its)
+    beyond = make_parts("sync", own, "configuration", "stale") | discovery(own) | heartbeats(case, own, its)
     sizes = large(case, own, its) | large(case, one, own) | large(case, other, its)
-    return registered(case, one, other) | sizes | (beyond if own != its else NONE)
+    return registration_parts(case, one, other) | sizes | (beyond if own != its else NONE)
 
 
-def _heard_evidence(case: Case) -> Parts:
+def _topic_evidence(case: Case) -> Parts:
     topic, there = case.topic, case.peer.seen.probe if case.peer else None
     if topic is None or topic.error.startswith("the listener"):
         return NONE
-    if _filtered(case, topic.topic):
-        return of("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
+    if _is_filtered(case, topic.topic):
+        return make_parts("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
     if there is None or there.roscore.error or topic.publishers:  # without its roscore no talker runs
         return NONE
     if there.talker is not None and not there.talker.running:
-        return of("registration", case.target, "talker", what=there.talker.error)
+        return make_parts("registration", case.target, "talker", what=there.talker.error)
     return NONE
 
 
@@ -122,21 +130,21 @@ TOPIC_HEARD = Check(
     id="topic_heard",
     title="subscriber hears the other's talker",
     scope=MEMBER,
-    judge=_topic_heard,
-    documented=Documented(
+    judge=_judge_topic_heard,
+    documented=Documentation(
         "pair", "a subscriber hears what the talker of that computer says in this run", "3.3, 4.3, Fig. 9"
     ),
-    needs=_heard_needs,
-    suspects=_heard_suspects,
+    needs=_topic_needs,
+    suspects=_topic_suspects,
     carries="nodes",
-    evidence=_heard_evidence,
+    evidence=_topic_evidence,
 )
 
 
 # The connection is direct
 
 
-def _direct_connection(case: Case) -> Judgement | None:
+def _judge_direct_connection(case: Case) -> Judgement | None:
     if case.topic is None or not case.topic.publishers:
         return None
     publishers = case.topic.publishers
@@ -147,27 +155,31 @@ def _direct_connection(case: Case) -> Judgement | None:
     return Judgement(OK if good else FAILED, f"the publisher is on {case.target}", found)
 
 
-def _said(case: Case) -> Parts:
+def _connection_evidence(case: Case) -> Parts:
     uris = [entry.uri for entry in case.topic.publishers if entry.uri] if case.topic else []
     hosts = sorted({host_of(uri) for uri in uris} - case.ways.called[case.target])
-    return of("environment", case.target, "shell", what=f"they call themselves {', '.join(hosts)}") if hosts else NONE
+    return (
+        make_parts("environment", case.target, "shell", what=f"they call themselves {', '.join(hosts)}")
+        if hosts
+        else NONE
+    )
 
 
 DIRECT_CONNECTION = Check(
     id="direct_connection",
     title="rostopic info shows a direct connection",
     scope=MEMBER,
-    judge=_direct_connection,
-    documented=Documented("pair", "the publisher in `rostopic info` is a node on that computer", "3.3"),
-    suspects=lambda case: registered(case, case.observer.name, case.target),
-    evidence=_said,
+    judge=_judge_direct_connection,
+    documented=Documentation("pair", "the publisher in `rostopic info` is a node on that computer", "3.3"),
+    suspects=lambda case: registration_parts(case, case.observer.name, case.target),
+    evidence=_connection_evidence,
 )
 
 
 # Throughput, where it is measured
 
 
-def _throughput(case: Case) -> Judgement | None:
+def _judge_throughput(case: Case) -> Judgement | None:
     """Judge by what the user expects; nobody else knows how fast a link is to be."""
     stream = case.stream
     if stream is None or case.peer is None:
@@ -182,8 +194,8 @@ THROUGHPUT = Check(
     id="throughput",
     title="throughput",
     scope=MEMBER,
-    judge=_throughput,
-    documented=Documented(
+    judge=_judge_throughput,
+    documented=Documentation(
         "pair, with `verify_throughput`",
         "a stream to its talker is as fast as `verify_throughput_least` says (warning); without that it only informs",
     ),

@@ -9,27 +9,27 @@ from ipaddress import IPv4Address
 from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, joined, of
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
     OK,
     WARNING,
     Check,
-    Documented,
+    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Outsider
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import is_same_uri
 
 
-def _strangers(case: Case) -> Judgement | None:
+def _judge_strangers(case: Case) -> Judgement | None:
     multicast, listed = case.observer.seen.multicast, case.observer.listed
     if case.probe is None or not (multicast or listed):
         return None
     planned = {master.name for master in case.fleet.masters}
     guests = {entry.name: _host(entry.monitoruri) for entry in listed.values() if entry.name not in planned}
-    welcome = sorted(name for name, address in guests.items() if _allowed(case, address))
+    welcome = sorted(name for name, address in guests.items() if _is_allowed(case, address))
     ignored = [f"{_title(entry)} is ignored: {entry.why}" for entry in case.probe.outsiders]
     unwanted = [f"master {name} at {guests[name]}" for name in sorted(set(guests) - set(welcome))]
     named = {*guests.values(), *(entry.address for entry in case.probe.outsiders)}
@@ -44,7 +44,7 @@ def _datagrams(case: Case, named: set[str]) -> list[str]:
     return [
         f"datagrams from {entry.address} on {entry.interface}"
         for entry in (multicast.unexpected if multicast else ())
-        if entry.address not in named and not _allowed(case, entry.address)
+        if entry.address not in named and not _is_allowed(case, entry.address)
     ]
 
 
@@ -59,7 +59,7 @@ def _host(uri: str) -> str:
         return ""
 
 
-def _allowed(case: Case, address: str) -> bool:
+def _is_allowed(case: Case, address: str) -> bool:
     """Return True if a master outside the inventory may be at this address."""
     if case.fleet.belonging.strangers == "allow":
         return True
@@ -72,36 +72,36 @@ def _allowed(case: Case, address: str) -> bool:
 def _evidence(case: Case) -> Parts:
     """Each of them is one, by whomever it is seen."""
     outsiders = case.probe.outsiders if case.probe else ()
-    found = {**_unwanted(case), **{entry.address: entry.name for entry in outsiders}}
-    known = joined(_known(case, entry) for entry in outsiders if case.ways.at(entry.address))
-    strange = {at: name for at, name in found.items() if not case.ways.at(at)}
-    return known | joined(of("stranger", at or name, "present", what=name) for at, name in strange.items())
+    found = {**_find_unwanted(case), **{entry.address: entry.name for entry in outsiders}}
+    known = join_parts(_misread_member_parts(case, entry) for entry in outsiders if case.ways.name_at(entry.address))
+    strange = {at: name for at, name in found.items() if not case.ways.name_at(at)}
+    return known | join_parts(make_parts("stranger", at or name, "present", what=name) for at, name in strange.items())
 
 
-def _unwanted(case: Case) -> dict[str, str]:
+def _find_unwanted(case: Case) -> dict[str, str]:
     """List those on the group and in the list of masters that are neither planned nor allowed: address -> name."""
     multicast, planned = case.observer.seen.multicast, {master.name for master in case.fleet.masters}
     senders = {entry.address: "" for entry in (multicast.unexpected if multicast else ())}
     guests = {_host(entry.monitoruri): name for name, entry in case.observer.listed.items() if name not in planned}
-    return {at: name for at, name in {**senders, **guests}.items() if not _allowed(case, at)}
+    return {at: name for at, name in {**senders, **guests}.items() if not _is_allowed(case, at)}
 
 
-def _known(case: Case, entry: Outsider) -> Parts:
+def _misread_member_parts(case: Case, entry: Outsider) -> Parts:
     """A computer of the fleet that is ignored: its master calls itself otherwise, or its gateway translates its address."""
-    computer = case.ways.at(entry.address)
+    computer = case.ways.name_at(entry.address)
     master = case.ways.master_at.get(computer)
     if master is not None and not is_same_uri(entry.uri, master.uri):
-        return of("roscore", computer, "name", what=entry.uri)
+        return make_parts("roscore", computer, "name", what=entry.uri)
     beyond = COMMON if computer in {gateway.title for gateway in case.ways.gateways.values()} else ""
-    return of("translation", computer, "on", what=beyond)
+    return make_parts("translation", computer, "on", what=beyond)
 
 
 STRANGERS = Check(
     id="strangers",
     title="nobody else is on the group",
     scope=COMPUTER,
-    judge=_strangers,
-    documented=Documented("computer", "nobody else on the group, no other master, none that is ignored (warning)"),
+    judge=_judge_strangers,
+    documented=Documentation("computer", "nobody else on the group, no other master, none that is ignored (warning)"),
     evidence=_evidence,
 )
 

@@ -9,10 +9,10 @@ In each file a row stands below its judge, and below what its results say about 
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import (
-    by_hand,
     computer,
     discovery_nodes,
     exchange,
+    manual_setup,
     network,
     next_boot,
     programs,
@@ -22,7 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks impor
 
 CHECKS = (
     *computer.CHECKS,
-    *by_hand.CHECKS,
+    *manual_setup.CHECKS,
     *next_boot.CHECKS,
     *programs.CHECKS,
     *network.CHECKS,

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
-    Everything,
+    FleetState,
     Participant,
-    own_networks,
+    interfaces_by_network,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import SITE, Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
@@ -28,7 +28,7 @@ class Place:
     """The computer of a part, and the fleet."""
 
     computer: Participant
-    everything: Everything
+    everything: FleetState
 
     @property
     def interfaces(self) -> Sequence[ForwardingInterface]:
@@ -36,29 +36,29 @@ class Place:
         probe = self.computer.seen.probe
         return probe.forwarding.interfaces if probe else ()
 
-    def on(self, network: str) -> ForwardingInterface | None:
+    def interface_on(self, network: str) -> ForwardingInterface | None:
         """Return the interface on a network."""
-        found = own_networks(self.computer, self.everything.ways).get(network)
+        found = interfaces_by_network(self.computer, self.everything.ways).get(network)
         return found if found in self.interfaces else None
 
 
 Commands = Iterator[str]
 
 
-def _up(place: Place, parts: Sequence[Part]) -> Commands:
+def _switch_on(place: Place, parts: Sequence[Part]) -> Commands:
     for part in parts:
-        if interface := place.on(part.what):
+        if interface := place.interface_on(part.what):
             yield advice.command("ip link set dev {} up", ("device", interface.interface))
 
 
-def _size(place: Place, parts: Sequence[Part]) -> Commands:
+def _set_mtu(place: Place, parts: Sequence[Part]) -> Commands:
     for part in parts:
-        interface, usual = place.on(part.what), place.everything.usual.get(part.what)
+        interface, usual = place.interface_on(part.what), place.everything.usual.get(part.what)
         if interface and usual and interface.mtu != usual:
             yield advice.command("ip link set dev {} mtu {}", ("device", interface.interface), ("number", usual))
 
 
-def _prefix(place: Place, _parts: Sequence[Part]) -> Commands:
+def _correct_prefix(place: Place, _parts: Sequence[Part]) -> Commands:
     planned = {str(entry.address): entry.network.prefixlen for entry in place.computer.plan.networks}
     for entry in place.interfaces:
         for address, found in zip(entry.addresses, entry.prefixes, strict=False):
@@ -68,7 +68,7 @@ def _prefix(place: Place, _parts: Sequence[Part]) -> Commands:
                 yield advice.command("ip address del {}/{} dev {}", at, ("number", found), device)
 
 
-def _defaults(place: Place, _parts: Sequence[Part]) -> Commands:
+def _delete_default_routes(place: Place, _parts: Sequence[Part]) -> Commands:
     """Delete those that are not planned, if the planned one is there."""
     probe = place.computer.seen.probe
     routes = probe.default_routes if probe else ()
@@ -83,15 +83,15 @@ def _defaults(place: Place, _parts: Sequence[Part]) -> Commands:
         )
 
 
-def _closed(_place: Place, parts: Sequence[Part]) -> Commands:
+def _delete_closed_routes(_place: Place, parts: Sequence[Part]) -> Commands:
     return (advice.command("ip route del {}", ("route", part.what)) for part in parts)
 
 
-def _rules(_place: Place, parts: Sequence[Part]) -> Commands:
+def _delete_rules(_place: Place, parts: Sequence[Part]) -> Commands:
     return (advice.command("ip rule del {}", ("rule", part.what)) for part in parts)
 
 
-def _other_lines(_place: Place, parts: Sequence[Part]) -> Commands:
+def _comment_out_lines(_place: Place, parts: Sequence[Part]) -> Commands:
     """Lines with one of the names that are not the collection's become comments."""
     names = "|".join("{}" for _part in parts)
     line = f"s/^[^#].*[[:space:]]({names})([[:space:]]|$)/# &/"
@@ -100,7 +100,7 @@ def _other_lines(_place: Place, parts: Sequence[Part]) -> Commands:
     )
 
 
-def _other_settings(place: Place, parts: Sequence[Part]) -> Commands:
+def _comment_out_settings(place: Place, parts: Sequence[Part]) -> Commands:
     """The line that decides at the next boot becomes a comment; nothing of a package is changed."""
     probe = place.computer.seen.probe
     for entry in probe.next_boot if probe else ():
@@ -126,14 +126,14 @@ def _drop_ins(place: Place, _parts: Sequence[Part]) -> Commands:
 
 # (kind, mode) -> the commands, from what was read.
 COMMANDS: Mapping[tuple[str, str], Callable[[Place, Sequence[Part]], Commands]] = {
-    ("link", "down"): _up,
-    ("interface", "mtu"): _size,
-    ("interface", "prefix"): _prefix,
-    ("route", "defaults"): _defaults,
-    ("route", "closed"): _closed,
-    ("route", "rule"): _rules,
-    ("names", "several"): _other_lines,
-    ("boot", "sysctl"): _other_settings,
+    ("link", "down"): _switch_on,
+    ("interface", "mtu"): _set_mtu,
+    ("interface", "prefix"): _correct_prefix,
+    ("route", "defaults"): _delete_default_routes,
+    ("route", "closed"): _delete_closed_routes,
+    ("route", "rule"): _delete_rules,
+    ("names", "several"): _comment_out_lines,
+    ("boot", "sysctl"): _comment_out_settings,
     ("environment", "service"): _drop_ins,
 }
 # What site.yml does after these.
@@ -144,7 +144,7 @@ THEN = {
 }
 
 
-def command(parts: Sequence[Part], computer: Participant | None, everything: Everything) -> str:
+def command(parts: Sequence[Part], computer: Participant | None, everything: FleetState) -> str:
     """Return what to paste for parts that are one finding; empty where nothing was read that says it."""
     fault = parts[0].kind, parts[0].mode
     found = COMMANDS.get(fault)

@@ -31,7 +31,7 @@ class Failure(NamedTuple):
 
 
 @dataclass
-class Chosen:
+class Explanation:
     """A part that explains failures, by their numbers; `rivals` explain the same, and nothing tells them apart."""
 
     part: Part
@@ -44,7 +44,7 @@ def explain(
     known: Set[Part],
     passed: Callable[[Part], int],
     doubt: Callable[[Part], float | None] = lambda part: None if part.fault.read else 0.0,
-) -> tuple[list[Chosen], list[int]]:
+) -> tuple[list[Explanation], list[int]]:
     """Choose parts until nothing is left that any part explains; return them, and the numbers of the rest.
 
     `known` are broken for sure. `passed` counts the successes that need a part; it is asked only about the best ones.
@@ -53,8 +53,8 @@ def explain(
     cover = _Cover(failures, known, passed, doubt)
     chosen = []
     while (best := cover.best()) is not None:
-        chosen.append(Chosen(best, cover.take(best)))
-    kept = _without_redundant(chosen, cover.covers, known)
+        chosen.append(Explanation(best, cover.take(best)))
+    kept = _drop_redundant(chosen, cover.covers, known)
     for entry in kept:
         _weigh_again(entry, kept, cover)
     return kept, sorted(cover.open)
@@ -80,7 +80,7 @@ class _Cover:
                     self.covers[part].append(number)
         self.counted: dict[Part, int] = {}
         # (smaller is better, the part); a score is never better than when it was put here
-        self.heap = [(-self._hoped(part), part) for part in self.covers]
+        self.heap = [(-self._score_alone(part), part) for part in self.covers]
         heapq.heapify(self.heap)
 
     def best(self) -> Part | None:
@@ -103,23 +103,27 @@ class _Cover:
 
     def score(self, part: Part, numbers: Set[int] | None = None) -> float:
         """Weigh a part by what it explains of what is open, or of some numbers."""
-        return self._hoped(part, numbers) if not self.contradicted(part) else self._doubted(part, numbers)
+        return (
+            self._score_alone(part, numbers)
+            if not self.count_successes(part)
+            else self._score_with_successes(part, numbers)
+        )
 
-    def contradicted(self, part: Part) -> int:
+    def count_successes(self, part: Part) -> int:
         """Count the successes that need a part."""
         if part not in self.counted:
             self.counted[part] = self.passed(part)
         return self.counted[part]
 
-    def _hoped(self, part: Part, numbers: Set[int] | None = None) -> float:
+    def _score_alone(self, part: Part, numbers: Set[int] | None = None) -> float:
         return GAIN * self._weight(part, numbers) - self._cost(part)
 
-    def _doubted(self, part: Part, numbers: Set[int] | None = None) -> float:
+    def _score_with_successes(self, part: Part, numbers: Set[int] | None = None) -> float:
         """Weigh a part that successes need: what lets nothing pass is cleared, another one is worth its share of failures."""
         if part.fault.hard:
             return -self._cost(part)
         hits = len(self.covers[part])
-        return GAIN * self._weight(part, numbers) * hits / (hits + self.contradicted(part)) - self._cost(part)
+        return GAIN * self._weight(part, numbers) * hits / (hits + self.count_successes(part)) - self._cost(part)
 
     def _weight(self, part: Part, numbers: Set[int] | None) -> float:
         wanted = self.open if numbers is None else numbers
@@ -139,17 +143,17 @@ class _Cover:
         for part in sorted(
             (part for part in scores if scores[part] >= limit), key=lambda part: (-scores[part], part != best, part)
         ):
-            if not any(_alike(part, other) for other in found):
+            if not any(_is_alike(part, other) for other in found):
                 found.append(part)
         return found[:MOST]
 
 
-def _alike(one: Part, other: Part) -> bool:
+def _is_alike(one: Part, other: Part) -> bool:
     """Say if two parts are one for a person: the same kind at the same place, broken in the same way or in one direction."""
     return one[:2] == other[:2] and one.mode.partition(" ")[0] == other.mode.partition(" ")[0]
 
 
-def _weigh_again(entry: Chosen, kept: Sequence[Chosen], cover: _Cover) -> None:
+def _weigh_again(entry: Explanation, kept: Sequence[Explanation], cover: _Cover) -> None:
     """Weigh a part by what no other chosen one explains: another one may explain that better, or as well.
 
     What was read needs no rival.
@@ -161,10 +165,12 @@ def _weigh_again(entry: Chosen, kept: Sequence[Chosen], cover: _Cover) -> None:
     best, *rivals = cover.equals(entry.part, alone or set(entry.failures))
     if cover.score(best, alone) > cover.score(entry.part, alone):
         entry.part = best
-    entry.rivals = tuple(part for part in (best, *rivals) if not _alike(part, entry.part))
+    entry.rivals = tuple(part for part in (best, *rivals) if not _is_alike(part, entry.part))
 
 
-def _without_redundant(chosen: list[Chosen], covers: Mapping[Part, Sequence[int]], known: Set[Part]) -> list[Chosen]:
+def _drop_redundant(
+    chosen: list[Explanation], covers: Mapping[Part, Sequence[int]], known: Set[Part]
+) -> list[Explanation]:
     """Drop a part that was only concluded where the others explain all that it explains."""
     kept = list(chosen)
     for entry in reversed(chosen):

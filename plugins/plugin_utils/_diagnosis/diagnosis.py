@@ -14,8 +14,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import GROUP, ROSCORE
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, losing
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, loss_parts
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import GROUP, ROSCORE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FOLLOWS, RULED, Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     FAILED,
@@ -30,7 +30,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.commands import command
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.cover import Failure, explain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.offsets import offset
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.since import since
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.onset import describe_onset
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
@@ -47,7 +47,7 @@ NAMED = 4  # names, networks and the like that a finding names
 
 
 @dataclass(frozen=True)
-class Found:
+class Finding:
     """A finding: a part that is broken, the observations that show it, and those that follow from it."""
 
     part: Part
@@ -72,7 +72,7 @@ class Found:
         return (self.part, *self.rivals)
 
     @property
-    def what(self) -> str:
+    def subjects(self) -> str:
         """Name what of the part is concerned: the first names or networks, and how many more."""
         whats = list(dict.fromkeys(part.what for part in (self.part, *self.also) if part.what))
         more = f" and {len(whats) - NAMED} more" if len(whats) > NAMED else ""
@@ -80,7 +80,7 @@ class Found:
 
     def sentence(self) -> str:
         """Say what is wrong."""
-        return self.part._replace(what=self.what).sentence()
+        return self.part._replace(what=self.subjects).sentence()
 
     def remedy(self) -> str:
         """Say what to do: the command first, and what to look at if it does not last."""
@@ -91,34 +91,34 @@ class Found:
 class Diagnosis:
     """The findings, the most important first, and the rows that none of them explains."""
 
-    findings: tuple[Found, ...] = ()
+    findings: tuple[Finding, ...] = ()
     unexplained: tuple[Row, ...] = ()
-    looked_at: int = 0  # rows that are not ok
-    of: int = 0
+    looked_at: int = 0  # rows of them that were explained or tried
+    total: int = 0  # all rows that are not ok
 
 
 def diagnose(fleet: FleetPlan, observations: Mapping[str, Observation]) -> Diagnosis:
     """Find the parts that explain what is not as expected; nothing where all is."""
     verification = Verification(CHECKS, fleet, observations)
-    return explained(verification, [row for row in verification.rows() if row.verdict != OK])
+    return explain_rows(verification, [row for row in verification.rows() if row.verdict != OK])
 
 
-def explained(verification: Verification, rows: Sequence[Row]) -> Diagnosis:
+def explain_rows(verification: Verification, rows: Sequence[Row]) -> Diagnosis:
     """Explain the rows that are not ok; of very many, some out of all of them, since they say the same again and again."""
     if not rows:
         return Diagnosis()
-    some = rows if len(rows) <= MOST else _some(rows)
-    return replace(_Diagnosis(verification, some).result(), looked_at=len(some), of=len(rows))
+    some = rows if len(rows) <= MOST else _sample(rows)
+    return replace(_Diagnosis(verification, some).result(), looked_at=len(some), total=len(rows))
 
 
-def _some(rows: Sequence[Row]) -> list[Row]:
+def _sample(rows: Sequence[Row]) -> list[Row]:
     """Take every so many of the rows, and all that are of one computer."""
     step = -(-len(rows) // MOST)
     return [row for number, row in enumerate(rows) if number % step == 0 or row.observer == row.target]
 
 
 @dataclass
-class _Broken:
+class _Evidence:
     """A part on its way to a finding."""
 
     proof: list[Row] = field(default_factory=list)
@@ -132,7 +132,7 @@ class _Diagnosis:
         self.verification = verification
         self.checks = {check.id: check for check in verification.checks}
         self.bad = {(row.check, row.observer, row.target) for row in rows}
-        self.broken: dict[Part, _Broken] = defaultdict(_Broken)
+        self.broken: dict[Part, _Evidence] = defaultdict(_Evidence)
         self.cleared: dict[tuple[str, str], Counter[Part]] = {}
         self.open: list[tuple[Row, Parts]] = []
         for row in rows:
@@ -144,27 +144,27 @@ class _Diagnosis:
         case = self.verification.case(check, row.observer, row.target)
         if case is None:
             return
-        if evidence := check.evidence(case) or self._dropped(check, row):
+        if evidence := check.evidence(case) or self._find_drop(check, row):
             for part in evidence:
                 self.broken[part].proof.append(row)
         else:
             self.open.append((row, (check.suspects or check.needs)(case)))
 
-    def _dropped(self, check: Check, row: Row) -> Parts:
+    def _find_drop(self, check: Check, row: Row) -> Parts:
         """Find the packet filter with a rule that drops what a check has sent in vain."""
         if not check.carries or row.verdict not in (FAILED, WARNING):
             return NONE
         ends = (row.target, row.observer) if check.carries == GROUP else (row.observer, row.target)
         if check.carries == ROSCORE:
             ends = row.observer, self.verification.ways.master(self.verification.run[row.observer].plan.robot)
-        part = self.verification.everything.filters.dropping(*ends, check.carries)
+        part = self.verification.everything.filters.find_drop(*ends, check.carries)
         return NONE if part is None else frozenset({part})
 
     def result(self) -> Diagnosis:
         """Explain what no value explains."""
         self._drop_consequences()
-        lost = self._lost()
-        by_chance = [lost & self._losing(row) if lost else NONE for row, _suspects in self.open]
+        lost = self._explain_loss()
+        by_chance = [lost & self._loss_suspects(row) if lost else NONE for row, _suspects in self.open]
         failures = [
             Failure(suspects, WEIGHTS[row.verdict] * (CHANCE if maybe - suspects else 1.0))
             for (row, suspects), maybe in zip(self.open, by_chance, strict=True)
@@ -177,23 +177,23 @@ class _Diagnosis:
             broken = self.broken[known]
             broken.rows += [self.open[number][0] for number in entry.failures]
             broken.rivals = broken.rivals or entry.rivals
-            broken.passed = self._passed(broken.rows)
+            broken.passed = self._list_successes(broken.rows)
         for number in rest:
             if by_chance[number]:
                 self.broken[min(by_chance[number])].rows.append(self.open[number][0])
         unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
-        return Diagnosis(tuple(map(self._told, _findings(self.broken))), unexplained)
+        return Diagnosis(tuple(map(self._add_details, _findings(self.broken))), unexplained)
 
-    def _told(self, entry: Found) -> Found:
+    def _add_details(self, entry: Finding) -> Finding:
         """Add what the machine at its place tells: since when, by how much, and what mends it."""
         computer = self.verification.run.get(entry.part.place)
         return replace(
-            _measured(entry),
-            since=since(entry.part, computer.seen.probe if computer else None),
+            _add_clock_offset(entry),
+            since=describe_onset(entry.part, computer.seen.probe if computer else None),
             command=command((entry.part, *entry.also), computer, self.verification.everything),
         )
 
-    def _lost(self) -> Parts:
+    def _explain_loss(self) -> Parts:
         """Explain the measured loss first. Where packets are known to get lost, something else may fail by chance.
 
         So it counts less there, and what nothing else explains is the loss.
@@ -206,9 +206,9 @@ class _Diagnosis:
             self.broken[entry.part].rivals = entry.rivals
         return frozenset(entry.part for entry in chosen)
 
-    def _losing(self, row: Row) -> Parts:
+    def _loss_suspects(self, row: Row) -> Parts:
         case = self.verification.case(self.checks[row.check], row.observer, row.target)
-        return losing(case, row.observer, row.target) | losing(case, *case.masters) if case else NONE
+        return loss_parts(case, row.observer, row.target) | loss_parts(case, *case.masters) if case else NONE
 
     def _doubt(self, part: Part) -> float | None:
         """Say what it costs more to conclude a part that reading did not show; None where it would have shown it."""
@@ -243,29 +243,29 @@ class _Diagnosis:
                 reason = reasons[reason]
             self.broken[reason].rows += self.broken.pop(part).proof
 
-    def _passed(self, rows: Sequence[Row]) -> tuple[str, ...]:
+    def _list_successes(self, rows: Sequence[Row]) -> tuple[str, ...]:
         """List the checks that succeed in the pairs of some rows, once for each pair."""
         pairs = list(dict.fromkeys((row.observer, row.target) for row in rows))[:ASKED]
-        return tuple(check for pair in pairs for check in self._succeeded(*pair))
+        return tuple(check for pair in pairs for check in self._find_successes(*pair))
 
     def successes(self, part: Part) -> int:
         """Count successes that need a part, up to a few: first in the pairs that failed with it, then in others."""
         count, enough = 0, ENOUGH if part.fault.hard else MANY
-        for observer, target in dict.fromkeys(chain(self._same(part), self._others(part))):
-            count += self._cleared(observer, target)[part]
+        for observer, target in dict.fromkeys(chain(self._suspect_pairs(part), self._sample_pairs(part))):
+            count += self._count_needs(observer, target)[part]
             if count >= enough:
                 break
         return count
 
-    def _cleared(self, observer: str, target: str) -> Counter[Part]:
+    def _count_needs(self, observer: str, target: str) -> Counter[Part]:
         """Count for each part the successes of a pair that need it."""
         if (observer, target) not in self.cleared:
             found = self.cleared[observer, target] = Counter()
-            for needs in self._succeeded(observer, target).values():
+            for needs in self._find_successes(observer, target).values():
                 found.update(needs)
         return self.cleared[observer, target]
 
-    def _succeeded(self, observer: str, target: str) -> dict[str, Parts]:
+    def _find_successes(self, observer: str, target: str) -> dict[str, Parts]:
         """Find the checks that succeed in a pair, with the parts that they need."""
         found = {}
         for check, case in self.verification.cases(observer, target):
@@ -276,12 +276,12 @@ class _Diagnosis:
                     found[check.id] = check.needs(case)
         return found
 
-    def _same(self, part: Part) -> Iterable[tuple[str, str]]:
+    def _suspect_pairs(self, part: Part) -> Iterable[tuple[str, str]]:
         """List pairs that failed, and may have because of a part, in both directions."""
         pairs = ((row.observer, row.target) for row, suspects in self.open if part in suspects)
         return (pair for one, other in islice(pairs, ASKED) for pair in ((one, other), (other, one)))
 
-    def _others(self, part: Part) -> Iterable[tuple[str, str]]:
+    def _sample_pairs(self, part: Part) -> Iterable[tuple[str, str]]:
         """List other pairs that may need a part: those of the computers at its place, and those of their robot."""
         members = self.verification.fleet.members
         robots = {member.robot for member in members if member.name == part.place}
@@ -295,20 +295,20 @@ class _Diagnosis:
         return (pair for one, other in chain([(part.place, part.place)], some) for pair in ((one, other), (other, one)))
 
 
-def _findings(broken: Mapping[Part, _Broken]) -> list[Found]:
+def _findings(broken: Mapping[Part, _Evidence]) -> list[Finding]:
     """Make one finding of the parts that are one for a person, and sort them."""
-    groups: dict[tuple[str, str, str], list[Found]] = defaultdict(list)
+    groups: dict[tuple[str, str, str], list[Finding]] = defaultdict(list)
     for part, entry in broken.items():
         verdicts = {row.verdict for row in (*entry.proof, *entry.rows)}
         worst = next((verdict for verdict in SERIOUS if verdict in verdicts), UNKNOWN)
         groups[part[:3]].append(
-            Found(part, worst, entry.rivals, tuple(entry.proof), tuple(entry.rows), passed=entry.passed)
+            Finding(part, worst, entry.rivals, tuple(entry.proof), tuple(entry.rows), passed=entry.passed)
         )
-    found = [_joined(group) for group in groups.values()]
+    found = [_merge(group) for group in groups.values()]
     return sorted(found, key=_importance)
 
 
-def _measured(entry: Found) -> Found:
+def _add_clock_offset(entry: Finding) -> Finding:
     """Say of clocks by how much they are off."""
     parts = [
         part._replace(what=offset(part, entry.rows) or part.what) if part.kind == "clock" else part
@@ -317,12 +317,12 @@ def _measured(entry: Found) -> Found:
     return replace(entry, part=parts[0], rivals=tuple(parts[1:]))
 
 
-def _importance(entry: Found) -> tuple[int, bool, int, Part]:
+def _importance(entry: Finding) -> tuple[int, bool, int, Part]:
     """Order findings: the serious ones first; of these what a value shows; of these what most follows from."""
     return SERIOUS.index(entry.verdict), not entry.proof, -len(entry.rows) - len(entry.proof), entry.part
 
 
-def _joined(group: Sequence[Found]) -> Found:
+def _merge(group: Sequence[Finding]) -> Finding:
     first = min(group, key=lambda entry: (-len(entry.proof) - len(entry.rows), entry.part))
     return replace(
         first,

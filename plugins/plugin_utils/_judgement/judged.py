@@ -14,7 +14,7 @@ from typing import Any
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, AUTO
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Passed, Row, Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, explained
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, explain_rows
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content, report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
@@ -45,13 +45,13 @@ def judge(verification: Verification, pages: bool, everything: bool) -> Judged:
     fleet, computers = verification.fleet, list(verification.run)
     if not pages:
         summary = report.summarised(verification, computers, len(fleet.computers))
-        return Judged(summary, explained(verification, summary.notable), (), None, time.monotonic() - began)
+        return Judged(summary, explain_rows(verification, summary.notable), (), None, time.monotonic() - began)
     matrices = Matrices(fleet)
     passed: Passed | None = None if matrices.single or everything else Counter()
     rows = matrices.passing(verification.rows(passed), passed)
     kept = list(rows) if passed is None else []
     summary = report.summarise(kept or rows, computers, len(fleet.computers), verification.pairs, passed)
-    diagnosis = explained(verification, summary.notable)
+    diagnosis = explain_rows(verification, summary.notable)
     return Judged(summary, diagnosis, kept or summary.notable, matrices, time.monotonic() - began)
 
 

@@ -26,7 +26,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Verification,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS, TITLES
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Found
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
 
 WIDTH = 120
 MATRIX = 16  # computers: a larger matrix is no longer read
@@ -96,8 +96,8 @@ def render(summary: Summary, diagnosis: Diagnosis, width: int = WIDTH, everythin
     if everything and len(summary.computers) > 1 and fits(summary.computers):
         parts.append(_matrix(summary))
     numbers = count(1)
-    if diagnosis.looked_at < diagnosis.of:
-        parts.append(f"Explained are {diagnosis.looked_at} of {diagnosis.of} results that are not as expected.")
+    if diagnosis.looked_at < diagnosis.total:
+        parts.append(f"Explained are {diagnosis.looked_at} of {diagnosis.total} results that are not as expected.")
     for verdict, heading in ((FAILED, "Findings"), (WARNING, "Warnings"), (UNKNOWN, "Not judged")):
         parts += _findings([entry for entry in diagnosis.findings if entry.verdict == verdict], heading, numbers, width)
     parts += _unexplained(diagnosis.unexplained, width)
@@ -156,7 +156,7 @@ def _cell(counts: Mapping[str, int] | None, width: int) -> str:
     return {UNKNOWN: "?", WARNING: "warn", OK: "ok"}[worst]
 
 
-def _findings(findings: Sequence[Found], heading: str, numbers: Iterator[int], width: int) -> list[str]:
+def _findings(findings: Sequence[Finding], heading: str, numbers: Iterator[int], width: int) -> list[str]:
     if not findings:
         return []
     lines = [f"{heading}:"]
@@ -167,7 +167,7 @@ def _findings(findings: Sequence[Found], heading: str, numbers: Iterator[int], w
     return ["\n".join(lines)]
 
 
-def _finding(entry: Found) -> Iterator[tuple[str, str]]:
+def _finding(entry: Finding) -> Iterator[tuple[str, str]]:
     """The lines of a finding: (label, text)."""
     if entry.rivals:
         yield "{number:>3}. ", "one of these: " + "; or ".join(part.sentence() for part in entry.candidates)
@@ -193,7 +193,7 @@ def _example(rows: Sequence[Row]) -> str:
     return f"; such as {whom(rows[0])}: {rows[0].found}" if rows and rows[0].found else ""
 
 
-def _behind(entry: Found) -> str:
+def _behind(entry: Finding) -> str:
     """The computers that could not be looked at because of it."""
     names = dict.fromkeys(row.observer for row in entry.rows if row.check == "reachable")
     others = [name for name in names if name != entry.part.place]
@@ -286,7 +286,7 @@ def findings(diagnosis: Diagnosis, listed: bool = False) -> list[dict[str, Any]]
             "kind": entry.part.kind,
             "place": entry.part.place,
             "mode": entry.part.mode,
-            "what": entry.what,
+            "what": entry.subjects,
             "verdict": entry.verdict,
             "sentence": entry.sentence(),
             "remedy": entry.remedy(),

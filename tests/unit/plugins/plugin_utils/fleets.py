@@ -260,7 +260,7 @@ def good_probe(fleet, me, own):
                 seconds=0.1,
             )
             for other in others_of(fleet, own.computer)
-            if not (other.robot != me.robot and flows.declared_away(other.robot, me.robot))
+            if not (other.robot != me.robot and flows.declares_nothing(other.robot, me.robot))
         ),
         services=tuple(
             Service(service, f"multimaster-{service}.service", "loaded", "active", "running")

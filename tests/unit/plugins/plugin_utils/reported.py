@@ -32,7 +32,7 @@ def reported(fleet, change=None, pairs="all", since=None, **more):
     cells = matrices.Matrices(fleet)
     rows = list(cells.passing(verification.rows()))
     summary = report.summarise(rows, list(seen), len(fleet.computers), verification.pairs)
-    found = diagnosis.explained(verification, summary.notable)
+    found = diagnosis.explain_rows(verification, summary.notable)
     kept = rows if cells.single else summary.notable
     document = {
         **report.document(summary, found, kept),

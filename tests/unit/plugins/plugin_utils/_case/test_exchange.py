@@ -109,7 +109,7 @@ TALK, EAR, CALL = (
     ],
 )
 def test_what_passes_the_rules(rules, passing):
-    made = Rules.of(rules)
+    made = Rules.from_patterns(rules)
     assert [
         item for item in (TALK, EAR, CALL) if made.passes(item, "" if item is CALL else "std_msgs/String")
     ] == passing
@@ -140,7 +140,7 @@ def test_patterns_for_one_master_in_all_their_forms():
 def test_without_a_declaration_everything_passes_subscribers_too():
     flows = Flows(plan())
     assert all(flows.rules("a", "b").passes(item, "std_msgs/String") for item in (TALK, EAR, CALL))
-    assert not flows.declared_away("a", "b")
+    assert not flows.declares_nothing("a", "b")
     assert not flows.rules("a", "b").passes(Item("publisher", "/rosout", "/talker"), "rosgraph_msgs/Log")
 
 
@@ -158,7 +158,7 @@ def test_only_the_declared_flow_passes():
         if source != target
     }
     assert passing == {**dict.fromkeys(passing, []), ("a", "b"): [TALK], ("c", "b"): [CALL]}
-    assert flows.declared_away("a", "c") and not flows.declared_away("a", "b")
+    assert flows.declares_nothing("a", "c") and not flows.declares_nothing("a", "b")
     test = Item("publisher", "/multimaster_verify/a1", "/multimaster_verify_talker_a1_x")
     assert flows.rules("a", "b").passes(test, "std_msgs/String") and not flows.rules("a", "c").passes(
         test, "std_msgs/String"
@@ -199,23 +199,23 @@ def test_what_is_missing_and_what_is_there_against_the_plan():
     fleet = plan("ab", exports={"a": [{"topics": ["/chat"], "services": ["/reset"]}]})
     good = part([("/chat", STRING, "/talker", "")], [("/reset", "/base")])
     found = Exchanges(fleet, {"a": holds(A), "b": holds(B, a=good)})
-    assert found.missing("a", "b") == found.superfluous("a", "b") == []
-    assert texts(found.missing("b", "a")) == ["the publisher /pose of /pose"]
+    assert found.find_missing("a", "b") == found.superfluous("a", "b") == []
+    assert texts(found.find_missing("b", "a")) == ["the publisher /pose of /pose"]
     found = Exchanges(
         fleet, {"a": holds(A), "b": holds(B, a=part([("/odom", STRING, "/base", ""), ("/chat", STRING, "", "/ear")]))}
     )
-    assert texts(found.missing("a", "b")) == ["the publisher /chat of /talker", "the service /reset"]
+    assert texts(found.find_missing("a", "b")) == ["the publisher /chat of /talker", "the service /reset"]
     assert texts(found.superfluous("a", "b")) == ["the publisher /odom of /base", "the subscriber /chat of /ear"]
 
 
 def test_a_publisher_without_a_type_and_the_verification_itself_are_not_missed():
     own = part([("/x", ("*", ""), "/n", ""), ("/multimaster_verify/a1", STRING, "/multimaster_verify_talker_a1", "")])
-    assert Exchanges(plan("ab"), {"a": holds(own), "b": holds(B)}).missing("a", "b") == []
+    assert Exchanges(plan("ab"), {"a": holds(own), "b": holds(B)}).find_missing("a", "b") == []
 
 
 def test_of_a_robot_that_was_not_looked_at_nothing_is_missed():
     found = Exchanges(plan("ab", exports={"a": []}), {"b": holds(B, a=part([("/odom", STRING, "/base", "")]))})
-    assert found.missing("a", "b") == [] and texts(found.superfluous("a", "b")) == ["the publisher /odom of /base"]
+    assert found.find_missing("a", "b") == [] and texts(found.superfluous("a", "b")) == ["the publisher /odom of /base"]
 
 
 def test_a_name_that_two_robots_have():
@@ -224,7 +224,7 @@ def test_a_name_that_two_robots_have():
     clashes = [("node", "/talker", ("a", "b")), ("service", "/reset", ("a", "b"))]
     assert [tuple(clash) for clash in found.clashes("a", "b")] == clashes
     # what is refused for its name is not told a second time as missing
-    assert texts(found.missing("a", "b")) == ["the publisher /odom of /base", "the subscriber /chat of /ear"]
+    assert texts(found.find_missing("a", "b")) == ["the publisher /odom of /base", "the subscriber /chat of /ear"]
 
 
 def test_a_node_that_is_twice_is_told_without_its_services():
@@ -258,7 +258,7 @@ def test_a_topic_that_is_something_else_on_two_robots():
         ("/chat", ("a", *STRING), ("b", *IMAGE)),
         ("/odom", ("a", *STRING), ("b", "std_msgs/String", "1234")),
     ]
-    assert texts(found.missing("a", "b")) == ["the service /reset"]
+    assert texts(found.find_missing("a", "b")) == ["the service /reset"]
 
 
 @pytest.mark.parametrize("other", [("*", ""), ("std_msgs/String", ""), STRING])
@@ -283,8 +283,8 @@ def test_connections_that_nothing_explains():
     found = Exchanges(fleet, {"a": holds(A), "b": holds(B), "c": holds(A)})
     heard, hears = link("out", "/chat", "/talker", "/ear", "b"), link("in", "/chat", "/ear", "http://c1:4711/", "c")
     backwards = link("in", "/chat", "/ear", "http://b1:4711/", "b")
-    assert found.crossing([heard, hears, backwards], "a", "b") == [backwards]  # nothing flows from b to a
-    assert found.crossing([heard, hears, backwards], "a", "c") == [hears]
+    assert found.find_crossing_links([heard, hears, backwards], "a", "b") == [backwards]  # nothing flows from b to a
+    assert found.find_crossing_links([heard, hears, backwards], "a", "c") == [hears]
 
 
 def test_who_listens_to_a_topic_of_a_node_that_never_passes_is_exchanged():
@@ -294,6 +294,9 @@ def test_who_listens_to_a_topic_of_a_node_that_never_passes_is_exchanged():
     heard = link("out", "/diagnostics", "/master_discovery", "/echo", "b")
     restricted = plan(exports={"a": [{"topics": ["/chat"]}], "b": []})
     unrestricted, by_default = plan("ab", diagnostics="exchanged"), plan("ab")
-    assert Exchanges(by_default, seen).crossing([hears, heard], "a", "b") == [hears, heard]  # it stays on each robot
-    assert Exchanges(unrestricted, seen).crossing([hears, heard], "a", "b") == []
-    assert Exchanges(restricted, seen).crossing([hears, heard], "a", "b") == [hears, heard]
+    assert Exchanges(by_default, seen).find_crossing_links([hears, heard], "a", "b") == [
+        hears,
+        heard,
+    ]  # it stays on each robot
+    assert Exchanges(unrestricted, seen).find_crossing_links([hears, heard], "a", "b") == []
+    assert Exchanges(restricted, seen).find_crossing_links([hears, heard], "a", "b") == [hears, heard]

@@ -22,14 +22,14 @@ def of_rings(sizes):
 def test_up_to_thirty_computers_try_all_pairs():
     networks = of_rings([4] * 7 + [2])
     assert len(networks) == pairs.ALL_UP_TO
-    chosen = pairs.tried(networks, networks)
+    chosen = pairs.choose_pairs(networks, networks)
     assert pairs.number(chosen) == 30 * 29
     assert all(chosen[name] == networks.keys() - {name} for name in networks)
 
 
 def test_all_tries_all_pairs_of_any_fleet():
     networks = of_rings([4] * 20)
-    assert pairs.number(pairs.tried(networks, networks, pairs.ALL)) == 80 * 79
+    assert pairs.number(pairs.choose_pairs(networks, networks, pairs.ALL)) == 80 * 79
 
 
 @settings(max_examples=60, deadline=None)
@@ -39,7 +39,7 @@ def test_all_tries_all_pairs_of_any_fleet():
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=40).filter(lambda sizes: sum(sizes) > pairs.ALL_UP_TO))
 def test_every_way_between_two_networks_and_every_computer_twice_in_both_directions(sizes):
     networks = of_rings(sizes)
-    chosen = pairs.tried(networks, [*networks, "router"])
+    chosen = pairs.choose_pairs(networks, [*networks, "router"])
     assert all(name not in targets and targets <= networks.keys() for name, targets in chosen.items())
     robots = {name: targets for name, targets in chosen.items() if name in networks}
     looked_at = Counter(target for targets in robots.values() for target in targets)
@@ -51,10 +51,10 @@ def test_every_way_between_two_networks_and_every_computer_twice_in_both_directi
 
 
 def test_the_number_grows_with_computers_and_networks_and_not_with_pairs():
-    small, large = (pairs.number(pairs.tried(of_rings([size]), of_rings([size]))) for size in (100, 400))
+    small, large = (pairs.number(pairs.choose_pairs(of_rings([size]), of_rings([size]))) for size in (100, 400))
     assert (small, large) == (200, 800)
     networks = of_rings([4] * 100)
-    assert pairs.number(pairs.tried(networks, networks)) == 400 * (99 + 2)
+    assert pairs.number(pairs.choose_pairs(networks, networks)) == 400 * (99 + 2)
 
 
 def test_a_fault_in_a_sampled_fleet_is_named():
@@ -73,13 +73,13 @@ def test_a_fault_in_a_sampled_fleet_is_named():
     assert everything == 36 * 35
     assert some < everything / 4
     assert f"{some} of {everything} pairs were tried" in report.render(summary, diagnosis.Diagnosis())
-    found = diagnosis.explained(verification, summary.notable)
+    found = diagnosis.explain_rows(verification, summary.notable)
     assert ("filter", victim) in {(entry.part.kind, entry.part.place) for entry in found.findings}, found
 
 
 def test_pairs_that_were_not_tried_are_no_findings():
     fleet = fleets.plan(robots=12, computers=3)
-    chosen = pairs.tried({member.name: str(member.network) for member in fleet.members}, fleet.computers)
+    chosen = pairs.choose_pairs({member.name: str(member.network) for member in fleet.members}, fleet.computers)
     seen = fleets.observed(fleet)
     for name, computer in seen.items():
         probe = computer.probe
@@ -97,7 +97,7 @@ def test_pairs_that_were_not_tried_are_no_findings():
 
 def test_streams_go_to_all_that_are_tried_where_there_is_time():
     networks = of_rings([4] * 3)
-    chosen = pairs.tried(networks, networks)
+    chosen = pairs.choose_pairs(networks, networks)
     assert {name: set(to) for name, to in pairs.streams(chosen, list(networks), 0.5).items()} == chosen
 
 
@@ -107,7 +107,7 @@ def test_streams_go_to_all_that_are_tried_where_there_is_time():
 @given(st.lists(st.integers(1, 20), min_size=1, max_size=30), st.sampled_from([0.1, 0.5, 2.0]))
 def test_streams_together_have_a_limit_and_each_computer_sends(sizes, seconds):
     networks = of_rings(sizes)
-    chosen = pairs.tried(networks, networks)
+    chosen = pairs.choose_pairs(networks, networks)
     found = pairs.streams(chosen, list(networks), seconds)
     assert all(set(to) <= set(chosen[name]) and len(to) == len(set(to)) for name, to in found.items())
     assert all(found[name] for name in networks if chosen[name])
@@ -116,5 +116,5 @@ def test_streams_together_have_a_limit_and_each_computer_sends(sizes, seconds):
 
 def test_whom_one_computer_leaves_out_the_next_one_takes():
     networks = of_rings([4] * 100)
-    found = pairs.streams(pairs.tried(networks, networks), list(networks), 0.5)
+    found = pairs.streams(pairs.choose_pairs(networks, networks), list(networks), 0.5)
     assert pairs.number(found) == 400 and len({target for to in found.values() for target in to}) > 300

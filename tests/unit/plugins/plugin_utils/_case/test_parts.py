@@ -4,7 +4,7 @@
 """The table of parts: every row can be told."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FAULTS, FOLLOWS, Part, both
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FAULTS, FOLLOWS, Part, pair_place
 
 
 @pytest.mark.parametrize("key", FAULTS)
@@ -22,4 +22,4 @@ def test_what_follows_is_in_the_table():
 
 
 def test_two_places_have_one_name():
-    assert both("b", "a") == both("a", "b") == "a and b"
+    assert pair_place("b", "a") == pair_place("a", "b") == "a and b"

@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Verification,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import explained
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import explain_rows
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     Publisher,
     Stream,
@@ -166,6 +166,6 @@ def test_a_link_that_is_slower_than_expected_is_a_warning_with_its_place(robots,
     rows = [row for row in checked.rows() if row.verdict != OK]
     assert {(row.check, row.verdict) for row in rows} == {("throughput", WARNING)}
     assert len(rows) == (robots - 1) * (2 if ways == "both" else 1)
-    (found,) = explained(checked, rows).findings
+    (found,) = explain_rows(checked, rows).findings
     assert found.part[:3] == ("link", ONE, mode) and found.verdict == WARNING
     assert [part[:3] for part in found.rivals] == ([("link", TWO, "slow in")] if robots == 2 else [])

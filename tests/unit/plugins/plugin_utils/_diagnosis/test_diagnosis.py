@@ -101,7 +101,7 @@ def test_what_is_behind_a_gateway_that_is_off_was_not_examined():
             update(one.probe.list_masters, masters=without(one.probe.list_masters.masters, "car-visio"))
     verification = diagnosis.Verification(diagnosis.CHECKS, fleet, seen)
     summary = report.summarised(verification, list(seen), len(seen))
-    found = diagnosis.explained(verification, summary.notable)
+    found = diagnosis.explain_rows(verification, summary.notable)
     assert parts(found) == [("computer", "car-visio", "off")]
     text = report.render(summary, found)
     assert "not examined: " in text and all(name in text.partition("not examined: ")[2] for name in INNER_CAR)
@@ -111,7 +111,7 @@ def test_of_very_many_results_some_are_explained(monkeypatch):
     monkeypatch.setattr(diagnosis, "MOST", 50)
     found = diagnosed(wall, fig12())
     assert parts(found) == [("filter", "tibi-visio", "forward")]
-    assert found.looked_at <= 60 < found.of
+    assert found.looked_at <= 60 < found.total
 
 
 def test_one_fault_in_a_large_fleet_is_one_finding_in_seconds():

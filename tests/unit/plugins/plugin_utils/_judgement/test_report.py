@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     WARNING,
     Row,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Found
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
 
 ONE, TWO = "kobuki1computer", "kobuki2computer"
@@ -33,10 +33,10 @@ CLOCKS = Part("clock", ONE, "off"), Part("clock", TWO, "off")
 CHANGED = "/etc/hosts was changed 2026-11-22 09:12:44 UTC"
 DIAGNOSIS = Diagnosis(
     (
-        Found(Part("names", ONE, "loopback", TWO), proof=(ROWS[2],), rows=(ROWS[4],), since=CHANGED),
-        Found(Part("names", TWO, "loopback", ONE), proof=(ROWS[3],)),
-        Found(CLOCKS[0], WARNING, rivals=CLOCKS[1:], rows=(ROWS[6],), passed=("name", "ping_name")),
-        Found(Part("declaration", "kobuki1", "narrow", "the test topic"), UNKNOWN, proof=(ROWS[7],)),
+        Finding(Part("names", ONE, "loopback", TWO), proof=(ROWS[2],), rows=(ROWS[4],), since=CHANGED),
+        Finding(Part("names", TWO, "loopback", ONE), proof=(ROWS[3],)),
+        Finding(CLOCKS[0], WARNING, rivals=CLOCKS[1:], rows=(ROWS[6],), passed=("name", "ping_name")),
+        Finding(Part("declaration", "kobuki1", "narrow", "the test topic"), UNKNOWN, proof=(ROWS[7],)),
     ),
     unexplained=(ROWS[8],),
 )
@@ -95,7 +95,7 @@ def test_report():
 
 def test_many_names_are_counted():
     also = tuple(Part("names", ONE, "unknown", f"robot{number}") for number in range(9))
-    found = Found(Part("names", ONE, "unknown", TWO), also=also)
+    found = Finding(Part("names", ONE, "unknown", TWO), also=also)
     assert found.sentence() == f"{ONE} does not know {TWO}, robot0, robot1, robot2 and 6 more"
 
 
@@ -122,7 +122,7 @@ def test_large_fleets_stay_readable():
         )
         for two in names[:40]
     }
-    diagnosis = Diagnosis(tuple(Found(Part("computer", two, "off"), rows=of) for two, of in rows.items()))
+    diagnosis = Diagnosis(tuple(Finding(Part("computer", two, "off"), rows=of) for two, of in rows.items()))
     text = report.render(report.summarise([row for of in rows.values() for row in of], names, 100), diagnosis)
     assert "from / to" not in text
     assert "ping by address (99) fail" in text and "and 20 more: all are in the file" in text

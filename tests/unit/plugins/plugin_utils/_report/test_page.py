@@ -10,7 +10,7 @@ import fleets
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Found
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content, report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import KINDS, MOST, Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping
@@ -111,7 +111,7 @@ def test_the_page_is_smaller_than_five_megabytes(verdict, computers):
     rows = [Row(kind.checks[0], one, two, verdict, long, long) for one in names for two in names for kind in KINDS]
     assert sum(1 for _row in cells.passing(rows)) == len(rows)
     parts = [Part("computer", name, "off") for name in fleet.computers]
-    found = Diagnosis(tuple(Found(part, rows=tuple(rows[:100]), proof=tuple(rows[:100])) for part in parts))
+    found = Diagnosis(tuple(Finding(part, rows=tuple(rows[:100]), proof=tuple(rows[:100])) for part in parts))
     document = {
         **reported(fleets.plan()).document,
         "findings": report.findings(found, listed=True) if verdict == FAILED else [],

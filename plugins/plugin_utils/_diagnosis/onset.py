@@ -36,21 +36,21 @@ BOUNDS = {
 }
 
 
-def since(part: Part, probe: Probe | None) -> str:
+def describe_onset(part: Part, probe: Probe | None) -> str:
     """Say since when; empty where nobody knows."""
     if probe is None:
         return ""
     if part.kind in SERVICES:
-        return _of_service([entry for entry in probe.services if entry.name == part.kind], part.mode)
+        return _service_time([entry for entry in probe.services if entry.name == part.kind], part.mode)
     if part.kind == "service":
-        return _of_service([entry for entry in probe.services if entry.unit == part.what], "dead")
+        return _service_time([entry for entry in probe.services if entry.unit == part.what], "dead")
     if (part.kind, part.mode) == ("environment", "service"):
-        return _of_service([entry for entry in probe.services if entry.differing], "runs")
-    told = [*(_of_link(probe) if part.kind == "link" else ()), *_bounds(part, probe)]
+        return _service_time([entry for entry in probe.services if entry.differing], "runs")
+    told = [*(_link_history(probe) if part.kind == "link" else ()), *_bounds(part, probe)]
     return "; ".join(told)
 
 
-def _of_service(services: list[Service], mode: str) -> str:
+def _service_time(services: list[Service], mode: str) -> str:
     """A service that has ended is so since it changed its state; one that runs with something wrong has it since its start."""
     times = [entry.since for entry in services if entry.since]
     if not times:
@@ -58,7 +58,7 @@ def _of_service(services: list[Service], mode: str) -> str:
     return f"it ended {times[0]}" if mode == "dead" else f"it was started {times[0]}"
 
 
-def _of_link(probe: Probe) -> Iterable[str]:
+def _link_history(probe: Probe) -> Iterable[str]:
     """Return the last word of the journal about an interface that is down, and how often a link came and went."""
     for entry in probe.forwarding.interfaces:
         if entry.last:

@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import cached_property
 from ipaddress import IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part, both
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part, pair_place
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     FilterChains,
@@ -50,11 +50,11 @@ class ReadFilters:
         self._members: Mapping[str, Member] = {member.name: member for member in fleet.members}
         self._known: dict[tuple[str, str, str], Part | None] = {}
 
-    def dropping(self, sender: str, target: str, traffic: str) -> Part | None:
+    def find_drop(self, sender: str, target: str, traffic: str) -> Part | None:
         """Return the packet filter that drops a packet of this kind, or its answer; None where no rule is known to."""
         key = (sender, target, traffic)
         if key not in self._known:
-            self._known[key] = self._dropping(*key)
+            self._known[key] = self._trace_packet(*key)
         return self._known[key]
 
     def lets_pass(self, part: Part) -> bool:
@@ -65,25 +65,25 @@ class ReadFilters:
         chains = CHAINS.get(part.mode.rpartition(" ")[2], (IN, OUT))
         return self._world.machines[part.place].unclear.isdisjoint(chains)
 
-    def _dropping(self, sender: str, target: str, traffic: str) -> Part | None:
+    def _trace_packet(self, sender: str, target: str, traffic: str) -> Part | None:
         member, machines = self._members.get(target), self._world.machines
         if member is None or sender not in machines or target not in machines:
             return None
         if traffic == GROUP:
-            return self._of_group(sender, target)
+            return self._trace_datagram(sender, target)
         way = packets.echo(self._world, sender, self._packet(member, traffic))
         failed = way.failed
         if failed is None or failed.rule is None or failed.rule.chain in machines[failed.where].unclear:
             return None  # nobody drops it, or a rule that is not understood may have let it pass before
-        if _of_two(failed.rule):
-            return Part("filter", both(sender, target), "pair")
+        if _is_for_one_pair(failed.rule):
+            return Part("filter", pair_place(sender, target), "pair")
         if failed.rule.chain == FORWARD:
             return Part("filter", failed.where, "forward", TRAFFIC[traffic].upper() if failed.rule.protocol else "")
         mode = traffic if failed.rule.protocol else ALL
         answered = failed is way.back
         return Part("filter", failed.where, mode if answered else f"{mode} {WORDS[failed.rule.chain]}")
 
-    def _of_group(self, sender: str, target: str) -> Part | None:
+    def _trace_datagram(self, sender: str, target: str) -> Part | None:
         """Return the filter at one of the two ends that drops a datagram to the group."""
         speaker, hearer = (self._world.machines[name] for name in (sender, target))
         source, there = (self._address(name) for name in (sender, target))
@@ -122,14 +122,14 @@ class ReadFilters:
     def _world(self) -> World:
         world = planned.planned(self._fleet)
         read = {
-            name: _with_rules(world.machines[name], seen, seen.filters)
+            name: _apply_rules(world.machines[name], seen, seen.filters)
             for name, seen in self._observations.items()
             if name in world.machines and seen.filters is not None and seen.filters.readable
         }
         return World({**world.machines, **read}, world.links)
 
 
-def _with_rules(machine: Machine, seen: Observation, filters: FilterChains) -> Machine:
+def _apply_rules(machine: Machine, seen: Observation, filters: FilterChains) -> Machine:
     """Return the planned machine with the names of its interfaces and the rules that were read; as planned where they make no sense."""
     chains = [to_plain(chain) for chain in filters.chains]
     try:
@@ -159,7 +159,7 @@ def _names(machine: Machine, seen: Observation) -> dict[str, str]:
     }
 
 
-def _of_two(rule: Rule) -> bool:
+def _is_for_one_pair(rule: Rule) -> bool:
     """Say if a rule is for one sender and one receiver alone."""
     ends = (rule.sources, rule.destinations)
     return all(len(networks) == 1 and networks[0].prefixlen == 32 for networks in ends)

@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.since import since
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.onset import describe_onset
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     Change,
     ForwardingInterface,
@@ -64,9 +64,9 @@ PROBE = Probe(
     ],
 )
 def test_since(part, expected):
-    assert since(Part(*part), PROBE) == expected
+    assert describe_onset(Part(*part), PROBE) == expected
 
 
 def test_nobody_knows_where_nobody_looked():
-    assert since(Part("discovery", "a", "dead"), None) == ""
-    assert since(Part("discovery", "a", "dead"), Probe(services=(Service("discovery", "u"),))) == ""
+    assert describe_onset(Part("discovery", "a", "dead"), None) == ""
+    assert describe_onset(Part("discovery", "a", "dead"), Probe(services=(Service("discovery", "u"),))) == ""

@@ -4,7 +4,7 @@
 """The packet filters on the ways of the plan, by the rules that were read."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.filtered import ReadFilters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FOLLOWS, Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
@@ -129,15 +129,15 @@ CASES = [
 @pytest.mark.parametrize(("chains", "sender", "target", "traffic", "expected"), CASES)
 def test_the_rule_that_drops_a_packet_is_found(chains, sender, target, traffic, expected):
     fleet = fig12()
-    assert ReadFilters(fleet, read(fleet, **chains)).dropping(sender, target, traffic) == expected
+    assert ReadFilters(fleet, read(fleet, **chains)).find_drop(sender, target, traffic) == expected
 
 
 def test_a_rule_of_two_computers_is_told_as_one():
     fleet = fig12()
     rule = drop(sources=(f"{address(fleet, OTHER)}/32",), destinations=(f"{address(fleet, INNER)}/32",))
     found = ReadFilters(fleet, read(fleet, tibi_visio=chain("forward", rule)))
-    assert found.dropping(OTHER, INNER, "icmp") == Part("filter", f"{OTHER} and {INNER}", "pair")
-    assert found.dropping("car-visio", INNER, "icmp") is None
+    assert found.find_drop(OTHER, INNER, "icmp") == Part("filter", f"{OTHER} and {INNER}", "pair")
+    assert found.find_drop("car-visio", INNER, "icmp") is None
 
 
 @pytest.mark.parametrize(

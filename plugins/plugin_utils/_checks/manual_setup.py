@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, of
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
     OK,
     UNKNOWN,
     WARNING,
     Check,
-    Documented,
+    Documentation,
     Judgement,
 )
 
@@ -24,23 +24,25 @@ NOT_OURS = Judgement(UNKNOWN, "what site.yml sets up", "the collection has not s
 Judge = Callable[[Case], Judgement | None]
 
 
-def of_site_yml(judge: Judge, looked: Callable[[Case], bool]) -> Judge:
+def guard_judge(judge: Judge, looked: Callable[[Case], bool]) -> Judge:
     """Return the judge of a check on what site.yml makes: where it has not run, and yet `looked` is true, nothing is judged."""
 
-    def judged(case: Case) -> Judgement | None:
-        if not case.by_hand:
+    def judge_computer(case: Case) -> Judgement | None:
+        if not case.is_set_up_by_hand:
             return judge(case)
         return NOT_OURS if looked(case) else None
 
-    return judged
+    return judge_computer
 
 
-def unless_by_hand(evidence: Callable[[Case], Parts]) -> Callable[[Case], Parts]:
+def guard_evidence(evidence: Callable[[Case], Parts]) -> Callable[[Case], Parts]:
     """Return the evidence of such a check: where nothing is judged, because of this and nothing else."""
-    return lambda case: of("set_up", case.observer.name, "by_hand") if case.by_hand else evidence(case)
+    return lambda case: (
+        make_parts("set_up", case.observer.name, "by_hand") if case.is_set_up_by_hand else evidence(case)
+    )
 
 
-def _as_planned(case: Case) -> Judgement | None:
+def _judge_conflicts(case: Case) -> Judgement | None:
     found = case.observer.seen.found
     if found is None:
         return None
@@ -48,21 +50,21 @@ def _as_planned(case: Case) -> Judgement | None:
     return Judgement(WARNING if other else OK, "nothing that site.yml would refuse", " ".join(other) or "nothing")
 
 
-def _against(case: Case) -> Parts:
+def _conflict_evidence(case: Case) -> Parts:
     found = case.observer.seen.found
-    return of("set_up", case.observer.name, "others" if found is not None and found.runs else "refused")
+    return make_parts("set_up", case.observer.name, "others" if found is not None and found.runs else "refused")
 
 
 AS_PLANNED = Check(
     id="as_planned",
     title="nothing stands against the plan",
     scope=COMPUTER,
-    judge=_as_planned,
-    documented=Documented(
+    judge=_judge_conflicts,
+    documented=Documentation(
         "computer",
         "nobody else holds the ports of its services, and site.yml would refuse nothing else there (warning)",
     ),
-    evidence=_against,
+    evidence=_conflict_evidence,
 )
 
 CHECKS = (AS_PLANNED,)
