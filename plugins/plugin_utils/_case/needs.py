@@ -24,7 +24,7 @@ DISCOVERY = ("dead", "hung", "group")
 
 
 def make_parts(kind: str, place: str, *modes: str, what: str = "") -> Parts:
-    """Make parts of one kind at one place; none where nobody is there."""
+    """Make parts of one kind at one place; an empty place has no parts."""
     return frozenset(Part(kind, place, mode, what) for mode in modes) if place else NONE
 
 
@@ -303,8 +303,8 @@ def master_query_parts(case: Case, own: str, its: str) -> Parts:
 def heartbeats(case: Case, own: str, its: str) -> Parts:
     """List what may keep the heartbeats of another master from the own one, of either transport.
 
-    Where the probes' datagrams arrive, it is only that its node sends by another interface, or that somebody translates their
-    source address: they are nobody's then.
+    Where the probes' datagrams arrive, two reasons are left: the node sends by another interface, or a gateway translates the
+    source address, so that the heartbeats belong to no member.
     """
     if own == its:
         return NONE

@@ -305,7 +305,7 @@ def _addresses_evidence(case: Case) -> Parts:
 
 
 def _link_evidence(case: Case, network: str) -> Parts:
-    """Where nobody on a network has a link, the network has no power. Of one that was looked at alone, nobody knows."""
+    """Blame the network where no computer on it has a link. A single observed computer tells neither."""
     states = _states(case, network)
     if len(states) < 2:
         return NONE

@@ -123,7 +123,7 @@ def _group_evidence(case: Case) -> Parts:
 
 
 def _translator(case: Case, computer: str) -> Parts:
-    """Whoever translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
+    """Find what translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
     between = translation_parts(case, computer, case.observer.name if computer == case.target else case.target)
     first = gateways(case, computer, case.observer.name if computer == case.target else case.target)
     return (

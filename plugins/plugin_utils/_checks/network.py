@@ -229,7 +229,7 @@ def _answers_sometimes(case: Case) -> bool:
 
 
 def _ping_evidence(case: Case) -> Parts:
-    """Whoever says that a packet has been passed on too often sends it back to where it came from; or he has no route."""
+    """An ICMP error names its sender. "time to live": it sends packets in a circle. "network unreachable": it has no route."""
     reporter, said, error = _ping_error(case).partition(" reports")
     network = case.ways.network(case.robots[1])
     if said and "network unreachable" in error:
@@ -258,7 +258,7 @@ def _ping_suspects(case: Case) -> Parts:
 
 
 def _unreachable(case: Case, reporter: str) -> Parts:
-    """The reporter has looked in vain for the next one on the way: the target, or whoever passes the packets on."""
+    """The reporter got no ARP answer from the next hop: the target, or a gateway."""
     crossed = links(case, reporter, case.target)
     network = crossed[0][1]
     following = next((place for place, _network in crossed if place != reporter), case.target)
@@ -513,7 +513,7 @@ def _duplicate_evidence(case: Case) -> Parts:
 
 
 def _duplicate_needs(case: Case) -> Parts:
-    """Whoever asks for its own address in vain is alone with it, for all who ask."""
+    """A computer that gets no ARP answer for its own address is alone with it, for all observers."""
     name = case.observer.name
     return make_parts("interface", name, "duplicate") | join_parts(
         make_parts("interface", name, "duplicate", what=other) for other in (*case.ways.members, *case.ways.titles)
