@@ -171,7 +171,7 @@ def test_the_oldest_python(tmp_path):
     program = (
         "import json, sys; from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import boot as b;"
         "t = b.Tree(sys.argv[1], json.loads(sys.argv[2]));"
-        "print(json.dumps({k: list(v) for k, v in b.at_boot(t, json.loads(sys.argv[3])).items()}))"
+        "print(json.dumps({k: list(v) for k, v in b.find_boot_assignments(t, json.loads(sys.argv[3])).items()}))"
     )
     keys = [setting.key for setting in settings]
     output = subprocess.run(
