@@ -38,7 +38,7 @@ from tests.unit.test_hostile_texts import FRAGMENTS, MARK, masked
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "roles/nodes/files/python"))
 
 from rosfleet_multimaster.discovery.core import outsiders  # noqa: E402
-from rosfleet_multimaster.discovery.core.report import ignored  # noqa: E402
+from rosfleet_multimaster.discovery.core.report import outsiders as diagnose_outsiders  # noqa: E402
 from rosfleet_multimaster.protocol.messages import Registration  # noqa: E402
 from rosfleet_multimaster.roscore.core import name_guard  # noqa: E402
 from rosfleet_multimaster.sync.core import report, sync  # noqa: E402
@@ -200,7 +200,7 @@ def _entries(entries):
 
 
 def ignored_by_nodes(name, _there):
-    told = ignored([outsiders.Outsider("10.0.0.6", name, f"http://{name}", "it is no robot of the fleet")])
+    told = diagnose_outsiders([outsiders.Outsider("10.0.0.6", name, f"http://{name}", "it is no robot of the fleet")])
     return " | ".join(_entries([told]))
 
 
