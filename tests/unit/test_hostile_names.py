@@ -188,7 +188,9 @@ def of_a_part(name, there):
 def refused_by_nodes(name, _there):
     """The nodes: a name that another robot has in use."""
     item = sync.Refusal("node", name, "kobuki2", f"http://{name}", name)
-    return " | ".join([report.refused(item), report.no_longer_refused(item), *_entries(report.diagnoses([item]))])
+    return " | ".join(
+        [report.describe_refusal(item), report.describe_refusal_end(item), *_entries(report.diagnoses([item]))]
+    )
 
 
 def _entries(entries):

@@ -40,8 +40,8 @@ def everything():
         "multimaster_malformed_total": {("datagram",): 3, ("request",): 0},
         "multimaster_registration_changes_total": {(what,): 5 for what in metrics.CHANGES},
         **links.link_samples(LINKS),
-        **registrations.of_refusals([Refusal("node", "/a", "tibi", "http://a", "b")], {"node": 4}),
-        **registrations.of_registrations({"http://tibi-visio:11311/": "tibi-visio", "http://x:1/": HOSTILE}, held),
+        **registrations.refusal_samples([Refusal("node", "/a", "tibi", "http://a", "b")], {"node": 4}),
+        **registrations.registration_samples({"http://tibi-visio:11311/": "tibi-visio", "http://x:1/": HOSTILE}, held),
     }
 
 
@@ -75,7 +75,7 @@ def test_two_with_one_name_do_not_spoil_the_file(names):
 def test_the_number_of_lines_is_bounded():
     assert len(metrics.text({"multimaster_link_up": {(f"robot{one}",): 1 for one in range(9999)}}).splitlines()) == 1002
     names = {f"http://r{one}:1/": f"r{one}" for one in range(9999)}
-    found = registrations.of_registrations(names, {})["multimaster_registrations"]
+    found = registrations.registration_samples(names, {})["multimaster_registrations"]
     assert len(found) <= metrics.MOST and len(set(found)) == len(found)
 
 

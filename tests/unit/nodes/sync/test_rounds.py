@@ -59,7 +59,7 @@ def test_what_an_earlier_life_registered_of_a_master_is_looked_at_with_its_state
     now[0] += module.LEFTOVERS  # nobody waits for it any more
     made.claims, made.held = {TALKER: OTHER}, {gone: OTHER, there: OTHER}
     made._view = View({"/gone": ("/talker",), "/there": ("/talker",)}, {}, {}, {}, dict([TALKER]), {})
-    monkeypatch.setattr(made._core, "wanted_of", lambda items, _now: {there: Wanted(there, OTHER, "robot2")})
+    monkeypatch.setattr(made._core, "find_wanted", lambda items, _now: {there: Wanted(there, OTHER, "robot2")})
     made.touch_all(OTHER, {there})
     made.tick(now[0])
     assert made.held == {there: OTHER} and OTHER in made.met

@@ -171,11 +171,11 @@ class MasterSync:
         now_refused = set(refused)
         new = [item for item in refused if item not in self.refused]
         for item in new[:LINES]:
-            program.LOG.warning("%s", report.refused(item))
+            program.LOG.warning("%s", report.describe_refusal(item))
         if len(new) > LINES:
             program.LOG.warning("... and %d more refusals, see /diagnostics", len(new) - LINES)
         for item in self.refused - now_refused:
-            program.LOG.info("%s", report.no_longer_refused(item))
+            program.LOG.info("%s", report.describe_refusal_end(item))
         self.refused_total.update(item.kind for item in new)
         before, self.refused, self.refusals = self.refused, now_refused, refused
         if now_refused != before:
@@ -197,8 +197,8 @@ class MasterSync:
                 round_failures_total=rounds.failures,
             ),
             "multimaster_registration_changes_total": {(what,): rounds.made[what] for what in metrics.CHANGES},
-            **report.of_refusals(self.refused, self.refused_total),
-            **report.of_registrations(names, dict(rounds.held)),
+            **report.refusal_samples(self.refused, self.refused_total),
+            **report.registration_samples(names, dict(rounds.held)),
         }
 
     def _round_over(self, problem: Optional[Exception]) -> None:

@@ -12,7 +12,7 @@ from rosfleet_multimaster.protocol.filters import Rules
 from rosfleet_multimaster.protocol.graph import Node, State
 from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.sync.core import report
-from rosfleet_multimaster.sync.core.limits import MOST, exceeded, limited
+from rosfleet_multimaster.sync.core.limits import MOST, exceeded, limit_state
 from rosfleet_multimaster.sync.core.sync import Remote, select
 
 URI, OWN = "http://robot2:11311/", "http://robot1:11311/"
@@ -30,16 +30,16 @@ def topics(found):
 
 def test_a_state_that_is_small_enough_is_taken_as_it_is():
     small = state([f"/t{number}" for number in range(MOST)])
-    assert limited(small) is small
+    assert limit_state(small) is small
 
 
 def test_of_80000_topics_5000_are_taken_and_it_says_so():
-    taken = limited(state([f"/t{number:05}" for number in range(80_000)]))
+    taken = limit_state(state([f"/t{number:05}" for number in range(80_000)]))
     assert len(select(taken, Rules(), OWN, False)) == MOST
     assert (taken.left_out, len(taken.types)) == (75_000, MOST)
     remote = Remote(Master("robot2", URI, "http://192.168.1.2:11611", "/d", 1.0, 1.0, True), Rules(), Rules(), taken)
     (refusal,) = exceeded({URI: remote})
-    assert "robot2" in report.refused(refusal) and "5000" in report.refused(refusal)
+    assert "robot2" in report.describe_refusal(refusal) and "5000" in report.describe_refusal(refusal)
     limits = report.diagnoses([refusal])[0]
     assert "1" in limits.message and limits.values[0][0] == "robot2"
     assert report.diagnoses([])[0].message == "OK"
@@ -50,12 +50,14 @@ NAMES = st.lists(st.integers(0, 30).map("/t{}".format), unique=True)
 
 @given(NAMES, NAMES, st.integers(1, 20))
 def test_what_was_taken_stays_whatever_else_is_offered(first, second, most):
-    before = limited(state(first), None, most)
-    after = limited(state(second), before, most)
+    before = limit_state(state(first), None, most)
+    after = limit_state(state(second), before, most)
     assert len(topics(after)) == min(most, len(second))
     assert topics(before) & set(second) <= topics(after)
     shuffled = random.Random(1).sample(second, len(second))
-    assert topics(limited(state(shuffled), before, most)) == topics(after), "the order of the document does not matter"
+    assert topics(limit_state(state(shuffled), before, most)) == topics(after), (
+        "the order of the document does not matter"
+    )
 
 
 def test_what_a_master_has_of_others_takes_no_room_from_its_own():
@@ -72,9 +74,9 @@ def test_what_a_master_has_of_others_takes_no_room_from_its_own():
             "/imported": Node("http://robot3:40000/", "http://robot3:11311/", "remote"),
         },
     )
-    taken = limited(there, None, MOST, OWN)
+    taken = limit_state(there, None, MOST, OWN)
     assert len(select(taken, Rules(), OWN, False)) == MOST and taken.left_out == 0
-    few = limited(replace(there, publishers={**others, "/tf": ("/imported",)}), None, MOST, OWN)
+    few = limit_state(replace(there, publishers={**others, "/tf": ("/imported",)}), None, MOST, OWN)
     assert (few.publishers, few.subscribers, few.left_out) == ({"/tf": ("/imported",)}, {"/tf": ("/n",)}, 0)
 
 

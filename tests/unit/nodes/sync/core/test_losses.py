@@ -3,7 +3,15 @@
 import pytest
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Registration
-from rosfleet_multimaster.sync.core.losses import FORGET, RESOLVE, Connection, Ending, Look, Losses, connections_of
+from rosfleet_multimaster.sync.core.losses import (
+    FORGET,
+    RESOLVE,
+    Connection,
+    Disconnection,
+    Look,
+    Losses,
+    connections_of,
+)
 from rosfleet_multimaster.sync.core.sync import View
 
 R2 = "http://robot2:11311/"
@@ -56,7 +64,7 @@ def test_at_the_loss_the_own_nodes_that_share_topics_are_asked_and_at_the_return
     losses.noted(R2, NOTED)
     assert losses.seen({R2: False}, 11.0) == ([], [])
     looks, (ending,) = losses.seen({R2: True}, 80.0)
-    assert looks == [] and ending == Ending(frozenset([ADDRESS]), frozenset(NOTED), 70.0)
+    assert looks == [] and ending == Disconnection(frozenset([ADDRESS]), frozenset(NOTED), 70.0)
     assert losses.seen({R2: True}, 81.0) == ([], [])
 
 
@@ -72,7 +80,7 @@ def test_at_the_loss_the_own_nodes_that_share_topics_are_asked_and_at_the_return
     ],
 )
 def test_only_noted_connections_that_are_still_silent_end(local_port, remote, silent, wanted):
-    ending = Ending(frozenset([ADDRESS]), frozenset([*NOTED, Connection(50000, None)]), 70.0)
+    ending = Disconnection(frozenset([ADDRESS]), frozenset([*NOTED, Connection(50000, None)]), 70.0)
     assert ending.wants(local_port, remote, silent) is wanted
 
 

@@ -44,10 +44,10 @@ class Robot:
         self.asked += verdict.questions
         for question in verdict.questions if answer else ():
             if question.node:
-                self.guard.told_by_node(question.node, self.own and {TOPIC: self.own}, self.now)
+                self.guard.take_node_types(question.node, self.own and {TOPIC: self.own}, self.now)
             else:
                 sums = dict.fromkeys(question.types, self.there) if self.there else None
-                self.guard.told_by_master(question.master, sums, dict.fromkeys(question.types, self.here), self.now)
+                self.guard.take_md5sums(question.master, sums, dict.fromkeys(question.types, self.here), self.now)
         return verdict
 
     def settled(self, wanted, view, claims=None, stamps=None):

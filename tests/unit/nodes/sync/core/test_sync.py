@@ -324,7 +324,7 @@ def test_registrations_can_be_kept_while_offline():
     sync.announced(announced(), 0.0)
     sync.fetched(fetch(sync, 0.1), state(), "", 0.2)
     sync.announced(announced(online=False), 10.0)
-    assert sync.wanted(39.0) and sync.next_gone(39.0) == 40.0
+    assert sync.wanted(39.0) and sync.next_expiry(39.0) == 40.0
     assert not sync.wanted(40.0)
 
 

@@ -13,7 +13,7 @@ from ..protocol import json_text
 from ..protocol.differences import apply_difference, digest
 from ..protocol.graph import InvalidDocument, State, parse
 from ..protocol.members import Members, Networks
-from .core.limits import limited, size
+from .core.limits import limit_state, size
 from .core.pace import Pace
 from .core.places import Here, Places, names_to_resolve
 from .core.sync import Fetch
@@ -84,7 +84,7 @@ class View:
 
     def taken(self, state: State, before: Optional[State]) -> State:
         """As much of a state as is taken. `before`: what was taken of this master until now."""
-        return limited(state, before, own_uri=self._own_uri, sync_remote_nodes=self._remote_nodes)
+        return limit_state(state, before, own_uri=self._own_uri, sync_remote_nodes=self._remote_nodes)
 
     def places(self, state: State) -> Places:
         """Where the nodes of a state may be."""

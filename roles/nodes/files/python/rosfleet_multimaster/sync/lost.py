@@ -18,7 +18,7 @@ from ..protocol.members import Members
 from ..protocol.messages import Registration
 from ..protocol.xml_rpc import NODE
 from . import ending
-from .core.losses import Connection, Ending, Look, Losses, connections_of
+from .core.losses import Connection, Disconnection, Look, Losses, connections_of
 from .core.sync import View
 
 QUESTION_TIMEOUT = 2.0  # seconds for the connections of an own node
@@ -134,5 +134,5 @@ def _connections_with(look: Look, node_uri: str) -> Set[Connection]:
     return connections_of(answer[2] if isinstance(answer, list) and len(answer) == 3 else [], look.others)
 
 
-def _end(noted: Ending) -> List[ending.Pair]:
+def _end(noted: Disconnection) -> List[ending.Pair]:
     return ending.end(lambda found: noted.wants(found.local[1], found.remote, found.silent))

@@ -136,7 +136,7 @@ class Rounds:
     def tick(self, now: float) -> Optional[float]:
         """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
         self._started = min(self._started, now)
-        gone, due = self._core.next_gone(now), self._next()
+        gone, due = self._core.next_expiry(now), self._next()
         if due is not None and now >= due and not self.working:
             self._begin(self._core.wanted(now))
         elif self._touched and not self.working:
@@ -221,7 +221,7 @@ class Rounds:
             return None
         refused = {item.name for item in self._last_refused}
         known = Known(self._view, self.claims, self.held, refused)
-        todo = step(touched, self._core.wanted_of(touched, now), known, self._core.contested)
+        todo = step(touched, self._core.find_wanted(touched, now), known, self._core.contested)
         return None if todo is None else replace(todo, refused=self._last_refused)
 
     def _step_written(

@@ -36,21 +36,23 @@ class TypeQuestions:
         """Ask, and hand the answer to the guard later."""
         if question.node is not None:
             node = question.node
-            self._workers.submit(lambda: _types_of(node[1]), lambda types, _problem: self._told_by_node(node, types))
+            self._workers.submit(
+                lambda: _types_of(node[1]), lambda types, _problem: self._take_node_answer(node, types)
+            )
             return
         monitor, types = self._monitor_of(question.master), sorted(question.types)
         self._workers.submit(
             lambda: _md5sums(monitor, types, self._md5sum),
-            lambda sums, _problem: self._told_by_master(question.master, sums),
+            lambda sums, _problem: self._take_master_answer(question.master, sums),
         )
 
-    def _told_by_node(self, node: NodeKey, types: Optional[Dict[str, str]]) -> None:
-        self.guard.told_by_node(node, types, monotonic())
+    def _take_node_answer(self, node: NodeKey, types: Optional[Dict[str, str]]) -> None:
+        self.guard.take_node_types(node, types, monotonic())
         self._answered()
 
-    def _told_by_master(self, master: str, sums: Optional[Tuple[Dict[str, str], Dict[str, str]]]) -> None:
+    def _take_master_answer(self, master: str, sums: Optional[Tuple[Dict[str, str], Dict[str, str]]]) -> None:
         there, here = sums or (None, {})
-        self.guard.told_by_master(master, there, here, monotonic())
+        self.guard.take_md5sums(master, there, here, monotonic())
         self._answered()
 
 

@@ -20,7 +20,7 @@ MOST = 5000  # registrations of one master
 Row = Tuple[str, str, str]  # kind, topic or service, node
 
 
-def limited(
+def limit_state(
     state: State,
     before: Optional[State] = None,
     most: int = MOST,
@@ -39,9 +39,9 @@ def limited(
     held = set(_rows(before)) if before is not None else set()
     own.sort(key=lambda row: (row not in held, row))
     taken = set(own[:most])
-    taken.update(sorted(_beside(rows, mine.keys(), taken))[: most - len(taken)])
+    taken.update(sorted(_foreign_publishers(rows, mine.keys(), taken))[: most - len(taken)])
     publishers, subscribers, services = (
-        _taken(kind, table, taken)
+        _keep_rows(kind, table, taken)
         for kind, table in (
             ("publisher", state.publishers),
             ("subscriber", state.subscribers),
@@ -61,7 +61,7 @@ def limited(
     )
 
 
-def _beside(rows: List[Row], mine: AbstractSet[str], taken: Set[Row]) -> Iterator[Row]:
+def _foreign_publishers(rows: List[Row], mine: AbstractSet[str], taken: Set[Row]) -> Iterator[Row]:
     """The publishers of others on the topics of subscribers that are taken."""
     heard = {name for kind, name, _node in taken if kind == "subscriber"}
     return (row for row in rows if row[0] == "publisher" and row[1] in heard and row[2] not in mine)
@@ -85,7 +85,7 @@ def _rows(state: State) -> Iterator[Row]:
                 yield kind, name, node
 
 
-def _taken(kind: str, table: Endpoints, taken: Set[Row]) -> Dict[str, Tuple[str, ...]]:
+def _keep_rows(kind: str, table: Endpoints, taken: Set[Row]) -> Dict[str, Tuple[str, ...]]:
     left = {name: tuple(node for node in nodes if (kind, name, node) in taken) for name, nodes in table.items()}
     return {name: nodes for name, nodes in left.items() if nodes}
 

@@ -46,7 +46,7 @@ class Look(NamedTuple):
     others: FrozenSet[str]  # names and URIs of the master's
 
 
-class Ending(NamedTuple):
+class Disconnection(NamedTuple):
     """End those of these connections to these addresses on which nothing was heard for so many seconds."""
 
     addresses: FrozenSet[str]
@@ -107,7 +107,7 @@ class Losses:
         """Take the addresses of a host that are not this computer's own."""
         self._addresses[host] = now, addresses
 
-    def seen(self, online: Mapping[str, bool], now: float) -> Tuple[List[Look], List[Ending]]:
+    def seen(self, online: Mapping[str, bool], now: float) -> Tuple[List[Look], List[Disconnection]]:
         """Take the masters that discovery knows. Return what to look at, and what to end."""
         looks, endings = [], []
         for uri, master in list(self._masters.items()):
@@ -117,7 +117,7 @@ class Losses:
             elif master.lost is not None and online.get(uri):
                 if master.noted:
                     addresses = frozenset(address for address, _port in self._endpoints(uri, master))
-                    endings.append(Ending(addresses, frozenset(master.noted), now - master.lost))
+                    endings.append(Disconnection(addresses, frozenset(master.noted), now - master.lost))
                 master.lost, master.noted = None, set()
             elif master.lost is not None and now - master.lost >= FORGET:
                 del self._masters[uri]
@@ -140,23 +140,23 @@ class Losses:
         return lost - there
 
     def _endpoints(self, uri: str, master: _Master) -> Set[Tuple[str, int]]:
-        believed = self._of_robot(uri)
+        believed = self._robot_addresses(uri)
         found: Set[Tuple[str, int]] = set()
         for node in master.nodes:
             port = _port(node)
             if port >= LOWEST and port not in self._ports:
-                found.update((address, port) for address in self._at(_host(node)) & believed)
+                found.update((address, port) for address in self._host_addresses(_host(node)) & believed)
         return found
 
-    def _of_robot(self, uri: str) -> FrozenSet[str]:
+    def _robot_addresses(self, uri: str) -> FrozenSet[str]:
         """The addresses of a master's robot: the planned ones, and of a stranger's the master's own.
 
         A stranger chooses the host of its URI, so it may not be one of the fleet.
         """
         member = self._members.master(uri)
-        return self._at(_host(("", uri))) - self._members.hosts if member is None else member.hosts
+        return self._host_addresses(_host(("", uri))) - self._members.hosts if member is None else member.hosts
 
-    def _at(self, host: str) -> FrozenSet[str]:
+    def _host_addresses(self, host: str) -> FrozenSet[str]:
         return self._addresses.get(host, (0.0, frozenset()))[1]
 
 

@@ -116,10 +116,12 @@ class TypeGuard:
         """
         users = view.own_nodes(claims)
         shared = [item for item in wanted if _type(item) and item.registration.name in users]
-        nodes = _by_node(shared, users, view)
+        nodes = _group_by_node(shared, users, view)
         questions = self._ask_nodes(nodes, now)
-        named = {topic: self._named(topic, users[topic], view) for topics in nodes.values() for topic in topics}
-        types = _by_master(shared, named)
+        named = {
+            topic: self._types_of_users(topic, users[topic], view) for topics in nodes.values() for topic in topics
+        }
+        types = _group_by_master(shared, named)
         questions += self._ask_masters(types, stamps, now)
         held, conflicts = view.registrations(claims), self._conflicts(shared, users, named, view)
 
@@ -151,18 +153,18 @@ class TypeGuard:
         self._masters.keep(types)
         return [Question(None, master, names) for master, names in asked]
 
-    def told_by_node(self, node: NodeKey, types: Optional[Mapping[str, str]], now: float) -> None:
+    def take_node_types(self, node: NodeKey, types: Optional[Mapping[str, str]], now: float) -> None:
         """Take the answer of an own node: topic -> type; None where it does not answer."""
         self._nodes.answer(node, types, now)
 
-    def told_by_master(
+    def take_md5sums(
         self, master: str, there: Optional[Mapping[str, str]], here: Mapping[str, str], now: float
     ) -> None:
         """Take the md5 sums of types there (None: no answer) and here."""
         self._masters.answer(master, there, now)
         self._own_md5.update(here)
 
-    def _named(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
+    def _types_of_users(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
         """Type -> the own node that has the topic with it."""
         found: Dict[str, str] = {}
         for node in users:
@@ -184,7 +186,7 @@ class TypeGuard:
             there.setdefault((item.registration.name, item.master), []).append(item)
         found = {}
         for (topic, master), items in there.items():
-            here = named.get(topic) or self._said(topic, users[topic], view)
+            here = named.get(topic) or self._roscore_type(topic, users[topic], view)
             if not here:
                 continue
             nodes = ", ".join(quote(node) for node in sorted({item.registration.node for item in items})[:3])
@@ -201,7 +203,7 @@ class TypeGuard:
                 found[topic, master] = sides
         return found
 
-    def _said(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
+    def _roscore_type(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
         """The type in the roscore, where no own node names one. A node that takes any type contradicts nobody."""
         answers = (self._nodes.answers.get((node, view.node_uris.get(node, "")), {}) for node in users)
         kind = view.types.get(topic, "")
@@ -224,7 +226,7 @@ def _type(item: Wanted) -> str:
     return "" if item.registration.kind == "service" or item.type in UNKNOWN_TYPES else item.type
 
 
-def _by_node(shared: Sequence[Wanted], users: Mapping[str, Sequence[str]], view: View) -> Dict[NodeKey, Set[str]]:
+def _group_by_node(shared: Sequence[Wanted], users: Mapping[str, Sequence[str]], view: View) -> Dict[NodeKey, Set[str]]:
     """The own nodes that share topics -> these topics."""
     found: Dict[NodeKey, Set[str]] = {}
     for topic in {item.registration.name for item in shared}:
@@ -234,7 +236,7 @@ def _by_node(shared: Sequence[Wanted], users: Mapping[str, Sequence[str]], view:
     return found
 
 
-def _by_master(shared: Sequence[Wanted], named: Mapping[str, Mapping[str, str]]) -> Dict[str, FrozenSet[str]]:
+def _group_by_master(shared: Sequence[Wanted], named: Mapping[str, Mapping[str, str]]) -> Dict[str, FrozenSet[str]]:
     """The masters whose types an own node has named too -> these types; a type that only others name is never looked at."""
     found: Dict[str, Set[str]] = {}
     for item in shared:

@@ -54,12 +54,12 @@ class Places:
             return "its port is no node's"
         if self._member is not None and port in self._member.ports:
             return f"port {port} there is its roscore's or its discovery's"
-        return self._no_place(host)
+        return self._find_host_objection(host)
 
     def _is_here(self, address: str) -> bool:
         return address.startswith(("127.", "0.")) or address in self._here.addresses
 
-    def _no_place(self, host: str) -> str:
+    def _find_host_objection(self, host: str) -> str:
         if self._member is not None and host in self._member.hosts:
             return ""
         if ":" in host or (host.replace(".", "").isdigit() and not _is_address(host)):
@@ -71,9 +71,9 @@ class Places:
             return ""
         if self._member is not None:
             return "" if address in self._member.hosts else f"{quote(host)} is no computer of {self._member.robot}"
-        return self._no_place_of_a_stranger(host, address)
+        return self._find_stranger_objection(host, address)
 
-    def _no_place_of_a_stranger(self, host: str, address: str) -> str:
+    def _find_stranger_objection(self, host: str, address: str) -> str:
         if not self._members.robots or address == self._sender:
             return ""
         if not address:

@@ -24,7 +24,7 @@ _HERE = {**dict.fromkeys(NOUNS, ", here it is "), "place": ": "}
 _SENTENCES = {"type": _OTHER, "place": _PLACE}
 
 
-def refused(item: Refusal) -> str:
+def describe_refusal(item: Refusal) -> str:
     """The line of the log about a new refusal."""
     if item.kind == "limit":
         return sentence(item)
@@ -39,7 +39,7 @@ def _sides(item: Refusal) -> Tuple[str, str]:
     return there, item.holder if item.kind in ("type", "place") else quote(item.holder)
 
 
-def no_longer_refused(item: Refusal) -> str:
+def describe_refusal_end(item: Refusal) -> str:
     """The line of the log about a refusal that has ended."""
     if item.kind == "limit":
         return f"{item.master} offers {item.holder} registrations or fewer again"
@@ -76,7 +76,7 @@ def _refusals(name: str, why: str, items: Sequence[Refusal]) -> Diagnosis:
 # Metrics
 
 
-def of_refusals(refused: Iterable[Refusal], total: Mapping[str, int]) -> metrics.Samples:
+def refusal_samples(refused: Iterable[Refusal], total: Mapping[str, int]) -> metrics.Samples:
     """The samples about refusals: those that are in force, and kind -> how many there were."""
     now = Counter(item.kind for item in refused)
     return {
@@ -85,7 +85,7 @@ def of_refusals(refused: Iterable[Refusal], total: Mapping[str, int]) -> metrics
     }
 
 
-def of_registrations(names: Mapping[str, str], held: Mapping[Registration, str]) -> metrics.Samples:
+def registration_samples(names: Mapping[str, str], held: Mapping[Registration, str]) -> metrics.Samples:
     """The samples about what is registered. `names`: URI of a master -> its name."""
     counts = Counter((names.get(uri, ""), item.kind) for item, uri in held.items())
     known = sorted({*names.values(), *(name for name, _kind in counts)} - {""})[: metrics.MOST // len(metrics.KINDS)]

@@ -344,10 +344,10 @@ class Sync:
         if not master.online:
             remote.offline_since = now if remote.offline_since is None else remote.offline_since
             return
-        if self._gone(remote, now):
+        if self._is_expired(remote, now):
             remote.state, remote.quick = None, True
         remote.offline_since = None
-        if not self._outdated(remote):
+        if not self._is_outdated(remote):
             if remote.following:
                 remote.due = None  # an earlier announcement was wrong: who answers over TCP does not say whether its own nodes changed
         elif not remote.fetching:
@@ -413,7 +413,7 @@ class Sync:
             remote.misplaced = {} if places is None else places.refused(state)
             remote.selected = self._select(remote, state)
             remote.quick, remote.following, remote.lapsed = quick, following, False
-            if self._outdated(remote):  # changed again meanwhile
+            if self._is_outdated(remote):  # changed again meanwhile
                 remote.due = _soon(remote, now, following)
         elif remote.announced.online:
             remote.due = now + RETRY[min(remote.failures, len(RETRY) - 1)]
@@ -432,7 +432,7 @@ class Sync:
         """Take a state that a master told. The registrations that may be others now."""
         remote = self.remotes[uri]
         before, remote.state = remote.state, state
-        if not self._outdated(remote):
+        if not self._is_outdated(remote):
             remote.due = None
         selected = remote.selected
         if before is None or misplaced != remote.misplaced:
@@ -462,11 +462,11 @@ class Sync:
         remote = self.remotes.get(uri)
         return {} if remote is None else remote.selected
 
-    def wanted_of(self, items: AbstractSet[Registration], now: float) -> Dict[Registration, Wanted]:
+    def find_wanted(self, items: AbstractSet[Registration], now: float) -> Dict[Registration, Wanted]:
         """Of some registrations those that are wanted, on whatever topic."""
         found: Dict[Registration, Wanted] = {}
         for uri, remote in sorted(self.remotes.items()):
-            if remote.state is not None and not self._gone(remote, now):
+            if remote.state is not None and not self._is_expired(remote, now):
                 for item in remote.selected.keys() & items:
                     found.setdefault(item, Wanted(item, uri, remote.announced.name, remote.selected[item]))
         return found
@@ -500,7 +500,7 @@ class Sync:
         demanded = None if own_topics is None or not self.on_demand else set(own_topics)
         found = []
         for uri, remote in sorted(self.remotes.items()):
-            if remote.state is None or self._gone(remote, now):
+            if remote.state is None or self._is_expired(remote, now):
                 continue
             for item, kind in remote.selected.items():
                 if demanded is not None and item.kind != "service" and item.name not in demanded:
@@ -553,7 +553,7 @@ class Sync:
             return []
         return list(dict.fromkeys([*here, *uris]))
 
-    def next_gone(self, now: float) -> Optional[float]:
+    def next_expiry(self, now: float) -> Optional[float]:
         """The time at which the registrations of an offline master are to go."""
         if self.keep_offline is None:
             return None
@@ -564,14 +564,14 @@ class Sync:
         ]
         return min((time for time in times if time > now), default=None)
 
-    def _gone(self, remote: Remote, now: float) -> bool:
+    def _is_expired(self, remote: Remote, now: float) -> bool:
         return (
             remote.offline_since is not None
             and self.keep_offline is not None
             and now >= remote.offline_since + self.keep_offline
         )
 
-    def _outdated(self, remote: Remote) -> bool:
+    def _is_outdated(self, remote: Remote) -> bool:
         """True where a newer state was announced. A state fetched after an announcement has what was announced, whatever its stamp."""
         return (
             remote.state is None
