@@ -39,7 +39,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Documentation,
     Judgement,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.policy import taker
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.policy_routing import taker
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping, Policy, Route
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
