@@ -5,14 +5,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ansible.errors import AnsibleError
+from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read, variables
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._options import roles
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 
 
@@ -26,13 +28,17 @@ class ActionModule(ActionBase):
         """Return the plan as the result; see ActionBase."""
         result: dict[str, Any] = super().run(tmp, task_vars)
         task_vars = task_vars or {}
+        problems: list[str] = []
         try:
             inventory = read_inventory(
                 task_vars, self._task.args.get("group", "robots"), self._task.args.get("router_group", "routers")
             )
+            problems = check_options(task_vars["hostvars"], inventory.variables)
             plan = fleet_plan(read.read_fleet(inventory))
         except read.InventoryProblems as error:
-            result.update(failed=True, problems=error.problems, msg=numbered(error.problems))
+            problems = [*error.problems, *problems]
+        if problems:
+            result.update(failed=True, problems=problems, msg=numbered(problems))
             return result
         result.update(
             changed=False,
@@ -81,3 +87,26 @@ def _variables_of(host: str, hostvars: Mapping[str, Any]) -> dict[str, Any]:
                     [f"{host}: {name} cannot be computed ({problem}); expected a value: correct it in the inventory."]
                 ) from problem
     return values
+
+
+def check_options(hostvars: Mapping[str, Any], hosts: Iterable[str]) -> list[str]:
+    """Return a sentence for each variable of a host that is nearly an option of a role, or has a value that its role refuses."""
+    options = roles.read_options()
+    problems = []
+    for host in hosts:
+        values = hostvars[host]
+        problems += [roles.say_misspelt(host, *pair) for pair in roles.find_misspelt(values, options).items()]
+        problems += [
+            roles.say_wrong(host, name, values[name], options[name])
+            for name in options
+            if name in values and not _is_allowed(name, values, options[name])
+        ]
+    return problems
+
+
+def _is_allowed(name: str, values: Mapping[str, Any], specification: roles.Specification) -> bool:
+    try:
+        given = {name: values[name]}
+        return not ArgumentSpecValidator({name: dict(specification)}).validate(given).error_messages
+    except AnsibleError:  # it depends on what is not known yet: the role checks it
+        return True

@@ -53,6 +53,7 @@ ROOMS = {
         "_changes": {"_answers", "_fleet"},
         "_world": {"_fleet", "_plan"},
         "_watch": set(),
+        "_options": set(),
         "_observed": {"_data", "_fleet", "_plan"},
         "_case": {"_data", "_fleet", "_observed", "_plan", "_world"},
         "_checks": {"_case", "_observed", "_plan"},
