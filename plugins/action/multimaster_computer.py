@@ -11,6 +11,7 @@ from typing import Any
 
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import trees
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.concerns import UnknownTag, choose_concerns
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.confirmation import (
     GuardedAction,
     Result,
@@ -35,6 +36,13 @@ class ActionModule(GuardedAction):
         result: Result = ActionBase.run(self, tmp, task_vars)
         # Before ansible-core 2.19, a template turns None into an empty text.
         args = {name: options for name, options in self._task.args.items() if options not in (None, "")}
+        run_tags, skip_tags = ((task_vars or {}).get(f"ansible_{kind}_tags") or () for kind in ("run", "skip"))
+        try:
+            args = choose_concerns(args, run_tags, skip_tags, self._task.tags)
+        except UnknownTag as problem:
+            return {**result, "failed": True, "msg": str(problem)}
+        if not args:
+            return {**result, "changed": False, "msg": "The tags of this run leave out all concerns of this task."}
         if "managed_files" in args:
             args["managed_files"] = [trees.read_trees(bundle) for bundle in args["managed_files"]]
         wanted = args.get("shells")
