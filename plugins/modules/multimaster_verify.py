@@ -326,11 +326,12 @@ members:
       addresses: [192.168.1.239]
       resolve_error: ""
       route: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
-      ping_address: {ok: true, rtt_ms: 0.4, error: ""}
-      ping_name: {ok: true, rtt_ms: 0.4, error: ""}
-      ping_large: {ok: true, rtt_ms: 0.5, error: ""}
+      ping_address: {ok: true, rtt_ms: 0.4, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
+      ping_name: {ok: true, rtt_ms: 0.4, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
+      ping_large: {ok: true, rtt_ms: 0.5, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
       loss: 0.0
       tcp: ""
+      tcp_outcome: not_tried
       silent: false
       neighbour: 02:42:c0:a8:01:ef
       neighbour_fixed: false
@@ -392,7 +393,7 @@ members:
       description: Whether an ICMP echo request to the planned address is answered; up to three are sent.
       returned: for every other computer
       type: dict
-      sample: {ok: true, rtt_ms: 0.4, error: ""}
+      sample: {ok: true, rtt_ms: 0.4, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
       contains:
         ok:
           description: Whether an answer came.
@@ -409,11 +410,38 @@ members:
           returned: always
           type: str
           sample: ""
+        outcome:
+          description:
+            - The same as one word, V(answered), V(no_answer), V(network_unreachable), V(host_unreachable), V(prohibited), V(time_exceeded), V(too_large),
+              V(wrong_source), V(unknown_name) or V(failed).
+          returned: always
+          type: str
+          sample: answered
+        errno:
+          description: The number of the error of the kernel here, or null.
+          returned: always
+          type: int
+          sample: null
+        icmp_type:
+          description: The type of the ICMP message that came back, or null.
+          returned: always
+          type: int
+          sample: 0
+        icmp_code:
+          description: Its code, or null.
+          returned: always
+          type: int
+          sample: 0
+        reporter:
+          description: The address that sent it, or empty.
+          returned: always
+          type: str
+          sample: 192.168.1.239
     ping_name:
       description: The same for the first address that the name has on this computer.
       returned: for every other computer
       type: dict
-      sample: {ok: true, rtt_ms: 0.4, error: ""}
+      sample: {ok: true, rtt_ms: 0.4, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
       contains:
         ok:
           description: Whether an answer came.
@@ -430,6 +458,33 @@ members:
           returned: always
           type: str
           sample: ""
+        outcome:
+          description:
+            - The same as one word, V(answered), V(no_answer), V(network_unreachable), V(host_unreachable), V(prohibited), V(time_exceeded), V(too_large),
+              V(wrong_source), V(unknown_name) or V(failed).
+          returned: always
+          type: str
+          sample: answered
+        errno:
+          description: The number of the error of the kernel here, or null.
+          returned: always
+          type: int
+          sample: null
+        icmp_type:
+          description: The type of the ICMP message that came back, or null.
+          returned: always
+          type: int
+          sample: 0
+        icmp_code:
+          description: Its code, or null.
+          returned: always
+          type: int
+          sample: 0
+        reporter:
+          description: The address that sent it, or empty.
+          returned: always
+          type: str
+          sample: 192.168.1.239
     discovery_route:
       description:
         - The route to RV(members[].name)'s O(members[].discovery_address), as RV(members[].route); null where that is its address.
@@ -469,7 +524,7 @@ members:
           an answer. Null where small ones are not answered.
       returned: for every other computer
       type: dict
-      sample: {ok: true, rtt_ms: 0.5, error: ""}
+      sample: {ok: true, rtt_ms: 0.5, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
       contains:
         ok:
           description: Whether an answer came.
@@ -486,6 +541,33 @@ members:
           returned: always
           type: str
           sample: ""
+        outcome:
+          description:
+            - The same as one word, V(answered), V(no_answer), V(network_unreachable), V(host_unreachable), V(prohibited), V(time_exceeded), V(too_large),
+              V(wrong_source), V(unknown_name) or V(failed).
+          returned: always
+          type: str
+          sample: answered
+        errno:
+          description: The number of the error of the kernel here, or null.
+          returned: always
+          type: int
+          sample: null
+        icmp_type:
+          description: The type of the ICMP message that came back, or null.
+          returned: always
+          type: int
+          sample: 0
+        icmp_code:
+          description: Its code, or null.
+          returned: always
+          type: int
+          sample: 0
+        reporter:
+          description: The address that sent it, or empty.
+          returned: always
+          type: str
+          sample: 192.168.1.239
     loss:
       description:
         - The share of 20 further small echo requests to the planned address that have no answer, from 0 to 1; null where
@@ -500,6 +582,13 @@ members:
       returned: for every other computer
       type: str
       sample: ""
+    tcp_outcome:
+      description:
+        - RV(members[].tcp) as one word,
+          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name), V(failed) or V(not_tried).
+      returned: for every other computer
+      type: str
+      sample: not_tried
     silent:
       description:
         - Whether no ping was answered, and within 3.5 seconds nobody on the way told why, neither this computer's kernel nor
@@ -717,7 +806,10 @@ masters:
       open: true
       connect_ms: 0.3
       error: ""
+      outcome: open
+      errno: null
       roscore: open
+      roscore_outcome: open
       route: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
       clock_offset_s: 0.0004
       clock_uncertainty_s: 0.0007
@@ -753,10 +845,29 @@ masters:
       returned: always
       type: str
       sample: ""
+    outcome:
+      description:
+        - The same as one word, V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name), V(failed) or V(not_tried).
+      returned: always
+      type: str
+      sample: open
+    errno:
+      description:
+        - The number of the error of the kernel here, or null.
+      returned: always
+      type: int
+      sample: null
     roscore:
       description:
         - What the TCP port of its roscore answers, by O(masters[].uri), V(open) or why it does not open; empty where the URI is not
           given.
+      returned: always
+      type: str
+      sample: open
+    roscore_outcome:
+      description:
+        - The same as one word,
+          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name), V(failed) or V(not_tried).
       returned: always
       type: str
       sample: open
@@ -785,7 +896,7 @@ roscore:
   description: The roscore of this computer's robot.
   returned: when O(state=collected)
   type: dict
-  sample: {uri: "http://kobuki1computer:11311", answer: "http://kobuki1computer:11311/", error: ""}
+  sample: {uri: "http://kobuki1computer:11311", answer: "http://kobuki1computer:11311/", error: "", outcome: answered}
   contains:
     uri:
       description: C(ROS_MASTER_URI) in O(environment_file).
@@ -802,6 +913,13 @@ roscore:
       returned: always
       type: str
       sample: ""
+    outcome:
+      description:
+        - The same as one word, V(answered), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name),
+          V(failed) or V(not_tried).
+      returned: always
+      type: str
+      sample: answered
 outsiders:
   description:
     - The senders of heartbeats that the discovery node of this computer ignores, since they do not belong to the fleet. Empty
@@ -893,6 +1011,8 @@ topics:
       publishers:
         - {node: /multimaster_verify_talker_kobuki2computer_verify_1730000000, uri: "http://kobuki2computer:41233/"}
       reached: ""
+      reached_outcome: not_tried
+      listened: true
       heard: true
       text: verify-1730000000 kobuki2computer
       seconds: 0.3
@@ -934,6 +1054,19 @@ topics:
       returned: always
       type: str
       sample: ""
+    reached_outcome:
+      description:
+        - The same as one word,
+          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name), V(failed) or V(not_tried).
+      returned: always
+      type: str
+      sample: not_tried
+    listened:
+      description:
+        - Whether the listener of this computer ran.
+      returned: always
+      type: bool
+      sample: true
     heard:
       description: Whether a subscriber on this computer hears what this run's talker says.
       returned: always
@@ -1094,6 +1227,12 @@ exchange:
           returned: always
           type: str
           sample: Connection refused
+        outcome:
+          description:
+            - The same as one word, V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name) or V(failed).
+          returned: always
+          type: str
+          sample: refused
     connections:
       description: The connections of the robot's own nodes with nodes of other robots, by C(getBusInfo).
       returned: always

@@ -11,8 +11,12 @@ from functools import lru_cache
 from ipaddress import AddressValueError, IPv4Address
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import NO_WAY, OUT, Packet
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import (
+    CIRCLE,
+    CLOSED,
+    NO_ROUTE,
     REJECTED,
     TOO_LARGE,
     echo,
@@ -32,6 +36,21 @@ ATTEMPTS = 8  # of a connection, until the patience of the verification ends
 PROBES = 20
 ROUNDS = 2
 LARGE = 1500
+#: the end of a packet that ICMP reports; all others are an unreachable host
+REPORTED = {
+    NO_ROUTE: Outcome.NETWORK_UNREACHABLE,
+    CLOSED: Outcome.NETWORK_UNREACHABLE,
+    REJECTED: Outcome.PROHIBITED,
+    CIRCLE: Outcome.TIME_EXCEEDED,
+}
+#: the errors of connections here
+CONNECTED = {
+    "": Outcome.OPEN,
+    "Connection refused": Outcome.REFUSED,
+    "Network is unreachable": Outcome.NETWORK_UNREACHABLE,
+    "No route to host": Outcome.HOST_UNREACHABLE,
+    "no answer within 2 s": Outcome.NO_ANSWER,
+}
 
 
 def _known(kind, **values):
@@ -82,17 +101,21 @@ class Network:
         way = self.echo(computer, Packet("icmp", address, size=28))
         lost = way.loss(self.world)
         if way.ok and any(self.chance("ping", computer, address, n) >= lost for n in range(TRIES)):
-            return seen.Ping(True, 0.4 + round(self.chance(computer, address), 1))
+            return seen.Ping(True, 0.4 + round(self.chance(computer, address), 1), outcome=Outcome.ANSWERED)
         if not way.there.ok:
             machine = self.world.machines[computer]
             chosen = machine.route(address)
             if chosen is None or chosen.kind in NO_WAY:
-                return seen.Ping(error="Network is unreachable")
+                return seen.Ping(error="Network is unreachable", outcome=Outcome.NETWORK_UNREACHABLE)
             if machine.verdict(OUT, way.there.packet, leaving=chosen.device) != "accept":
-                return seen.Ping(error="Operation not permitted")
+                return seen.Ping(error="Operation not permitted", outcome=Outcome.FAILED)
         elif way.back is not None and way.back.ok and way.back.packet.source != address:  # somebody else's
-            return seen.Ping(error=f"the answer comes from {way.back.packet.source}")
-        return seen.Ping(error=report(self.world, computer, way.there) or f"no answer to {TRIES} requests")
+            source = str(way.back.packet.source)
+            return seen.Ping(error=f"the answer comes from {source}", outcome=Outcome.WRONG_SOURCE, reporter=source)
+        if text := report(self.world, computer, way.there):
+            outcome = REPORTED.get(way.there.outcome, Outcome.HOST_UNREACHABLE)
+            return seen.Ping(error=text, outcome=outcome, reporter=text.partition(" reports")[0])
+        return seen.Ping(error=f"no answer to {TRIES} requests", outcome=Outcome.NO_ANSWER)
 
     def route(self, computer, address):
         """The route of a computer's kernel to an address."""
@@ -114,7 +137,7 @@ class Network:
                 known = self.resolve(computer, member.name, user=True)
                 entry = replace(entry, user_addresses=tuple(map(str, known)))
             if member.name != computer:
-                unknown = seen.Ping(error="the name has no address")
+                unknown = seen.Ping(error="the name has no address", outcome=Outcome.UNKNOWN_NAME)
                 entry = replace(
                     entry,
                     route=self.route(computer, member.address),
@@ -143,7 +166,8 @@ class Network:
         else:
             error, _machine = self.connect(computer, address, UNUSED)
             found["tcp"] = "refused" if error == "Connection refused" else error
-            found["silent"] = not way.ok and entry.ping_address.error.startswith("no answer")
+            found["tcp_outcome"] = CONNECTED[error]
+            found["silent"] = not way.ok and entry.ping_address.outcome == Outcome.NO_ANSWER
         return found
 
     def claims(self, computer):
@@ -177,8 +201,8 @@ class Network:
         end = way.there
         told = end.outcome == TOO_LARGE and end.where == end.by != computer
         if told or (way.ok and any(self.chance("large", computer, address, n) >= lost for n in range(TRIES))):
-            return seen.Ping(True, 0.5)
-        return seen.Ping(error=f"no answer to {TRIES} requests")
+            return seen.Ping(True, 0.5, outcome=Outcome.ANSWERED)
+        return seen.Ping(error=f"no answer to {TRIES} requests", outcome=Outcome.NO_ANSWER)
 
     def mac(self, machine, device):
         """The hardware address of an interface."""

@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.found import HOOKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import ACCEPT
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import rules
 
-from tests.simulator.network import Network
+from tests.simulator.network import CONNECTED, Network
 from tests.simulator.ros import Ros
 from tests.simulator.state import RUNS
 
@@ -106,10 +107,11 @@ def _probe(state, network, ros, name, started):
     uri = ros.environment(name).get("ROS_MASTER_URI", "")
     # rostopic ends at once where it is refused, and waits where nothing comes back.
     talks = not missing and (not error or error.endswith(("timed out", "within 2 s")))
+    outcome = next((found for text, found in CONNECTED.items() if text and error.endswith(text)), Outcome.FAILED)
     return seen.Probe(
         **_network(network, name, by_name=True),
         masters=ros.masters_seen(name),
-        roscore=seen.Roscore(uri, "" if error else ros.uri(robot), error),
+        roscore=seen.Roscore(uri, "" if error else ros.uri(robot), error, outcome),
         list_masters=seen.ListMasters(error=missing) if missing else ros.list_masters(name),
         topics=ros.topics(name, started),
         outsiders=ros.outsiders(name),

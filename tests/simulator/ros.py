@@ -10,9 +10,10 @@ from ipaddress import IPv4Address
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Flows, Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet
 
-from tests.simulator.network import NODES
+from tests.simulator.network import CONNECTED, NODES
 from tests.simulator.state import DEAD, HUNG, RUNS
 
 SUMS = {"std_msgs/String": "992ce8a1687cec8c8bd883ec73ca41d1", "nav_msgs/Odometry": "cd5e73d190d741a2f92e81eda573aca7"}
@@ -200,7 +201,8 @@ class Ros:
             refused, _machine = self.network.connect(
                 computer, master.address, self.fleet.computers[master.computer].roscore_port
             )
-            entry["roscore"] = refused or "open"
+            entry["roscore"], entry["roscore_outcome"] = refused or "open", CONNECTED[refused]
+        entry["outcome"] = CONNECTED[error]
         if error:
             return seen.SeenMaster(**entry, error=error)
         if machine != master.computer or self.state.robots[master.robot].discovery != RUNS:
@@ -270,7 +272,8 @@ class Ros:
         uri = self.environment(computer).get("ROS_MASTER_URI", "")
         topic, host = topic_of(name), published.get(name)
         if error:
-            return seen.HeardTopic(name, topic, error="the listener failed: Unable to communicate with master!")
+            told = "the listener failed: Unable to communicate with master!"
+            return seen.HeardTopic(name, topic, listened=False, error=told)
         if host is None:
             told = f"the topic is not registered at {uri}" if large and published else "nothing"
             return seen.HeardTopic(name, topic, error=told if large else f"{uri}: no whole answer within 5 s")
@@ -279,10 +282,16 @@ class Ros:
         publisher = seen.Publisher(talker_of(name), f"http://{host}:{NODES}/")
         publishers = (publisher,) if large or heard else ()
         if heard:
-            return seen.HeardTopic(name, topic, publishers, "", True, f"run {name}", 0.2)
+            return seen.HeardTopic(name, topic, publishers, heard=True, text=f"run {name}", seconds=0.2)
         reached = ("open" if not problem else problem) if publishers else ""
+        outcome = CONNECTED.get(problem, Outcome.UNKNOWN_NAME) if publishers else Outcome.NOT_TRIED
         return seen.HeardTopic(
-            name, topic, publishers, reached, error="nothing" if large else f"{uri}: no whole answer within 5 s"
+            name,
+            topic,
+            publishers,
+            reached,
+            outcome,
+            error="nothing" if large else f"{uri}: no whole answer within 5 s",
         )
 
     # What roscores hold
@@ -334,8 +343,8 @@ class Ros:
             imports=tuple(imports),
             silent=(*its.ghosts, *self._hung(its)),
             silences=(
-                *(seen.SilentNode(node, computer, "Connection refused") for node in its.ghosts),
-                *(seen.SilentNode(node, computer, "timed out") for node in self._hung(its)),
+                *(seen.SilentNode(node, computer, "Connection refused", Outcome.REFUSED) for node in its.ghosts),
+                *(seen.SilentNode(node, computer, "timed out", Outcome.NO_ANSWER) for node in self._hung(its)),
             ),
             connections=tuple(connections),
         )

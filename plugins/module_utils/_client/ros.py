@@ -17,6 +17,7 @@ import xmlrpc.client
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, classify_error
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.reading import read_regular
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import BASE_PATH, text
@@ -101,12 +102,14 @@ def roscore(ros: Ros, deadline: float) -> typing.Dict[str, str]:
 
     def look() -> typing.Dict[str, str]:
         try:
-            return {"uri": ros.uri, "answer": ros.ask("getUri"), "error": ""}
+            return {"uri": ros.uri, "answer": ros.ask("getUri"), "error": "", "outcome": Outcome.ANSWERED.value}
         except OSError as problem:
-            return {"uri": ros.uri, "answer": "", "error": str(problem)}
+            outcome = classify_error(problem.__cause__)[0]
+            return {"uri": ros.uri, "answer": "", "error": str(problem), "outcome": outcome.value}
 
     if not ros.uri:
-        return {"uri": "", "answer": "", "error": f"{ros.file} has no ROS_MASTER_URI"}
+        error = f"{ros.file} has no ROS_MASTER_URI"
+        return {"uri": "", "answer": "", "error": error, "outcome": Outcome.NOT_TRIED.value}
     return awaited(look, lambda seen: not seen["error"], deadline)
 
 

@@ -16,6 +16,7 @@ import struct
 import time
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper import (
     Address,
     Datagrams,
@@ -215,6 +216,6 @@ def icmp_rounds(address: str, index: int, group: str, rounds: int) -> typing.Lis
                 if not select.select([raw], [], [], max(0.0, until - time.monotonic()))[0]:
                     break
                 reply = echo(raw.recv(256), identifier)
-                if reply and not reply.error and reply.sequence < rounds:
+                if reply and reply.outcome == Outcome.ANSWERED and reply.sequence < rounds:
                     answered[reply.sequence].add(reply.source)
     return answered

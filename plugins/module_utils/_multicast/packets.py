@@ -7,18 +7,19 @@ import socket
 import struct
 import typing
 
-TOO_LARGE = "packet too large"
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
+
 HEADERS = 28  # bytes of the headers of IPv4 and ICMP
 
-# RFC 792: (type, code) of the messages that come back instead of an echo reply
-_REFUSALS = {
-    (3, 0): "network unreachable",
-    (3, 1): "host unreachable",
-    (3, 4): TOO_LARGE,
-    (3, 9): "network administratively prohibited",
-    (3, 10): "host administratively prohibited",
-    (3, 13): "communication administratively prohibited",
-    (11, 0): "time to live exceeded: the routers pass it round in a circle",
+# RFC 792: (type, code) of the messages that come back instead of an echo reply -> outcome, and words for a sentence
+REFUSALS = {
+    (3, 0): (Outcome.NETWORK_UNREACHABLE, "network unreachable"),
+    (3, 1): (Outcome.HOST_UNREACHABLE, "host unreachable"),
+    (3, 4): (Outcome.TOO_LARGE, "packet too large"),
+    (3, 9): (Outcome.PROHIBITED, "network administratively prohibited"),
+    (3, 10): (Outcome.PROHIBITED, "host administratively prohibited"),
+    (3, 13): (Outcome.PROHIBITED, "communication administratively prohibited"),
+    (11, 0): (Outcome.TIME_EXCEEDED, "time to live exceeded: the routers pass it round in a circle"),
 }
 
 
@@ -31,11 +32,13 @@ class Packet(typing.NamedTuple):
 
 
 class Echo(typing.NamedTuple):
-    """The answer to an echo request: a reply (`error` is empty), or the refusal of a router."""
+    """The answer to an echo request: a reply, or the refusal of a router."""
 
     source: str
     sequence: int
-    error: str
+    outcome: Outcome
+    type: int = 0  # of ICMP
+    code: int = 0
 
 
 def packet(data: bytes) -> typing.Optional[Packet]:
@@ -68,11 +71,11 @@ def echo(received: bytes, identifier: int) -> typing.Optional[Echo]:
         return None
     kind, code, echoed, sequence = struct.unpack("!BB2xHH", outer.body[:8])
     if (kind, code) == (0, 0):
-        return Echo(outer.source, sequence, "") if echoed == identifier else None
-    inner = packet(outer.body[8:]) if (kind, code) in _REFUSALS else None
+        return Echo(outer.source, sequence, Outcome.ANSWERED) if echoed == identifier else None
+    inner = packet(outer.body[8:]) if (kind, code) in REFUSALS else None
     if inner is None or len(inner.body) < 8:
         return None
     kind_sent, echoed, sequence = struct.unpack("!B3xHH", inner.body[:8])
     if (kind_sent, echoed) != (8, identifier):
         return None
-    return Echo(outer.source, sequence, f"{outer.source} reports: {_REFUSALS[kind, code]}")
+    return Echo(outer.source, sequence, REFUSALS[kind, code][0], kind, code)

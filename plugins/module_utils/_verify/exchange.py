@@ -14,6 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._client impor
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import NODE, STATE
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import CALLER, NO_SCRIPT, Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, classify_error
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
@@ -60,7 +61,10 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     named = {uri: node for node, uri in uris.items()}
     found["connections"], silent = _connections(ros, nodes, named, Places(members), own)
     found["silent"] = _still_registered(ros, sorted(silent), nodes)
-    found["silences"] = [{"node": node, "host": host(nodes[node]), "error": silent[node]} for node in found["silent"]]
+    found["silences"] = [
+        {"node": node, "host": host(nodes[node]), "error": silent[node][0], "outcome": silent[node][1].value}
+        for node in found["silent"]
+    ]
     return found
 
 
@@ -173,17 +177,17 @@ def _parts(
 
 def _connections(
     ros: Ros, nodes: typing.Dict[str, str], named: typing.Dict[str, str], places: "Places", own: str
-) -> typing.Tuple[typing.List[typing.Dict[str, str]], typing.Dict[str, str]]:
-    """Ask own nodes ({node: URI}) for connections with nodes of other robots; return those, and {silent node: why}.
+) -> typing.Tuple[typing.List[typing.Dict[str, str]], typing.Dict[str, typing.Tuple[str, Outcome]]]:
+    """Ask own nodes ({node: URI}) for connections with nodes of other robots; return those, and {silent node: why, outcome}.
 
     A node of this roscore that runs on another robot's computer, as an operator's tool does, is an own one.
     """
     robot = places.robot(own.lower())
     found, silent = [], {}
-    answers = concurrently(_bus_info, sorted(nodes.items()), NODES, lambda node: ([], ""))
-    for node, (answer, error) in zip(sorted(nodes), answers):
+    answers = concurrently(_bus_info, sorted(nodes.items()), NODES, lambda node: ([], "", Outcome.NOT_TRIED))
+    for node, (answer, error, outcome) in zip(sorted(nodes), answers):
         if error:
-            silent[node] = error
+            silent[node] = error, outcome
         for link in links(answer):
             link = link._replace(peer=named.get(link.peer, link.peer))
             other = places.robot(link.host)
@@ -193,14 +197,14 @@ def _connections(
     return found, silent
 
 
-def _bus_info(item: typing.Tuple[str, str]) -> typing.Tuple[typing.Any, str]:
+def _bus_info(item: typing.Tuple[str, str]) -> typing.Tuple[typing.Any, str, Outcome]:
     """Ask a node for its connections; return them, and why it does not answer."""
     try:
-        return server(item[1], NODE).getBusInfo(CALLER)[2], ""
+        return server(item[1], NODE).getBusInfo(CALLER)[2], "", Outcome.ANSWERED
     except OSError as problem:
-        return [], problem.strerror or str(problem) or type(problem).__name__
-    except Exception as problem:  # whatever a strange node makes of it
-        return [], plain(str(problem)) or type(problem).__name__
+        return [], problem.strerror or str(problem) or type(problem).__name__, classify_error(problem)[0]
+    except Exception as problem:  # any kind, raised by what a strange node answers
+        return [], plain(str(problem)) or type(problem).__name__, Outcome.FAILED
 
 
 def _still_registered(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]) -> typing.List[str]:

@@ -3,7 +3,6 @@
 
 """The discovery nodes of masters: the TCP port, and the clock."""
 
-import socket
 import time
 import typing
 import xmlrpc.client
@@ -11,6 +10,7 @@ from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import awaited
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
@@ -27,7 +27,7 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
     """Try the TCP port of a master's discovery node until the deadline, and compare its clock with the one here."""
     found = {"computer": master["computer"], "address": master["address"], "port": master["rpc_port"]}
     found.update(awaited(lambda: _connect(master["address"], master["rpc_port"]), lambda seen: seen["open"], deadline))
-    found["roscore"] = _roscore(master)
+    found["roscore"], found["roscore_outcome"] = _roscore(master)
     found["route"] = network.route_to_plain(machine.route_to(master["address"]))
     found.update(clock_offset_s=None, clock_uncertainty_s=None, clock_error="")
     if found["open"]:
@@ -41,13 +41,13 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
     return found
 
 
-def _roscore(master: typing.Dict[str, typing.Any]) -> str:
-    """Say what the port of a master's roscore answers: "open", or why it does not open; empty without a URI."""
+def _roscore(master: typing.Dict[str, typing.Any]) -> typing.Tuple[str, str]:
+    """Try the port of a master's roscore; return "open", or why it does not open, and the outcome. Without a URI it is not tried."""
     port = urlsplit(master.get("uri") or "").port
     if not port:
-        return ""
+        return "", Outcome.NOT_TRIED.value
     answer = _connect(master["address"], port)
-    return "open" if answer["open"] else answer["error"]
+    return "open" if answer["open"] else answer["error"], answer["outcome"]
 
 
 def outsiders(monitor_uri: str) -> typing.List[typing.Dict[str, str]]:
@@ -60,13 +60,15 @@ def outsiders(monitor_uri: str) -> typing.List[typing.Dict[str, str]]:
 
 
 def _connect(address: str, port: int) -> typing.Dict[str, typing.Any]:
-    began = time.monotonic()
-    try:
-        socket.create_connection((address, port), timeout=CONNECT).close()
-    except OSError as problem:
-        error = f"no answer within {CONNECT:g} s" if isinstance(problem, socket.timeout) else problem.strerror
-        return {"open": False, "connect_ms": None, "error": error or str(problem)}
-    return {"open": True, "connect_ms": round((time.monotonic() - began) * 1000, 3), "error": ""}
+    answer = connect(address, port, CONNECT)
+    opened = answer.outcome == Outcome.OPEN
+    return {
+        "open": opened,
+        "connect_ms": answer.milliseconds,
+        "error": "" if opened else answer.error or f"no answer within {CONNECT:g} s",
+        "outcome": answer.outcome.value,
+        "errno": answer.errno,
+    }
 
 
 def clock_offset(monitor_uri: str) -> typing.Tuple[float, float]:

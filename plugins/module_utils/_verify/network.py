@@ -17,8 +17,13 @@ import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import (
+    Outcome,
+    classify_error,
+    connect,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import (
-    TOO_LARGE,
+    REFUSALS,
     echo,
     echo_request,
 )
@@ -32,7 +37,6 @@ ANSWER = 1.0  # seconds that an echo reply may take
 TOLD = 3.5  # seconds until a kernel that passes packets on has told their sender that nobody has the next address (3, arp(7))
 COUNTED, PACE = 20, 0.025  # echo requests in a row, and the seconds between two of them
 MOST_COUNTED = 32  # computers to which they are sent
-NO_ANSWER = "no answer"
 DOWN = ("down", "lowerlayerdown", "notpresent", "dormant")  # operational states of RFC 2863 in which nothing passes
 CLOSED, MOST_LINES = ("blackhole ", "unreachable ", "prohibit "), 100
 UNUSED = 9  # a TCP port that nobody uses: discard (RFC 863)
@@ -40,6 +44,44 @@ PERMANENT = 0x4  # the flag of a neighbour that somebody has set (ATF_PERM)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
 # From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
 IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
+
+
+class Answer(typing.NamedTuple):
+    """The answer to echo requests."""
+
+    outcome: Outcome
+    rtt_ms: typing.Optional[float] = None
+    errno: typing.Optional[int] = None  # of the kernel here
+    icmp_type: typing.Optional[int] = None
+    icmp_code: typing.Optional[int] = None
+    reporter: str = ""  # the address that has answered
+    tries: int = 0  # none where no raw socket opens
+
+    @property
+    def ok(self) -> bool:
+        """True where packets arrive. After "too large" the kernel makes smaller ones (RFC 1191), so that is as good."""
+        return self.outcome in (Outcome.ANSWERED, Outcome.TOO_LARGE)
+
+    @property
+    def error(self) -> str:
+        """Say why packets do not arrive; empty where they do."""
+        if self.ok:
+            return ""
+        if self.outcome == Outcome.UNKNOWN_NAME:
+            return "the name has no address"
+        if self.outcome == Outcome.WRONG_SOURCE:
+            return f"the answer comes from {self.reporter}"
+        if self.icmp_type is not None:
+            return f"{self.reporter} reports: {REFUSALS[self.icmp_type, self.icmp_code or 0][1]}"
+        if self.errno is not None:
+            return os.strerror(self.errno) if self.tries else f"no raw socket: {os.strerror(self.errno)}"
+        return f"no answer to {self.tries} requests"
+
+    def to_plain(self) -> typing.Dict[str, typing.Any]:
+        """Return the answer as the module does."""
+        plain = dict(self._asdict(), ok=self.ok, error=self.error, outcome=self.outcome.value)
+        del plain["tries"]
+        return plain
 
 
 def is_network(text: str) -> bool:
@@ -77,12 +119,14 @@ def members(
     strange = [entry for entry in found if entry["name"] != own]
     _add_routes(strange, {member["name"]: member.get("discovery_address") or "" for member in others})
     for entry in strange:
-        unknown = {"ok": False, "rtt_ms": None, "error": "the name has no address"}
+        unknown = Answer(Outcome.UNKNOWN_NAME)
         entry.update(
             ping_address=pings[entry["address"]],
             ping_name=pings[entry["addresses"][0]] if entry["addresses"] else unknown,
         )
     _look_closer(strange)
+    for entry in strange:
+        entry.update((key, entry[key] and entry[key].to_plain()) for key in ("ping_address", "ping_name", "ping_large"))
     return found
 
 
@@ -101,30 +145,30 @@ def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
     sizes = {
         entry["address"]: min(mtus.get(entry["route"]["device"]) or LARGEST, LARGEST)
         for entry in answered
-        if entry["ping_address"]["ok"]
+        if entry["ping_address"].ok
     }
     large = ping(sizes, sizes=sizes)
     known = neighbours()
     lost = losses(some([entry["address"] for entry in answered]))
     silent = [entry["address"] for entry in answered if entry["address"] not in sizes]
-    tcp = dict(zip(silent, concurrently(unused_port, silent, 10.0, lambda address: "no answer")))
+    tcp = dict(zip(silent, concurrently(unused_port, silent, 10.0, lambda address: (Outcome.NO_ANSWER, "no answer"))))
     late = ping(silent, tries=1, answer=TOLD)
     for entry in answered:
         address = entry["address"]
         hardware, fixed = known.get(address, ("", False))
         entry.update(ping_large=large.get(address), neighbour=hardware, neighbour_fixed=fixed)
-        entry.update(loss=lost.get(address), tcp=tcp.get(address, ""), silent=False)
+        outcome, text = tcp.get(address, (Outcome.NOT_TRIED, ""))
+        entry.update(loss=lost.get(address), tcp=text, tcp_outcome=outcome.value, silent=False)
         if address in late:
             _add_late(entry, late[address])
 
 
-def _add_late(entry: typing.Dict[str, typing.Any], late: typing.Dict[str, typing.Any]) -> None:
-    """Add what came only after a while: an answer, or somebody who says why there is none. Or nothing at all came."""
-    before = entry["ping_address"]["error"]
-    said = not late["ok"] and not late["error"].startswith(NO_ANSWER)
-    if said and before.startswith(NO_ANSWER):
-        entry["ping_address"]["error"] = late["error"]
-    entry["silent"] = not (late["ok"] or said) and before.startswith(NO_ANSWER)
+def _add_late(entry: typing.Dict[str, typing.Any], late: Answer) -> None:
+    """Add what came only after a while: the report of a router, or nothing at all."""
+    if entry["ping_address"].outcome == Outcome.NO_ANSWER:
+        entry["silent"] = late.outcome == Outcome.NO_ANSWER
+        if not (late.ok or entry["silent"]):
+            entry["ping_address"] = late
 
 
 def some(addresses: typing.List[str]) -> typing.List[str]:
@@ -164,19 +208,19 @@ def _count(link: socket.socket, identifier: int, got: typing.Dict[str, typing.Se
             heard = echo(link.recv(2048), identifier)
         except OSError:
             continue
-        if heard is not None and not heard.error and heard.source in got:
+        if heard is not None and heard.outcome == Outcome.ANSWERED and heard.source in got:
             got[heard.source].add(heard.sequence)
 
 
-def unused_port(address: str) -> str:
-    """Say what a TCP port that nobody uses answers: "refused" where the computer is there, or why nothing came."""
-    try:
-        socket.create_connection((address, UNUSED), timeout=ANSWER).close()
-    except ConnectionRefusedError:
-        return "refused"
-    except OSError as problem:
-        return "no answer" if isinstance(problem, socket.timeout) else problem.strerror or str(problem)
-    return "refused"  # somebody listens: the computer is there as well
+def unused_port(address: str) -> typing.Tuple[Outcome, str]:
+    """Try a TCP port that no program uses. It is refused where the computer is there; else the text says why nothing came."""
+    answer = connect(address, UNUSED, ANSWER)
+    if answer.outcome in (
+        Outcome.REFUSED,
+        Outcome.OPEN,
+    ):  # if a program listens all the same, the computer is there as well
+        return Outcome.REFUSED, "refused"
+    return answer.outcome, answer.error or "no answer"
 
 
 # What a user without rights finds: a file of name services may be closed to all but root.
@@ -232,55 +276,56 @@ def ping(
     tries: int = TRIES,
     answer: float = ANSWER,
     sizes: typing.Optional[typing.Dict[str, int]] = None,
-) -> typing.Dict[str, typing.Dict[str, typing.Any]]:
+) -> typing.Dict[str, Answer]:
     """Send ICMP echo requests to all addresses at once, and again to those that do not answer (RFC 792); needs root.
 
-    With `sizes`, the packet to each address has so many bytes, and nobody may split it. A router that tells that it is too
-    large for the next network is as good as an answer: the kernel makes smaller ones then (RFC 1191).
+    With `sizes`, the packet to each address has so many bytes, and no router may split it.
     """
-    results = {address: {"ok": False, "rtt_ms": None, "error": ""} for address in addresses}
+    results = {address: Answer(Outcome.NO_ANSWER, tries=tries) for address in addresses}
     if not results:
         return results
     try:
         link = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP)
     except OSError as problem:
-        return {address: dict(entry, error=f"no raw socket: {problem.strerror}") for address, entry in results.items()}
+        return dict.fromkeys(results, Answer(Outcome.FAILED, errno=problem.errno))
     with link:
         link.setblocking(False)
         if sizes:
             link.setsockopt(socket.IPPROTO_IP, IP_MTU_DISCOVER, IP_PMTUDISC_PROBE)
         _ask(link, results, tries, answer, sizes or {})
-    for entry in results.values():
-        if not entry["ok"]:
-            entry["error"] = entry["error"] or f"{NO_ANSWER} to {tries} requests"
     return results
 
 
-def _ask(link: socket.socket, results: typing.Dict, tries: int, answer: float, sizes: typing.Dict[str, int]) -> None:
-    """Send requests to whoever has not answered, and read what comes back, as often as is asked for."""
+def _ask(
+    link: socket.socket, results: typing.Dict[str, Answer], tries: int, answer: float, sizes: typing.Dict[str, int]
+) -> None:
+    """Send requests to the addresses that have not answered, and read what comes back, as often as is asked for."""
     identifier = int.from_bytes(os.urandom(2), "big")
     sent: typing.Dict[int, typing.Tuple[str, float]] = {}
     for unused in range(tries):
-        late = [address for address, entry in results.items() if not entry["ok"]]
+        late = [address for address, entry in results.items() if not entry.ok]
         for address in late:
             sequence = len(sent) & 0xFFFF
             sent[sequence] = address, time.monotonic()
             try:
                 link.sendto(echo_request(identifier, sequence, sizes.get(address, 0)), (address, 0))
             except OSError as problem:
-                results[address]["error"] = problem.strerror or str(problem)
+                outcome, number = classify_error(problem)
+                results[address] = Answer(outcome, errno=number, tries=tries)
         _gather(link, identifier, sent, results, time.monotonic() + answer)
 
 
-def _gather(link: socket.socket, identifier: int, sent: typing.Dict, results: typing.Dict, deadline: float) -> None:
+def _gather(
+    link: socket.socket, identifier: int, sent: typing.Dict, results: typing.Dict[str, Answer], deadline: float
+) -> None:
     """Read answers until all addresses have answered, or until the deadline."""
-    while time.monotonic() < deadline and not all(entry["ok"] for entry in results.values()):
+    while time.monotonic() < deadline and not all(entry.ok for entry in results.values()):
         if not select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]:
             break
         _note(link, identifier, sent, results)
 
 
-def _note(link: socket.socket, identifier: int, sent: typing.Dict, results: typing.Dict) -> None:
+def _note(link: socket.socket, identifier: int, sent: typing.Dict, results: typing.Dict[str, Answer]) -> None:
     """Read one packet, and put what it says into the results."""
     try:
         heard = echo(link.recv(2048), identifier)
@@ -289,15 +334,14 @@ def _note(link: socket.socket, identifier: int, sent: typing.Dict, results: typi
     if heard is None or heard.sequence not in sent:
         return
     address, when = sent[heard.sequence]
-    if heard.error and heard.error.endswith(TOO_LARGE):
-        results[address].update(ok=True, error="")
-    elif heard.error:
-        results[address]["error"] = heard.error
-    elif heard.source == address:
-        milliseconds = round((time.monotonic() - when) * 1000, 3)
-        results[address].update(ok=True, rtt_ms=milliseconds, error="")
-    else:
-        results[address]["error"] = f"the answer comes from {heard.source}"
+    if results[address].ok:
+        return
+    answer = Answer(heard.outcome, None, None, heard.type, heard.code, heard.source, results[address].tries)
+    if heard.outcome == Outcome.ANSWERED and heard.source == address:
+        answer = answer._replace(rtt_ms=round((time.monotonic() - when) * 1000, 3))
+    elif heard.outcome == Outcome.ANSWERED:
+        answer = answer._replace(outcome=Outcome.WRONG_SOURCE)
+    results[address] = answer
 
 
 def route_to_plain(route: machine.RouteTo) -> typing.Dict[str, typing.Optional[str]]:

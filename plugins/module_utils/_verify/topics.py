@@ -3,13 +3,13 @@
 
 """The topics of all talkers, heard by one node of this computer."""
 
-import socket
 import time
 import typing
 from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import Listener, Said, listener_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import PAUSE, awaited, concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
@@ -27,7 +27,7 @@ def topics(
     if not talkers or ros.missing():
         return []
     awaited(lambda: _answers(ros), bool, deadline)
-    heard, errors = listen(ros, talkers, label, own, deadline)
+    heard, errors, listened = listen(ros, talkers, label, own, deadline)
     settled = time.monotonic() + REGISTERING
     try:
         published = _published(ros)
@@ -36,7 +36,7 @@ def topics(
     found = []
     for talker in talkers:
         name = topic_of(talker)
-        entry = _topic(talker, name, heard.get(name, {}), sentence_of(label, talker))
+        entry = dict(_topic(talker, name, heard.get(name, {}), sentence_of(label, talker)), listened=listened)
         nodes = published.get(name) or ([heard[name]["node"]] if heard.get(name, {}).get("node") else [])
         entry["publishers"] = [
             {"node": node, "uri": _uri(ros, node, settled if entry["heard"] else 0.0)} for node in nodes
@@ -51,20 +51,21 @@ def topics(
 
 def _reach_unheard(found: typing.List[typing.Dict[str, typing.Any]]) -> None:
     unheard = [entry for entry in found if entry["publishers"] and not entry["heard"]]
-    for entry, answer in zip(unheard, concurrently(_reach, unheard, REACHING, lambda entry: "no answer")):
-        entry["reached"] = answer
+    for entry, (outcome, text) in zip(
+        unheard, concurrently(_reach, unheard, REACHING, lambda entry: (Outcome.NO_ANSWER, "no answer"))
+    ):
+        entry.update(reached=text, reached_outcome=outcome.value)
 
 
-def _reach(entry: typing.Dict[str, typing.Any]) -> str:
+def _reach(entry: typing.Dict[str, typing.Any]) -> typing.Tuple[Outcome, str]:
     """Connect to the publisher of a topic that was not heard: a message that is late is told from a way that is closed."""
     try:
         uri = urlsplit(entry["publishers"][0]["uri"])
-        socket.create_connection((uri.hostname or "", uri.port or 0), timeout=CONNECT).close()
-    except OSError as problem:
-        return "no answer" if isinstance(problem, socket.timeout) else problem.strerror or str(problem)
+        address = uri.hostname or "", uri.port or 0
     except ValueError:
-        return "its URI is none"
-    return "open"
+        return Outcome.FAILED, "its URI is none"
+    answer = connect(*address, CONNECT)
+    return answer.outcome, "open" if answer.outcome == Outcome.OPEN else answer.error or "no answer"
 
 
 def _topic(talker: str, name: str, said: typing.Dict[str, typing.Any], wanted: str) -> typing.Dict[str, typing.Any]:
@@ -75,6 +76,7 @@ def _topic(talker: str, name: str, said: typing.Dict[str, typing.Any], wanted: s
         "topic": name,
         "publishers": [],
         "reached": "",
+        "reached_outcome": Outcome.NOT_TRIED.value,
         "heard": heard,
         "text": plain(said.get("text", "")),
         "seconds": said.get("seconds"),
@@ -104,15 +106,18 @@ def _answers(ros: Ros) -> bool:
 
 def listen(
     ros: Ros, talkers: typing.List[str], label: str, own: str, deadline: float
-) -> typing.Tuple[typing.Dict[str, Said], typing.Dict[str, str]]:
-    """Listen to all talkers; return {topic: text, node and seconds} of what was heard, and {topic: why it was not}."""
+) -> typing.Tuple[typing.Dict[str, Said], typing.Dict[str, str], bool]:
+    """Listen to all talkers.
+
+    Return {topic: text, node and seconds} of what was heard, {topic: why it was not}, and whether the listener itself ran.
+    """
     wanted = {topic_of(talker): sentence_of(label, talker) for talker in talkers}
     try:
         listener = Listener(ros, listener_of(own), wanted)
         listener.run(max(deadline, time.monotonic() + LEAST))
     except OSError as problem:
-        return {}, dict.fromkeys(wanted, f"the listener failed: {problem}")
-    return listener.heard, listener.errors
+        return {}, dict.fromkeys(wanted, f"the listener failed: {problem}"), False
+    return listener.heard, listener.errors, True
 
 
 def _uri(ros: Ros, node: str, end: float) -> str:

@@ -41,6 +41,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Roscore,
     Service,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import is_same_uri
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
 
@@ -475,7 +476,7 @@ def _judge_master_uri(case: Case) -> Judgement | None:
 
 def _roscore_suspects(case: Case) -> Parts:
     name, master = case.observer.name, case.masters[0]
-    if case.probe is not None and "refused" in case.probe.roscore.error.lower():
+    if case.probe is not None and case.probe.roscore.outcome == Outcome.REFUSED:
         return make_parts("roscore", master, "dead")
     return roscore(case, name, master) - make_parts("roscore", master, "dead")
 

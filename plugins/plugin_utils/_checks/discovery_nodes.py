@@ -49,6 +49,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     ListedMaster,
     Route,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of, is_same_uri
 
 # The share of datagrams that may be lost.
@@ -281,13 +282,9 @@ ICMP_ROUNDS = Check(
 # The port of a discovery node
 
 
-def _connect_error(case: Case) -> str:
+def _connect_outcome(case: Case) -> Outcome:
     entry = case.observer.masters.get(case.target)
-    return entry.error.lower() if entry else ""
-
-
-def _is_refused(case: Case) -> bool:
-    return "refused" in _connect_error(case)
+    return entry.outcome if entry else Outcome.NOT_TRIED
 
 
 def _judge_rpc_port(case: Case) -> Judgement | None:
@@ -321,7 +318,7 @@ def _port_needs(case: Case) -> Parts:
 
 def _port_suspects(case: Case) -> Parts:
     """A computer that refuses is there; one that says nothing would refuse if nobody listened on the port."""
-    if _is_refused(case):  # or somebody else has its address
+    if _connect_outcome(case) == Outcome.REFUSED:  # or a different computer has its address
         node = make_parts("discovery", case.target, "dead", "port") | make_parts("roscore", case.target, "dead")
         return node | duplicates(case, case.observer.name, case.target)
     filtered = make_parts(
@@ -332,10 +329,11 @@ def _port_suspects(case: Case) -> Parts:
 
 
 def _port_evidence(case: Case) -> Parts:
-    entry = case.observer.masters.get(case.target)
-    if entry is not None and "network is unreachable" in entry.error.lower():
+    if _connect_outcome(case) == Outcome.NETWORK_UNREACHABLE:
         return make_parts("route", case.observer.name, "missing", what=COMMON)
-    if case.target == case.observer.name and _is_refused(case):  # nobody listens there, or the node listens elsewhere
+    if (
+        case.target == case.observer.name and _connect_outcome(case) == Outcome.REFUSED
+    ):  # its node has ended, or listens elsewhere
         runs = case.probe is not None and bool(case.probe.list_masters.masters)
         return make_parts("discovery", case.target, "port" if runs else "dead")
     return NONE
@@ -440,13 +438,13 @@ OUTER_ROUTE = Check(
 
 def _judge_roscore_port(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
-    if entry is None or not entry.roscore:
+    if entry is None or entry.roscore_outcome == Outcome.NOT_TRIED:
         return None
     expected = "the TCP port of the roscore opens"
-    if entry.roscore == "open":
+    if entry.roscore_outcome == Outcome.OPEN:
         return Judgement(OK, expected, "it opens")
-    # Nobody else needs it, so a packet filter may drop it.
-    return Judgement(WARNING, expected, entry.roscore) if "refused" in entry.roscore.lower() else None
+    # No other computer needs it, so a packet filter may drop it.
+    return Judgement(WARNING, expected, entry.roscore) if entry.roscore_outcome == Outcome.REFUSED else None
 
 
 ROSCORE_PORT = Check(

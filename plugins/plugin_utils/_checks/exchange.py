@@ -33,6 +33,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import SilentNode
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 
 NAMED = 4  # registrations, names or connections that a finding names
 
@@ -78,7 +79,7 @@ def _silent_evidence(case: Case) -> Parts:
 def _has_ended(case: Case, entry: SilentNode) -> bool:
     """Nobody listens at its port, and the computer is there to say so; a packet filter that refuses says the same."""
     filtered = case.filters.find_drop(case.observer.name, case.ways.name_at(entry.host) or entry.host, "nodes")
-    return "refused" in entry.error.lower() and filtered is None
+    return entry.outcome == Outcome.REFUSED and filtered is None
 
 
 NODES_ANSWER = Check(

@@ -41,6 +41,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.policy_routing import taker
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping, Policy, Route
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
 
@@ -213,11 +214,6 @@ ROUTE = Check(
 # The ping by address
 
 
-def _ping_error(case: Case) -> str:
-    ping = case.member.ping_address if case.member else None
-    return ping.error if ping else ""
-
-
 def _ping_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
     return way(case, one, other) | passes(one, other, "icmp") | make_parts("setting", other, "icmp_all")
@@ -229,29 +225,27 @@ def _answers_sometimes(case: Case) -> bool:
 
 
 def _ping_evidence(case: Case) -> Parts:
-    """An ICMP error names its sender. "time to live": it sends packets in a circle. "network unreachable": it has no route."""
-    reporter, said, error = _ping_error(case).partition(" reports")
-    network = case.ways.network(case.robots[1])
-    if said and "network unreachable" in error:
-        return make_parts("route", case.ways.name_at(reporter), "missing", what=network)
-    return (
-        make_parts("route", case.ways.name_at(reporter), "circle", what=network)
-        if said and "time to live" in error
-        else NONE
+    """A router that reports "time to live exceeded" sends packets back to where they came from. "Network unreachable": it has no route."""
+    mode = {Outcome.NETWORK_UNREACHABLE: "missing", Outcome.TIME_EXCEEDED: "circle"}
+    ping = case.member.ping_address if case.member else None
+    if ping is None or not ping.reporter or ping.outcome not in mode:
+        return NONE
+    return make_parts(
+        "route", case.ways.name_at(ping.reporter), mode[ping.outcome], what=case.ways.network(case.robots[1])
     )
 
 
 def _ping_suspects(case: Case) -> Parts:
-    """An ICMP error tells who has sent it, and why; see _multicast/packets.py of the modules."""
+    """An ICMP error has its reporter and its reason; see _multicast/packets.py of the modules."""
     if _answers_sometimes(case):
         return loss_parts(case, case.observer.name, case.target)
-    error = _ping_error(case)
-    reporter = case.ways.name_at(error.partition(" reports")[0]) if " reports" in error else ""
-    if "prohibited" in error:
+    ping = (case.member.ping_address if case.member else None) or Ping()
+    reporter = case.ways.name_at(ping.reporter)
+    if ping.outcome == Outcome.PROHIBITED:
         return make_parts("filter", reporter or case.target, "forward") | passes(
             case.observer.name, case.target, "icmp"
         )
-    if "host unreachable" in error and reporter:
+    if ping.outcome == Outcome.HOST_UNREACHABLE and reporter:
         return _unreachable(case, reporter)
     silent = case.member is not None and case.member.silent
     return _ping_needs(case) - arp_parts(case, case.observer.name, case.target) if silent else _ping_needs(case)
@@ -309,10 +303,8 @@ def _judge_answers_tcp(case: Case) -> Judgement | None:
     if case.member is None or not case.member.tcp:
         return None
     expected = "a TCP port that nobody uses refuses"
-    refused = (
-        case.member.tcp == "refused"
-    )  # nothing comes back where a packet filter drops what is not let in: no fault
-    return Judgement(OK, expected, "refused") if refused else None
+    # Nothing comes back where a packet filter drops what is not let in: no fault.
+    return Judgement(OK, expected, "refused") if case.member.tcp_outcome == Outcome.REFUSED else None
 
 
 TCP_ANSWER = Check(

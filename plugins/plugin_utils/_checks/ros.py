@@ -31,6 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Documentation,
     Judgement,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of
 
 TALKER_TYPE, TALKER_NODE = "std_msgs/String", "/multimaster_verify_talker_"
@@ -92,10 +93,10 @@ def _topic_suspects(case: Case) -> Parts:
             "computer", other, "off", "unmeasured", "login"
         )
         return missing | make_parts("registration", one, "listener") | roscore(case, other, case.masters[1])
-    if topic.error.startswith("the listener"):
+    if not topic.listened:
         failed = make_parts("registration", one, "listener") | make_parts("computer", one, "overloaded")
         return failed | roscore(case, one, case.masters[0])
-    if topic.reached == "open":  # its message is late, or too large
+    if topic.reached_outcome == Outcome.OPEN:  # its message is late, or too large
         late = (
             make_parts("computer", one, "overloaded")
             | make_parts("computer", other, "overloaded")
@@ -115,7 +116,7 @@ def _topic_suspects(case: Case) -> Parts:
 
 def _topic_evidence(case: Case) -> Parts:
     topic, there = case.topic, case.peer.seen.probe if case.peer else None
-    if topic is None or topic.error.startswith("the listener"):
+    if topic is None or not topic.listened:
         return NONE
     if _is_filtered(case, topic.topic):
         return make_parts("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")

@@ -3,13 +3,15 @@
 
 """Conversion between dataclasses and plain data, as Ansible's variables and JSON have it.
 
-The type of a field decides: a dataclass is a dictionary, a tuple is a list, an address or a network is its text.
+The type of a field decides: a dataclass is a dictionary, a tuple is a list, an address or a network is its text, an enum is its
+value.
 Where a field may be None, plain data has an empty text or an empty dictionary. `notation` names the exceptions.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import enum
 import types
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -78,6 +80,8 @@ def _make_converter(kind: Any) -> Converter:
         return _optional(_converter(next(argument for argument in arguments if argument is not type(None))))
     if origin is tuple:
         return _list(_converter(arguments[0]))
+    if isinstance(kind, type) and issubclass(kind, enum.Enum):
+        return Converter(lambda value: value.value, _convert_text(kind, f"a word of {kind.__name__}").read)
     if origin is not None:
         return _dictionary(_converter(arguments[1]))
     return _SCALARS[kind]

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
 
 # multimaster_verify: the network
@@ -26,6 +27,11 @@ class Ping:
     ok: bool = False
     rtt_ms: float | None = None
     error: str = ""
+    outcome: Outcome = Outcome.NOT_TRIED
+    errno: int | None = None  # of the observer's kernel
+    icmp_type: int | None = None
+    icmp_code: int | None = None
+    reporter: str = ""  # the address that has answered: the target, or a router that says why it passes nothing on
 
 
 @dataclass(frozen=True)
@@ -69,6 +75,7 @@ class SeenMember:
     user_addresses: tuple[str, ...] | None = None
     loss: float | None = None  # the share of further small pings without an answer, 0 to 1; None where not measured
     tcp: str = ""  # where no ping was answered: the answer of an unused TCP port, "refused" or an error
+    tcp_outcome: Outcome = Outcome.NOT_TRIED
     silent: bool = False  # no ping was answered, and no ICMP error came, though there was time for it
 
 
@@ -125,8 +132,11 @@ class SeenMaster:
     open: bool = False
     connect_ms: float | None = None
     error: str = ""
+    outcome: Outcome = Outcome.NOT_TRIED  # of the connection to that port
+    errno: int | None = None
     route: Route | None = None  # to that address
     roscore: str = ""  # the port of its roscore: "open", or why it does not open; empty where it was not tried
+    roscore_outcome: Outcome = Outcome.NOT_TRIED
     clock_offset_s: float | None = None
     clock_uncertainty_s: float | None = None
     clock_error: str = ""
@@ -142,6 +152,7 @@ class Roscore:
     uri: str = ""
     answer: str = ""
     error: str = ""
+    outcome: Outcome = Outcome.NOT_TRIED
 
 
 @dataclass(frozen=True)
@@ -179,6 +190,8 @@ class HeardTopic:
     topic: str
     publishers: tuple[Publisher, ...] = ()
     reached: str = ""  # where no message came from a publisher: "open", or why no connection to it opens
+    reached_outcome: Outcome = Outcome.NOT_TRIED
+    listened: bool = True  # False where the listener itself failed
     heard: bool = False
     text: str = ""
     seconds: float | None = None
@@ -314,6 +327,7 @@ class SilentNode:
     node: str
     host: str = ""  # in its URI
     error: str = ""  # such as "Connection refused"
+    outcome: Outcome = Outcome.NOT_TRIED
 
 
 @dataclass(frozen=True)

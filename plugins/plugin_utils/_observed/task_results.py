@@ -29,6 +29,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Probe,
     Streams,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound, FleetPlan
 
 T = TypeVar("T")
@@ -52,6 +53,10 @@ FORMS = {
     "reached": re.compile(r"open"),
     "roscore": re.compile(r"open"),
     "tcp": re.compile(r"refused"),
+    **dict.fromkeys(
+        ("outcome", "tcp_outcome", "roscore_outcome", "reached_outcome"),
+        re.compile("|".join(word.value for word in Outcome)),
+    ),
     "name_sources": re.compile(r"files|dns|resolve|myhostname|mymachines|compat|nis|wins"),
     "destination": re.compile(r"default"),
     **dict.fromkeys(("device", "interface", "incoming", "leaving"), re.compile(r"lo")),

@@ -51,6 +51,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Service,
     Talker,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
 
@@ -154,9 +155,9 @@ def network_part(fleet, own):
                 addresses=(str(other.address),),
                 route=Route("eth0", source=str(way.source), gateway=str(way.next_hop) if way.next_hop else None),
                 discovery_route=_outer_route(fleet, own, other),
-                ping_address=Ping(True, 0.4),
-                ping_name=Ping(True, 0.4),
-                ping_large=Ping(True, 0.5),
+                ping_address=Ping(True, 0.4, outcome=Outcome.ANSWERED),
+                ping_name=Ping(True, 0.4, outcome=Outcome.ANSWERED),
+                ping_large=Ping(True, 0.5, outcome=Outcome.ANSWERED),
                 loss=0.0,
                 user_addresses=(str(other.address),),
                 neighbour="" if way.next_hop else mac(other.name),
@@ -238,7 +239,9 @@ def good_probe(fleet, me, own):
                 clock_offset_s=0.001,
                 clock_uncertainty_s=0.001,
                 route=_route_to(fleet, own, master),
+                outcome=Outcome.OPEN,
                 roscore="open",
+                roscore_outcome=Outcome.OPEN,
             )
             for master in fleet.masters
         ),
@@ -246,7 +249,7 @@ def good_probe(fleet, me, own):
         clock=Clock(True),
         disks=(Disk("/var/lib", 10**9, 10**6),),
         name_sources=("files", "dns"),
-        roscore=Roscore(uri, uri + "/"),
+        roscore=Roscore(uri, uri + "/", outcome=Outcome.ANSWERED),
         list_masters=ListMasters(
             tuple(ListedMaster(master.name, master.uri, True, master.monitor_uri) for master in fleet.masters), 0.7
         ),
@@ -409,8 +412,8 @@ def notable(findings):
     return {(finding.check, finding.observer, finding.target): finding for finding in findings if finding.verdict != OK}
 
 
-def no_answer(error="no answer to 3 requests"):
-    return Ping(error=error)
+def no_answer(error="no answer to 3 requests", outcome=Outcome.NO_ANSWER, reporter=""):
+    return Ping(error=error, outcome=outcome, reporter=reporter)
 
 
 def silent(seen, observers, targets):

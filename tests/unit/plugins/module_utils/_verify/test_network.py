@@ -3,6 +3,7 @@
 
 """The view of a computer on others: real sockets, real packets, in network namespaces where there must be two hosts."""
 
+import errno
 import json
 import os
 import pathlib
@@ -12,6 +13,7 @@ import subprocess
 import sys
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 
 root = pytest.mark.skipif(os.geteuid() != 0, reason="raw sockets and namespaces need root")
@@ -21,7 +23,7 @@ import json, sys
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 pings = network.ping(sys.argv[1:], tries=2, answer=0.4)
-print(json.dumps([pings, [network.route_to_plain(machine.route_to(address)) for address in sys.argv[1:]]]))
+print(json.dumps([{address: answer.to_plain() for address, answer in pings.items()}, [network.route_to_plain(machine.route_to(address)) for address in sys.argv[1:]]]))
 """
 
 
@@ -56,7 +58,15 @@ def test_ping_between_two_hosts(hosts):
     pings, ways = json.loads(output)
     assert pings["10.99.0.2"]["ok"] and 0 < pings["10.99.0.2"]["rtt_ms"] < 400
     assert not pings["10.99.0.3"]["ok"] and pings["10.99.0.3"]["error"]
-    assert pings["10.98.0.1"]["error"] == "Network is unreachable"
+    assert pings["10.99.0.2"]["outcome"] == "answered" and pings["10.99.0.2"]["reporter"] == "10.99.0.2"
+    local = {
+        "ok": False,
+        "rtt_ms": None,
+        "error": "Network is unreachable",
+        "outcome": "network_unreachable",
+        "errno": errno.ENETUNREACH,
+    }
+    assert pings["10.98.0.1"] == {**local, "icmp_type": None, "icmp_code": None, "reporter": ""}
     assert ways[0] == {"device": "eth0", "source": "10.99.0.1", "gateway": None, "metric": None, "error": ""}
     assert ways[2]["device"] is None and "unreachable" in ways[2]["error"]
 
@@ -91,6 +101,8 @@ def test_large_packets_and_the_neighbour_between_two_hosts(hosts, theirs, arrive
     assert (there["loss"], there["tcp"]) == (0.0, "")
     assert nobody["loss"] == 1.0 and nobody["tcp"] not in ("", "refused")
     assert nobody["ping_address"]["error"] == "10.99.0.1 reports: host unreachable" and not nobody["silent"]
+    told = [nobody["ping_address"][key] for key in ("outcome", "icmp_type", "icmp_code", "reporter", "errno")]
+    assert told == ["host_unreachable", 3, 1, "10.99.0.1", None]
     assert not there["silent"]
     (own,) = forwarding["interfaces"]
     assert (own["addresses"], own["prefixes"], own["mtu"], len(own["mac"])) == (["10.99.0.1"], [24], 1500, 17)
@@ -124,6 +136,7 @@ def test_whoever_is_there_and_drops_pings_is_silent_and_nobody_says_why(hosts):
     ((there,), _forwarding) = json.loads(output)
     assert there["silent"] and (there["loss"], there["tcp"]) == (1.0, "refused")
     assert there["ping_address"]["error"] == "no answer to 3 requests"
+    assert (there["ping_address"]["outcome"], there["tcp_outcome"]) == ("no_answer", "refused")
 
 
 def test_no_answer_is_a_loss_and_a_large_fleet_is_not_flooded():
@@ -138,7 +151,7 @@ def test_lost_pings_are_counted():
 
 
 def test_a_port_that_nobody_uses():
-    assert network.unused_port("127.0.0.1") == "refused"
+    assert network.unused_port("127.0.0.1") == (Outcome.REFUSED, "refused")
 
 
 HIDDEN = """
@@ -168,7 +181,7 @@ def test_a_hosts_file_for_root_alone_has_no_names_for_others(tmp_path, mode, the
 @root
 def test_ping_of_nobody_and_of_this_computer():
     assert network.ping([]) == {}
-    assert network.ping(["127.0.0.1"])["127.0.0.1"]["ok"]
+    assert network.ping(["127.0.0.1"])["127.0.0.1"].ok
 
 
 def test_resolve():

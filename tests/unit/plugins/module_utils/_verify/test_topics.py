@@ -7,6 +7,7 @@ import socket
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
 from talking import Roscore, served, talking, until
 
@@ -55,14 +56,14 @@ def test_a_publisher_that_was_not_heard_is_reached_or_not():
     with socket.socket() as there:
         there.bind(("127.0.0.1", 0))
         uri = f"http://127.0.0.1:{there.getsockname()[1]}/"
-        assert topics._reach(_published(uri)) == "Connection refused"
+        assert topics._reach(_published(uri)) == (Outcome.REFUSED, "Connection refused")
         there.listen()
-        assert topics._reach(_published(uri)) == "open"
+        assert topics._reach(_published(uri)) == (Outcome.OPEN, "open")
 
 
 @pytest.mark.parametrize("uri", ["", "http://127.0.0.1:99999999/", "http://[::1/", "http://x.invalid:1/"])
 def test_a_uri_that_is_none_is_not_reached(uri):
-    assert topics._reach(_published(uri)) not in ("", "open")
+    assert topics._reach(_published(uri))[0] != Outcome.OPEN
 
 
 def test_a_registration_that_is_away_for_a_moment_is_waited_for(monkeypatch):

@@ -11,6 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Observation,
     PacketFilter,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from fleets import (
     ONE,
     ROBOTS,
@@ -92,13 +93,20 @@ def _no_files(seen):
 def _ignores_pings(seen):
     """The first computer's kernel answers no pings; all else arrives."""
     update(seen[ONE].probe.forwarding, icmp_echo_ignore_all=1)
-    update(of(seen[TWO].probe.members, ONE), ping_address=no_answer(), ping_name=no_answer(), tcp="refused", loss=1.0)
+    update(
+        of(seen[TWO].probe.members, ONE),
+        ping_address=no_answer(),
+        ping_name=no_answer(),
+        tcp="refused",
+        tcp_outcome=Outcome.REFUSED,
+        loss=1.0,
+    )
 
 
 def _ended(seen):
     """The unit of the roscore has failed, and nobody else's roscore answers in its place."""
     _service(active_state="failed", sub_state="failed")(seen)
-    update(seen[ONE].probe.roscore, answer="", error="Connection refused")
+    update(seen[ONE].probe.roscore, answer="", error="Connection refused", outcome=Outcome.REFUSED)
 
 
 # The change, a check that tells it, its verdict, and the part that is named.

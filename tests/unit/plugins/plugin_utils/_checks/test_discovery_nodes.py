@@ -11,6 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     NodeParameters,
     Publisher,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from fleets import (
     ONE,
     TWO,
@@ -61,13 +62,13 @@ def _clocks(offset):
     return change
 
 
-def _closed(error):
+def _closed(error, outcome):
     """The port of the second robot's discovery node does not open, so its new talker is not known to the first."""
 
     def change(seen):
-        for one in (ONE, TWO) if "refused" in error else (ONE,):
+        for one in (ONE, TWO) if outcome == Outcome.REFUSED else (ONE,):
             port = of(seen[one].probe.masters, TWO, "computer")
-            update(port, open=False, error=error, clock_offset_s=None)
+            update(port, open=False, error=error, outcome=outcome, clock_offset_s=None)
         _unheard(seen)
 
     return change
@@ -101,7 +102,8 @@ def _stopped(seen):
     """The discovery node of the second robot was stopped a moment ago: what the robots have of each other is still there."""
     for one in (ONE, TWO):
         port = of(seen[one].probe.masters, TWO, "computer")
-        update(port, open=False, error="Connection refused", clock_offset_s=None, clock_error="no answer")
+        refused = {"open": False, "error": "Connection refused", "outcome": Outcome.REFUSED}
+        update(port, **refused, clock_offset_s=None, clock_error="no answer")
     update(seen[TWO].probe, list_masters=ListMasters(error="ERROR: Unable to communicate with master!"))
     update(of(seen[ONE].probe.topics, TWO, "computer"), publishers=[Publisher("/n", "")])
 
@@ -111,8 +113,8 @@ FAULTS = [
     (_udp(True, heard_from=False, other_interfaces=["eth1"]), "udp_multicast", WARNING, "interface", ONE, "multicast"),
     (_udp(True, source_address="10.0.2.2"), "udp_multicast", FAILED, "translation", TWO, "on"),
     (_icmp, "icmp_rounds", WARNING, "setting", TWO, "icmp_group"),
-    (_closed("Connection refused"), "rpc_port", FAILED, "discovery", TWO, "port"),
-    (_closed("no answer within 2 s"), "rpc_port", FAILED, "filter", TWO, "rpc in"),
+    (_closed("Connection refused", Outcome.REFUSED), "rpc_port", FAILED, "discovery", TWO, "port"),
+    (_closed("no answer within 2 s", Outcome.NO_ANSWER), "rpc_port", FAILED, "filter", TWO, "rpc in"),
     (_stopped, "rpc_port", FAILED, "discovery", TWO, "dead"),
     (_hung, "clock", FAILED, "discovery", TWO, "hung"),
     (_listed(monitoruri="http://10.0.2.2:11611"), "list_masters", FAILED, "translation", TWO, "on"),
@@ -216,6 +218,7 @@ def _port(seen):
         of(seen["tibi-nav"].probe.masters, "tibi-visio", "computer"),
         open=False,
         error="Network is unreachable",
+        outcome=Outcome.NETWORK_UNREACHABLE,
         clock_offset_s=None,
     )
 
@@ -263,7 +266,9 @@ def test_a_refused_port_tells_a_dead_roscore_from_a_hung_one_where_nobody_of_its
         update(seen[TWO], unreachable=True, probe=None, multicast=None)
         listed = seen[ONE].probe.list_masters
         update(listed, masters=tuple(entry for entry in listed.masters if TWO not in entry.name))
-        update(of(seen[ONE].probe.masters, TWO, "computer"), roscore="Connection refused")
+        update(
+            of(seen[ONE].probe.masters, TWO, "computer"), roscore="Connection refused", roscore_outcome=Outcome.REFUSED
+        )
 
     found = diagnosed(change)
     assert ("roscore", TWO, "dead") in parts(found) and not any(

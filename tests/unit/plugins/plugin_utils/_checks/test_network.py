@@ -11,6 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     ListMasters,
     Observation,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from fleets import (
     INNER_CAR,
     INNER_TIBI,
@@ -68,7 +69,9 @@ def test_lost_pings_are_a_loss():
     assert found.verdict == WARNING and {part.mode for part in found.candidates} == {"loss"}
 
 
-@pytest.mark.parametrize(("tcp", "expected"), [("refused", ("filter", "icmp")), ("no answer", ("computer", "off"))])
+@pytest.mark.parametrize(
+    ("tcp", "expected"), [(Outcome.REFUSED, ("filter", "icmp")), (Outcome.NO_ANSWER, ("computer", "off"))]
+)
 def test_a_refused_connection_tells_that_a_computer_without_pings_is_there(tcp, expected):
     """tibi-monitor is no master, so no port of it is asked otherwise; nobody of the run could look at it."""
 
@@ -76,16 +79,17 @@ def test_a_refused_connection_tells_that_a_computer_without_pings_is_there(tcp, 
         for name, one in seen.items():
             for entry in one.probe.members if one.probe else ():
                 if entry.name == INNER_TIBI[-1] != name:
-                    update(entry, ping_address=no_answer(), ping_name=no_answer(), ping_large=None, loss=1.0, tcp=tcp)
+                    update(entry, ping_address=no_answer(), ping_name=no_answer(), ping_large=None, loss=1.0)
+                    update(entry, tcp=tcp.value, tcp_outcome=tcp)
             topics = one.probe.topics if one.probe else ()
             update(one.probe or one, **({"topics": without(topics, INNER_TIBI[-1], "computer")} if topics else {}))
-        if tcp != "refused":
+        if tcp != Outcome.REFUSED:
             no_arp(seen, INNER_TIBI[-1])
         update(seen[INNER_TIBI[-1]], unreachable=True, probe=None, multicast=None)
 
     found = diagnosed(change, fig12())
     kinds = {(part.kind, part.mode.split()[0]) for entry in found.findings for part in entry.candidates}
-    assert expected in kinds and (("computer", "off") in kinds) == (tcp != "refused"), found.findings
+    assert expected in kinds and (("computer", "off") in kinds) == (tcp != Outcome.REFUSED), found.findings
 
 
 def _small(seen):
@@ -178,15 +182,15 @@ def _off(seen):
                 update(entry, heard=False, publishers=(), error="not registered")
 
 
-def _refused(error):
+def _refused(error, outcome):
     def change(seen):
         wall(seen)
         for name in [*outside("tibi"), "router"]:
             for target in INNER_TIBI:
                 update(
                     of(seen[name].probe.members, target),
-                    ping_address=no_answer(error),
-                    ping_name=no_answer(error),
+                    ping_address=no_answer(error, outcome, "192.168.1.201"),
+                    ping_name=no_answer(error, outcome, "192.168.1.201"),
                     loss=1.0,
                 )
 
@@ -200,7 +204,7 @@ BETWEEN_NETWORKS = [
     (_isolated, "ping_address", FAILED, "network", "the network of car", "dead"),
     (_off, "ping_address", FAILED, "link", "tibi-nav", "down"),
     (
-        _refused("192.168.1.201 reports: communication administratively prohibited"),
+        _refused("communication administratively prohibited", Outcome.PROHIBITED),
         "ping_address",
         FAILED,
         "filter",
@@ -208,7 +212,7 @@ BETWEEN_NETWORKS = [
         "forward",
     ),
     (
-        _refused("192.168.1.201 reports: time to live exceeded"),
+        _refused("time to live exceeded", Outcome.TIME_EXCEEDED),
         "ping_address",
         FAILED,
         "route",
@@ -379,11 +383,11 @@ def test_a_gateway_without_a_route_looks_for_the_target_in_a_network_of_its_own(
         for target in INNER_TIBI:
             update(of(seen["car-visio"].probe.members, target).route, gateway="192.168.1.254")
             for name in INNER_CAR:
-                text = "192.168.1.203 reports: host unreachable"
+                answer = no_answer("host unreachable", Outcome.HOST_UNREACHABLE, "192.168.1.203")
                 update(
                     of(seen[name].probe.members, target),
-                    ping_address=no_answer(text),
-                    ping_name=no_answer(text),
+                    ping_address=answer,
+                    ping_name=answer,
                     loss=1.0,
                 )
 

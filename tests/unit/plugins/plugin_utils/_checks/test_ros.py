@@ -89,7 +89,7 @@ def _unregistered(seen):
 
 def _listener(seen):
     for entry in seen["tibi-nav"].probe.topics:
-        update(entry, heard=False, error="the listener failed: ImportError")
+        update(entry, heard=False, listened=False, error="the listener failed: ImportError")
 
 
 def _no_nodes(seen):

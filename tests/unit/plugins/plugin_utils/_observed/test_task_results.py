@@ -9,6 +9,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Observation,
     Probe,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 
 
 def test_registered_results_become_an_observation():
@@ -42,6 +43,31 @@ def test_registered_results_become_an_observation():
     }
     assert task_results.read_observation(broken, "verify_multicast", "verify_probe", ["verify_talker"]) == Observation(
         Multicast(), problem='"Cannot start."'
+    )
+
+
+def test_outcomes_are_words_that_need_no_sentence():
+    """A sentence of a robot stands in quotes, so nothing is decided by it."""
+    ping = {
+        "ok": False,
+        "error": "192.168.1.201 reports: host unreachable",
+        "outcome": "host_unreachable",
+        "reporter": "192.168.1.201",
+    }
+    entry = {
+        "name": "kobuki2computer",
+        "ping_address": ping,
+        "tcp": "No route to host",
+        "tcp_outcome": "host_unreachable",
+    }
+    seen = task_results.read_observation({"verify_probe": {"members": [entry]}}, "", "verify_probe", [])
+    (member,) = seen.probe.members
+    assert (member.ping_address.outcome, member.ping_address.reporter) == (Outcome.HOST_UNREACHABLE, "192.168.1.201")
+    assert member.tcp_outcome == Outcome.HOST_UNREACHABLE and member.ping_address.error.startswith('"')
+    entry["tcp_outcome"] = "refused by a stranger"
+    assert (
+        "tcp_outcome"
+        in task_results.read_observation({"verify_probe": {"members": [entry]}}, "", "verify_probe", []).problem
     )
 
 

@@ -393,11 +393,11 @@ def test_a_kernel_agrees(name, namespaces):
             if name_of == one:
                 continue
             way = echo(world, one, ping(other))
-            assert answers[one][other]["ok"] == way.ok, (one, other, way)
+            assert answers[one][other].ok == way.ok, (one, other, way)
             predicted = "reaches" if way.ok else "fails"
             assert expected[one, name_of] == predicted, (one, other, infos)
             if told := report(world, one, way.there):
-                assert answers[one][other]["error"] == told
+                assert answers[one][other].error == told
             chosen = machine.route(IPv4Address(other))
             way = None
             if chosen is not None and chosen.kind == "unicast":

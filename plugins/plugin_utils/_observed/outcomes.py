@@ -1,0 +1,26 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The outcome of a probe: one fixed word that the checks decide by."""
+
+from __future__ import annotations
+
+import enum
+
+
+class Outcome(enum.Enum):
+    """What became of a probe. The modules have the same words (plugins/module_utils/_machine/outcomes.py)."""
+
+    NOT_TRIED = "not_tried"
+    ANSWERED = "answered"  # an echo reply came from the address itself
+    OPEN = "open"  # a TCP connection opened
+    REFUSED = "refused"  # nothing listens on the TCP port, or a packet filter says so
+    NO_ANSWER = "no_answer"
+    NETWORK_UNREACHABLE = "network_unreachable"  # this kernel, or the router that reports it, has no route
+    HOST_UNREACHABLE = "host_unreachable"  # the next machine on the way did not answer ARP
+    PROHIBITED = "prohibited"  # a packet filter on the way reports that it rejects
+    TIME_EXCEEDED = "time_exceeded"  # routers pass the packet round in a circle
+    TOO_LARGE = "too_large"  # a router reports that the packet must be smaller
+    WRONG_SOURCE = "wrong_source"  # the echo reply came from a different address
+    UNKNOWN_NAME = "unknown_name"  # the name has no address
+    FAILED = "failed"  # anything else: the errno says more

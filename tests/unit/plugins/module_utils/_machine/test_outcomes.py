@@ -1,0 +1,45 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Outcomes: real sockets, and the same words on both sides."""
+
+import errno
+import os
+import socket
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import outcomes
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome as Observed
+
+
+def test_the_controller_has_the_same_words():
+    assert {word.name: word.value for word in Outcome} == {word.name: word.value for word in Observed}
+
+
+def test_a_connection_is_open_refused_or_has_no_name():
+    with socket.socket() as there:
+        there.bind(("127.0.0.1", 0))
+        port = there.getsockname()[1]
+        assert outcomes.connect("127.0.0.1", port, 1.0)[:3] == (Outcome.REFUSED, errno.ECONNREFUSED, None)
+        there.listen()
+        opened = outcomes.connect("127.0.0.1", port, 1.0)
+        assert opened.outcome == Outcome.OPEN and opened.milliseconds >= 0 and not opened.error
+    assert outcomes.connect("no.such.name.invalid", 1, 1.0)[:2] == (Outcome.UNKNOWN_NAME, None)
+
+
+@pytest.mark.parametrize(
+    ("number", "outcome"),
+    [
+        (errno.ENETUNREACH, Outcome.NETWORK_UNREACHABLE),
+        (errno.EHOSTUNREACH, Outcome.HOST_UNREACHABLE),
+        (errno.ETIMEDOUT, Outcome.NO_ANSWER),
+        (errno.EPERM, Outcome.FAILED),
+    ],
+)
+def test_an_error_of_the_kernel_is_one_outcome(number, outcome):
+    assert outcomes.classify_error(OSError(number, os.strerror(number))) == (outcome, number)
+
+
+def test_anything_else_failed():
+    assert outcomes.classify_error(None) == outcomes.classify_error(ValueError()) == (Outcome.FAILED, None)
